@@ -1,0 +1,99 @@
+"""Measurements, checked once at the border; SI, plain arrays, one row per measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+KINDS = ("pose", "position", "plane", "distance")
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A pose, point or rotation that is either given or to be fitted.
+
+    ``value`` holds the given one, or zeros; ``same_as`` names another data set whose
+    fitted one is shared.
+    """
+
+    fitted: bool
+    value: Array
+    same_as: str | None = None
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """One CSV with its sidecar.
+
+    Attributes:
+        name: the sidecar's name, unique within a campaign.
+        source: path of the CSV, for messages.
+        kind: ``pose``, ``position``, ``plane`` or ``distance``.
+        rows: row numbers in the CSV, counting data rows from 1, (N,).
+        q: joint values by actuator in SI (m, rad; bare numbers where the drive has a
+            ratio), (N, k); nan where the file gives a commanded pose instead.
+        commanded: commanded poses (N, 6), nan where unused, or None.
+        position: measured position (N, 3), nan where not measured (planar: z is nan).
+        rotation: measured rotation vector (N, 3), nan where not measured (planar: only z).
+        value: heights or distances (N,), nan for other instruments.
+        to_q: second joint values of a distance between two platform positions, or None.
+        sigma_position, sigma_rotation: standard deviations (N, 3).
+        sigma_value: of ``value`` (N,).
+        sigma_actuator: noise of the joints, by actuator (k,), 0 where none; unit of q.
+        groups: integer label per commanded pose (repeats share it), (N,).
+        columns: further columns by name in SI: ``dir_leg1``, ``vel_leg1``,
+            ``temperature``, ``payload``, ``time``, ``fx`` ...; (N,) each, nan = missing.
+        sessions: label per row, or None.
+        frame, target, target_rotation: known or to be fitted; (6,), (3,), (3,).
+        homing: ``shared`` or ``per-file``.
+        approach: ``columns``, ``sequence`` or ``unknown``.
+        findings: warnings that reading gave, each naming the row or column.
+    """
+
+    name: str
+    source: str
+    kind: str
+    rows: NDArray[np.int64]
+    q: Array
+    commanded: Array | None
+    position: Array
+    rotation: Array
+    value: Array
+    to_q: Array | None
+    sigma_position: Array
+    sigma_rotation: Array
+    sigma_value: Array
+    sigma_actuator: Array
+    groups: NDArray[np.int64]
+    columns: Mapping[str, Array]
+    sessions: tuple[str, ...] | None
+    frame: Unknown
+    target: Unknown
+    target_rotation: Unknown
+    homing: str = "shared"
+    approach: str = "unknown"
+    findings: tuple[str, ...] = ()
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Return the number of rows N."""
+        return int(self.rows.shape[0])
+
+    def take(self, keep: NDArray[np.int64] | NDArray[np.bool_]) -> Dataset:
+        """Return the data set with only the rows ``keep`` (indices or mask)."""
+        sessions = self.sessions
+        if sessions is not None:
+            sessions = tuple(np.asarray(sessions, dtype=object)[keep])
+        return replace(
+            self, rows=self.rows[keep], q=self.q[keep],
+            commanded=None if self.commanded is None else self.commanded[keep],
+            position=self.position[keep], rotation=self.rotation[keep], value=self.value[keep],
+            to_q=None if self.to_q is None else self.to_q[keep],
+            sigma_position=self.sigma_position[keep], sigma_rotation=self.sigma_rotation[keep],
+            sigma_value=self.sigma_value[keep], groups=self.groups[keep],
+            columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions)

@@ -1,0 +1,57 @@
+"""One family of errors: what is wrong, where it stands, and how to mend it.
+
+Every refusal of the program is a :class:`PpmcalError`; the command line turns it into one
+message and an exit code. Code that looks something up by name uses :func:`unknown`, so
+that every message lists what would be allowed and the nearest match.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class PpmcalError(Exception):
+    """Base of all errors that a user can cause or meet.
+
+    Args:
+        what: the problem, one sentence.
+        where: file and place in it (``bench.yaml: limbs.leg1.base``), empty if none.
+        mend: what to do about it, one sentence, empty if it is plain from ``what``.
+    """
+
+    exit_code = 2
+
+    def __init__(self, what: str, where: str = "", mend: str = "") -> None:
+        """Store the three parts; ``str(error)`` joins them to one message."""
+        self.what, self.where, self.mend = what, where, mend
+        parts = [f"{where}: {what}" if where else what]
+        if mend:
+            parts.append(mend)
+        super().__init__(" ".join(p if p.endswith((".", "?", "!")) else p + "." for p in parts))
+
+    def at(self, where: str) -> PpmcalError:
+        """Return the same error with ``where`` put in front of its place."""
+        place = f"{where}: {self.where}" if self.where else where
+        return type(self)(self.what, place, self.mend)
+
+
+class BadInput(PpmcalError):
+    """A file, an option or a value that cannot be used (exit code 2)."""
+
+
+class NoResult(PpmcalError):
+    """The numbers could not be had: singular or not converged (exit code 3)."""
+
+    exit_code = 3
+
+
+def unknown(what: str, name: object, allowed: Iterable[object], where: str = "") -> BadInput:
+    """Return the error for a name that is not in ``allowed``, with the nearest match."""
+    names = [str(a) for a in allowed]
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+    if not near:
+        lower = {n.lower(): n for n in names}
+        near = [lower[m] for m in difflib.get_close_matches(str(name).lower(), lower, 1, 0.5)]
+    hint = f" Did you mean '{near[0]}'?" if near else ""
+    return BadInput(f"unknown {what} '{name}'", where, f"Allowed: {', '.join(names)}.{hint}")

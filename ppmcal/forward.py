@@ -1,0 +1,163 @@
+"""Forward kinematics: Newton on the stacked closure, in the assembly mode of home.
+
+The stacked conditions c(M, q) = 0 are solved for the platform motor M by Newton steps on
+the pose matrix A. A direct solution from the start is trusted where Newton contracts
+from its first step on; elsewhere the joints are led from the start to their values in
+smaller steps, so that the assembly mode reached is the one that the machine would reach.
+A row that meets a singularity on the way is reported, never returned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.inverse import home_state, solve_rows
+from ppmcal.mechanism import Closure, Model
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+CONTRACTION = 0.25
+"""A second Newton step above this part of the first means: lead the joints in smaller steps."""
+SMALLEST_STEP = 1.0 / 512.0
+CLOSED = 1e-12
+"""Closed: every gap below this part of the reach."""
+
+
+@dataclass(frozen=True)
+class Forward:
+    """Poses for N rows of joint values.
+
+    Attributes:
+        pose: motors (N, 8), nan where there is none.
+        converged: (N,).
+        progress: how far of the way from the start each row got, 1 where converged (N,).
+    """
+
+    pose: Array
+    converged: Bools
+    progress: Array
+
+
+def forward(model: Model, q: Array, start: Array | None = None, start_q: Array | None = None
+            ) -> Forward:
+    """Return the poses at joint values ``q`` (N, k).
+
+    Args:
+        model: the machine at its parameters.
+        q: joint values, SI.
+        start: motors (N, 8) or (8,) to start from, default home.
+        start_q: joint values at ``start``, default home's; needed for leading the joints.
+    """
+    q = np.atleast_2d(np.asarray(q, dtype=float))
+    home = home_state(model.mechanism)
+    pose = np.array(np.broadcast_to(model.mechanism.home if start is None else start,
+                                    (q.shape[0], 8)))
+    origin = np.array(np.broadcast_to(home.q if start_q is None else start_q, q.shape))
+    usable = np.isfinite(q).all(axis=1) & np.isfinite(pose).all(axis=1)
+    progress = np.zeros(q.shape[0])
+    result = np.full_like(pose, np.nan)
+    rows = np.flatnonzero(usable)
+    if rows.size:
+        solved, good = _attempt(model, q[rows], pose[rows])
+        result[rows[good]] = solved[good]
+        progress[rows[good]] = 1.0
+        rest = rows[~good]
+        if rest.size:
+            result[rest], progress[rest] = _lead(model, origin[rest], q[rest], pose[rest])
+    return Forward(result, progress >= 1.0, progress)
+
+
+def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
+    """Newton at ``q`` from ``pose``; good rows converged, contracting, on the same side."""
+    closure = model.closure(q)
+    side = np.sign(np.linalg.det(closure.pose_matrix(pose)))
+    solved, converged, contraction = newton(closure, pose)
+    same = np.zeros(q.shape[0], dtype=bool)
+    if converged.any():
+        same[converged] = side[converged] == np.sign(np.linalg.det(
+            closure.pose_matrix(solved))[converged])
+    return solved, converged & same & (contraction <= CONTRACTION)
+
+
+def _lead(model: Model, origin: Array, q: Array, pose: Array) -> tuple[Array, Array]:
+    """Lead the joints from ``origin`` to ``q`` in steps that Newton follows safely."""
+    n = q.shape[0]
+    at, step = np.zeros(n), np.full(n, 0.5)
+    pose = pose.copy()
+    active = np.ones(n, dtype=bool)
+    while active.any():
+        rows = np.flatnonzero(active)
+        to = np.minimum(at[rows] + step[rows], 1.0)
+        goal = origin[rows] + to[:, None] * (q[rows] - origin[rows])
+        solved, good = _attempt(model, goal, pose[rows])
+        pose[rows[good]], at[rows[good]] = solved[good], to[good]
+        step[rows] = np.where(good, step[rows] * 1.5, step[rows] / 2.0)
+        active[rows] = (at[rows] < 1.0) & (step[rows] >= SMALLEST_STEP)
+    pose[at < 1.0] = np.nan
+    return pose, at
+
+
+def newton(closure: Closure, pose: Array, iterations: int = 25) -> tuple[Array, Bools, Array]:
+    """Solve the closure for the motors, batched.
+
+    Returns:
+        motors (N, 8), converged (N,), and the ratio of the second step's length to the
+        first's (N,), a measure of how safe the start was.
+    """
+    mechanism = closure.model.mechanism
+    scale, reach = mechanism.length_scale, mechanism.reach
+    pose = np.array(pose)
+    sizes: list[Array] = []
+    converged = np.zeros(pose.shape[0], dtype=bool)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        for _ in range(iterations):
+            gap = closure.gaps(pose)
+            lines = closure.lines(pose)
+            step = np.zeros((pose.shape[0], 6))
+            step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), gap)
+            size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
+                            np.linalg.norm(step[:, 3:], axis=1))
+            sizes.append(size)
+            finite = np.isfinite(size) & (size < 10.0 * reach / scale)
+            step[~finite] = 0.0
+            pose = moved(pose, step)
+            converged = finite & (size < 1e-11) & (np.max(np.abs(gap), axis=1) < CLOSED * reach)
+            if (converged | ~finite).all():
+                break
+    first, second = sizes[0], sizes[1] if len(sizes) > 1 else np.zeros_like(sizes[0])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(first > 1e-6, second / first, 0.0)
+    return pose, converged, np.where(np.isfinite(ratio), ratio, np.inf)
+
+
+def moved(pose: Array, step: Array) -> Array:
+    """Return motors (N, 8) moved by (origin displacement, rotation) steps (N, 6)."""
+    turn = step[:, 3:]
+    t = cga.translation(pose)
+    stay = cga.motor_from_rotation_vector(turn, np.zeros(3))
+    shift = t + step[:, :3] - cga.move_point(stay, t)
+    return cga.compose(cga.motor_from_rotation_vector(turn, shift), pose)
+
+
+def conditioning(closure: Closure, pose: Array) -> tuple[Array, Array]:
+    """Return the smallest singular value of A (N,) and the sign of det A (N,).
+
+    Rotation columns are divided by the machine's length scale
+    (:attr:`Mechanism.length_scale`), so the value is a pure number: how far the stiffest
+    leg line moves for the softest unit motion. 0 means singular.
+    """
+    matrix = closure.pose_matrix(pose).copy()
+    rotation = [i for i, c in enumerate(closure.model.mechanism.dof) if c >= 3]
+    matrix[..., rotation] /= closure.model.mechanism.length_scale
+    value = np.full(matrix.shape[0], np.nan)
+    sign = np.full(matrix.shape[0], np.nan)
+    finite = np.isfinite(matrix).all(axis=(1, 2))
+    if finite.any():
+        value[finite] = np.linalg.svd(matrix[finite], compute_uv=False)[:, -1]
+        sign[finite] = np.sign(np.linalg.det(matrix[finite]))
+    return value, sign

@@ -1,0 +1,322 @@
+"""Inverse kinematics: joint values of a pose, in closed form for every limb kind.
+
+With the pose fixed, a limb's condition is a polynomial of degree two in a prismatic joint
+(theory: distance^2 = -2 A.B, [IK] eq. 28 and 42), or a + b cos u + c sin u in a revolute
+one. Three evaluations of the KGB give its coefficients exactly, whatever the kind, so the
+limbs need no inverse of their own; one Newton step removes the interpolation's round-off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.errors import BadInput
+from ppmcal.limbs.chain import U, left_jacobian
+from ppmcal.mechanism import Mechanism, Model
+
+Array = NDArray[np.float64]
+SURFACE_TOLERANCE = 1e-6
+"""A full pose may miss the machine's surface by this part of its reach."""
+
+
+@dataclass(frozen=True)
+class HomeState:
+    """What home selects: joint values (k,) and, per limb, which of two roots (L,), +-1."""
+
+    q: Array
+    roots: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Inverse:
+    """Joint values for N poses.
+
+    Attributes:
+        q: (N, k), nan where there is none.
+        pose: the full platform motors (N, 8), open coordinates solved for.
+        reason: why a row has no values, empty where it has.
+    """
+
+    q: Array
+    pose: Array
+    reason: tuple[str, ...]
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """Rows that have joint values (N,)."""
+        return np.array([not r for r in self.reason], dtype=bool)
+
+
+def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
+    """Return both joint coordinates u of one limb, (N, 2), and by how much it misses (N,).
+
+    Column 0 is the smaller, column 1 the larger root of the pair; equal where the joint
+    enters linearly. nan where the limb cannot reach; the second result is then positive:
+    the missing length (sphere or plane distance at the closest joint value), m.
+    """
+    limb = model.mechanism.limbs[index]
+    prismatic = limb.kind.actuator == "length"
+    step = 1.0
+    if prismatic:
+        step = model.mechanism.reach
+    samples = step * np.array([1.0, 2.0, 3.0]) if prismatic else np.array([0.0, 1.0, -1.0]) * 2.0
+    f = np.stack([_condition(model, index, pose, u) for u in samples], axis=-1)
+    if prismatic:
+        roots, missing = _polynomial_roots(f, step, limb.kind.branch is None)
+    else:
+        roots, missing = _trigonometric_roots(f)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for j in range(2):
+            roots[:, j] = _polish(model, index, pose, roots[:, j])
+    return roots, missing
+
+
+def _condition(model: Model, index: int, pose: Array, u: Array | float) -> Array:
+    """Return the raw inner product of the limb's first condition (N,), m^2 or m."""
+    kind = model.mechanism.limbs[index].kind
+    body = kind.evaluate({**model.limb_values[index], U: np.asarray(u, dtype=float)})
+    carried = cga.move_vector(pose, body.moving[:, 0])
+    return np.asarray(cga.inner(body.fixed[:, 0], carried), dtype=float)
+
+
+def _polynomial_roots(f: Array, h: float, linear: bool) -> tuple[Array, Array]:
+    """Roots of the parabola through f(h), f(2h), f(3h)."""
+    f1, f2, f3 = f[:, 0], f[:, 1], f[:, 2]
+    c2 = (f1 - 2.0 * f2 + f3) / (2.0 * h * h)
+    if linear:
+        slope = (f3 - f1) / (2.0 * h)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            root = 2.0 * h - f2 / slope
+        return np.stack([root, root], axis=-1), np.where(slope == 0.0, np.abs(f2), 0.0)
+    c1 = (f3 - f1) / (2.0 * h) - 4.0 * h * c2
+    c0 = f2 - 2.0 * h * c1 - 4.0 * h * h * c2
+    disc = c1 * c1 - 4.0 * c2 * c0
+    # exactly at the end of reach round-off may turn the discriminant negative
+    disc = np.where((disc < 0.0) & (disc > -1e-14 * (c1 * c1 + np.abs(4 * c2 * c0))), 0.0, disc)
+    with np.errstate(invalid="ignore"):
+        half = np.sqrt(disc) / (2.0 * np.abs(c2))
+        # for |B - A - u d| = r the shortest distance is sqrt(r^2 - disc/(4 c2^2))
+        missing = np.where(disc < 0.0, np.sqrt(np.maximum(-disc, 0.0)) / (2.0 * np.abs(c2)), 0.0)
+    middle = -c1 / (2.0 * c2)
+    return np.stack([middle - half, middle + half], axis=-1), missing
+
+
+def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
+    """Roots of k + a cos u + b sin u through u = 0, 2 and -2 rad."""
+    even, odd = (f[:, 1] + f[:, 2]) / 2.0, (f[:, 1] - f[:, 2]) / 2.0
+    a = (f[:, 0] - even) / (1.0 - np.cos(2.0))
+    b = odd / np.sin(2.0)
+    k = f[:, 0] - a
+    amplitude = np.hypot(a, b)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = -k / amplitude
+        ratio = np.where((np.abs(ratio) > 1.0) & (np.abs(ratio) < 1.0 + 1e-14),
+                         np.sign(ratio), ratio)
+        delta = np.arccos(ratio)
+    middle = np.arctan2(b, a)
+    return (np.stack([middle - delta, middle + delta], axis=-1),
+            np.maximum(np.abs(k) - amplitude, 0.0))
+
+
+def _polish(model: Model, index: int, pose: Array, u: Array) -> Array:
+    """One Newton step on the condition itself; kept only where it is small and finite."""
+    kind = model.mechanism.limbs[index].kind
+    safe = np.where(np.isfinite(u), u, 1.0)
+    h = 1e-6 * (model.mechanism.reach if kind.actuator == "length" else 1.0)
+    f0 = _condition(model, index, pose, safe)
+    slope = (_condition(model, index, pose, safe + h)
+             - _condition(model, index, pose, safe - h)) / (2.0 * h)
+    step = -f0 / slope
+    use = np.isfinite(step) & (np.abs(step) < 1e-3 * h / 1e-6)
+    return np.where(np.isfinite(u), safe + np.where(use, step, 0.0), u)
+
+
+@lru_cache(maxsize=256)
+def home_state(mechanism: Mechanism) -> HomeState:
+    """Return the joint values at home and the root that each limb uses from there on.
+
+    Raises:
+        BadInput: a limb cannot reach the home pose; names it and the missing length.
+    """
+    model = Model(mechanism)
+    pose = mechanism.home[None]
+    q = np.full(len(mechanism.actuators), np.nan)
+    chosen = []
+    for i, limb in enumerate(mechanism.limbs):
+        roots, missing = limb_roots(model, i, pose)
+        if not np.all(np.isfinite(roots)):
+            factor = mechanism.units.factor("length")
+            raise BadInput(
+                f"the home pose cannot be reached by limb '{limb.name}' ({limb.kind.name}): "
+                f"it misses by about {missing[0] / factor:.4g} {mechanism.units.length}",
+                f"{mechanism.source}: home", "Check the limb's points and lengths, the home "
+                "pose and the units.")
+        candidates = np.array([to_joint(model, i, roots[:, j])[0] for j in range(2)])
+        candidates = _wrap(mechanism, limb.actuator, candidates, mechanism.home_q[limb.actuator])
+        side = _choose(mechanism, i, candidates)
+        chosen.append(1 if side else -1)
+        if np.isnan(q[limb.actuator]):
+            q[limb.actuator] = candidates[side]
+    return HomeState(q, tuple(chosen))
+
+
+def _choose(mechanism: Mechanism, index: int, candidates: Array) -> int:
+    """Return 0 or 1: nearest to home.q if given, else the branch setting, else the larger u."""
+    limb = mechanism.limbs[index]
+    given = mechanism.home_q[limb.actuator]
+    ratio = limb.slots.values(mechanism.values).get("ratio", 1.0)
+    if limb.branch is None and np.isfinite(given):
+        return int(np.argmin(np.abs(candidates - given)))
+    branch = (1 if limb.branch is None else limb.branch) * limb.kind.branch_sign
+    if limb.kind.branch == "elbow":
+        return int(branch > 0)
+    larger = int(np.argmax(candidates * np.sign(ratio)))
+    return larger if branch > 0 else 1 - larger
+
+
+def to_joint(model: Model, index: int, u: Array) -> Array:
+    """Return q = (u - offset)/ratio of one limb."""
+    v = model.limb_values[index]
+    return np.asarray((u - v.get("offset", 0.0)) / v.get("ratio", 1.0), dtype=float)
+
+
+def _wrap(mechanism: Mechanism, actuator: int, q: Array, near: float) -> Array:
+    """Move revolute joint values by whole turns next to ``near`` (0 if unknown)."""
+    if mechanism.actuator_quantity[actuator] != "angle":
+        return q
+    turn = 2.0 * np.pi / abs(_ratio(mechanism, actuator))
+    near = 0.0 if np.isnan(near) else near
+    return np.asarray(q - turn * np.round((q - near) / turn), dtype=float)
+
+
+def _ratio(mechanism: Mechanism, actuator: int) -> float:
+    limb = next(limb for limb in mechanism.limbs if limb.actuator == actuator)
+    return limb.slots.values(mechanism.values).get("ratio", 1.0)
+
+
+def inverse(model: Model, pose: Array) -> Inverse:
+    """Return joint values of full poses.
+
+    Args:
+        model: the machine at its parameters.
+        pose: platform-to-base motors (N, 8).
+
+    A machine with fewer actuators than pose coordinates has poses off its surface: they
+    are refused where they miss it by more than :data:`SURFACE_TOLERANCE` of the reach.
+    """
+    mechanism = model.mechanism
+    pose = np.atleast_2d(pose)
+    q = np.full((pose.shape[0], len(mechanism.actuators)), np.nan)
+    state = home_state(mechanism)
+    reasons = [""] * pose.shape[0]
+    factor, unit = mechanism.units.factor("length"), mechanism.units.length
+    for i, limb in enumerate(mechanism.limbs):
+        roots, missing = limb_roots(model, i, pose)
+        own = _wrap(mechanism, limb.actuator,
+                    to_joint(model, i, roots[:, 1 if state.roots[i] > 0 else 0]),
+                    state.q[limb.actuator])
+        for n in np.flatnonzero(~np.isfinite(own)):
+            reasons[n] = reasons[n] or (f"limb '{limb.name}' cannot reach: "
+                                        f"misses by {missing[n] / factor:.4g} {unit}")
+        empty = np.isnan(q[:, limb.actuator])
+        q[empty, limb.actuator] = own[empty]
+    bad = np.array([bool(r) for r in reasons])
+    if len(mechanism.actuators) < mechanism.conditions and not bad.all():
+        off = np.full(pose.shape[0], 0.0)
+        off[~bad] = np.max(np.abs(model.closure(q[~bad]).lengths(pose[~bad])), axis=1)
+        for n in np.flatnonzero(off > SURFACE_TOLERANCE * mechanism.reach):
+            reasons[n] = (f"the pose is off the machine's surface by {off[n] / factor:.4g} {unit}: "
+                          f"leave {mechanism.conditions - len(mechanism.actuators)} "
+                          "coordinates empty to have them solved for")
+    q[[bool(r) for r in reasons]] = np.nan
+    return Inverse(q, pose, tuple(reasons))
+
+
+def inverse_partial(model: Model, coordinates: Array, iterations: int = 40) -> Inverse:
+    """Return joint values of poses of which only some coordinates are wanted.
+
+    Args:
+        model: the machine at its parameters.
+        coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
+            name all coordinates of the motion or as many as there are actuators.
+    """
+    mechanism = model.mechanism
+    coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
+    full = _fill(mechanism, coordinates)
+    open_ = np.isnan(coordinates) & np.isin(np.arange(6), mechanism.dof)
+    short = mechanism.conditions - len(mechanism.actuators)
+    count = open_.sum(axis=1)
+    reasons = ["" if c in (0, short) else
+               f"{c} coordinates are empty: this machine needs {_allowed(short)} of them empty"
+               for c in count]
+    q = np.full((full.shape[0], len(mechanism.actuators)), np.nan)
+    for pattern in np.unique(open_[count == short], axis=0) if short else []:
+        rows = np.flatnonzero((open_ == pattern).all(axis=1))
+        full[rows], q[rows], solved = _solve_open(model, full[rows], pattern, iterations)
+        for n in rows[~solved]:
+            reasons[n] = "the open coordinates could not be solved for: no such pose near home"
+    pose = cga.motor_from_rotation_vector(full[:, 3:], full[:, :3])
+    ready = np.array([not r for r in reasons])
+    done = inverse(model, pose[ready])
+    for n, reason in zip(np.flatnonzero(ready), done.reason, strict=True):
+        reasons[n] = reason
+    q[ready] = done.q
+    q[[bool(r) for r in reasons]] = np.nan
+    return Inverse(q, pose, tuple(reasons))
+
+
+def solve_rows(matrix: Array, right: Array) -> Array:
+    """Solve (N, d, d) x = (N, d) row by row; a singular row gives nan instead of an error."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], dtype=float)
+    except np.linalg.LinAlgError:
+        bad = ~(np.abs(np.linalg.det(matrix)) > 0.0)
+        safe = np.where(bad[:, None, None], np.eye(matrix.shape[-1]), matrix)
+        out = np.linalg.solve(safe, right[..., None])[..., 0]
+        out[bad] = np.nan
+        return np.asarray(out, dtype=float)
+
+
+def _allowed(short: int) -> str:
+    return "none" if short == 0 else f"none or {short}"
+
+
+def _fill(mechanism: Mechanism, coordinates: Array) -> Array:
+    """Put home values where a coordinate is open or does not belong to the motion."""
+    own = np.isin(np.arange(6), mechanism.dof)
+    return np.where(np.isnan(coordinates) | ~own, mechanism.home_pose, coordinates)
+
+
+def _solve_open(model: Model, full: Array, open_: Array, iterations: int
+                ) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Newton on open coordinates and joint values together, all rows at once."""
+    mechanism = model.mechanism
+    columns = np.flatnonzero(open_)
+    full = full.copy()
+    q = np.tile(home_state(mechanism).q, (full.shape[0], 1))
+    done = np.zeros(full.shape[0], dtype=bool)
+    scale = mechanism.reach
+    for _ in range(iterations):
+        pose = cga.motor_from_rotation_vector(full[:, 3:], full[:, :3])
+        closure = model.closure(q)
+        lines = closure.lines(pose)
+        gap = closure.gaps(pose)
+        done = np.max(np.abs(gap), axis=1) < 1e-13 * scale
+        if done.all():
+            break
+        unit = np.zeros((full.shape[0], 6, 6))
+        unit[:, :3, :3] = np.eye(3)
+        unit[:, 3:, 3:] = left_jacobian(full[:, 3:])
+        n, m = lines[..., :3], lines[..., 3:]
+        rows = np.concatenate([n, m - np.cross(cga.translation(pose)[:, None, :], n)], axis=-1)
+        jacobian = np.concatenate([(rows @ unit)[..., columns],
+                                   closure.joint_matrix(pose, lines)], axis=-1)
+        step = -solve_rows(jacobian, gap)
+        full[:, columns] += step[:, :columns.size]
+        q += step[:, columns.size:]
+    return full, q, done

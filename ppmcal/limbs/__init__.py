@@ -1,0 +1,13 @@
+"""Limb kinds: every module of this package registers its own, so a kind is one new file."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+from ppmcal.limbs.kind import Body, LimbKind, Surface, find_kind, kinds
+
+for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
+    importlib.import_module(f"{__name__}.{_module}")
+
+__all__ = ["Body", "LimbKind", "Surface", "find_kind", "kinds"]

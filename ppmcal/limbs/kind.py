@@ -1,0 +1,170 @@
+"""What a limb kind is, and the one closure that all of them share.
+
+Lock the actuated joint: the two passive joints tie a point of one body to a surface of
+the other, the limb's kinematic geometric body (KGB, [PPM] section 3.1). Both are vectors
+of the conformal algebra, so every limb condition is one inner product
+
+    c = s * (F . M K M~),
+
+with F carried by the base, K by the platform, M the platform's motor, and s the factor
+that makes c a length, positive when the platform is too far along the leg's line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.errors import unknown
+from ppmcal.limbs.chain import Array, Chain, SlotSpec, Step, Values
+
+
+@dataclass(frozen=True)
+class Body:
+    """The KGB of one limb for N poses, with the twists of its slots.
+
+    Axes: n poses (or 1 where nothing depends on the pose), k conditions.
+
+    Attributes:
+        fixed: base-side vectors, (n, k, 5), base axes.
+        moving: platform-side vectors, (n, k, 5), platform axes.
+        scale: s of the closure, (n, k); -1/radius for a sphere.
+        radius: radius of spheres, (n, k), 0 for planes; m.
+        point_moves: whether the platform carries the point, (k,) (else the surface).
+        middle_lines: the leg's line in the middle chain's root axes, (n, k, 6).
+        base, middle, platform: slot name -> twist (n or 1, 6) in the chain's root axes.
+    """
+
+    fixed: Array
+    moving: Array
+    scale: Array
+    radius: Array
+    point_moves: tuple[bool, ...]
+    middle_lines: Array
+    base: dict[str, Array]
+    middle: dict[str, Array]
+    platform: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """How the three chain motors become KGB vectors: one closure family.
+
+    ``build(base, middle, platform)`` takes the chain motors (..., 8) and returns
+    ``fixed, moving, scale, radius, middle_lines`` as lists over the k conditions.
+    """
+
+    name: str
+    point_moves: tuple[bool, ...]
+    build: Callable[[Array, Array, Array], Iterator[tuple[Array, Array, Array, Array, Array]]]
+
+    @property
+    def conditions(self) -> int:
+        """Number of conditions a limb of this family puts on the platform."""
+        return len(self.point_moves)
+
+
+@dataclass(frozen=True)
+class LimbKind:
+    """One row of the table of limb kinds.
+
+    Attributes:
+        name: ``R(P)R``: joints from base to platform, the actuated one in parentheses.
+        planar: whether it lives in the x-y plane.
+        surface: its closure family.
+        base, middle, platform: its chains.
+        actuator: ``length`` or ``angle``, what the actuated joint measures.
+        branch: name of the setting that chooses between two inverse roots, or None.
+        branch_sign: +1 if the setting's +1 is the larger root, -1 for the smaller.
+        parts: lengths whose sum bounds the leg, for plausibility checks.
+        closes_when: the closure in words of the contract, for messages.
+        source: paper and equation.
+    """
+
+    name: str
+    planar: bool
+    surface: Surface
+    base: Chain
+    middle: Chain
+    platform: Chain
+    actuator: str
+    branch: str | None = None
+    branch_sign: int = 1
+    closes_when: str = ""
+    source: str = ""
+    worked_case: dict[str, object] = field(default_factory=dict)
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """All steps, base to platform."""
+        return self.base.steps + self.middle.steps + self.platform.steps
+
+    @property
+    def slots(self) -> tuple[SlotSpec, ...]:
+        """Geometry slots (no joint frames), in chain order, then ``offset`` and ``ratio``."""
+        geometry = tuple(s for step in self.steps if not step.joint for s in step.slots)
+        return (*geometry, SlotSpec("offset", self.actuator, "offset", 0.0),
+                SlotSpec("ratio", self.actuator, "ratio", 1.0))
+
+    @property
+    def joint_slots(self) -> tuple[SlotSpec, ...]:
+        """Frame error components of the limb's joints, all 0 by default."""
+        return tuple(s for step in self.steps if step.joint for s in step.slots)
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """Names of the unit vectors that the file must give (``base.direction``)."""
+        return tuple(c for step in self.steps for c in step.constants)
+
+    def evaluate(self, values: Values, wanted: Collection[str] = ()) -> Body:
+        """Return the limb's KGB; ``wanted`` names the slots whose twists are needed.
+
+        Args:
+            values: all slots, the directions, and ``u`` (N,), SI.
+            wanted: slot names, ``u`` for the actuated joint.
+        """
+        base, base_twists = self.base.evaluate(values, wanted)
+        middle, middle_twists = self.middle.evaluate(values, wanted)
+        platform, platform_twists = self.platform.evaluate(values, wanted)
+        columns = list(zip(*self.surface.build(base, middle, platform), strict=True))
+        fixed, moving, scale, radius, lines = (_stack(list(c), 1 if i in (2, 3) else 2)
+                                               for i, c in enumerate(columns))
+        return Body(fixed, moving, scale, radius, self.surface.point_moves, lines,
+                    base_twists, middle_twists, platform_twists)
+
+
+def _stack(parts: list[Array], rank: int) -> Array:
+    """Stack the k conditions behind the pose axis: k arrays (n?, ...) -> (n, k, ...)."""
+    full = [p.reshape(1, *p.shape) if p.ndim < rank else p for p in parts]
+    n = max(p.shape[0] for p in full)
+    return np.stack([np.broadcast_to(p, (n, *p.shape[1:])) for p in full], axis=1)
+
+
+_KINDS: dict[str, LimbKind] = {}
+
+
+def register(kind: LimbKind) -> LimbKind:
+    """Add a kind to the registry; its name must be new."""
+    if kind.name in _KINDS:
+        raise ValueError(f"limb kind {kind.name} is registered twice")
+    _KINDS[kind.name] = kind
+    return kind
+
+
+def kinds() -> dict[str, LimbKind]:
+    """Return all registered kinds by name."""
+    return dict(_KINDS)
+
+
+def find_kind(name: str, where: str = "") -> LimbKind:
+    """Return the kind called ``name``.
+
+    Raises:
+        BadInput: unknown name; lists the valid ones and the nearest match.
+    """
+    if name not in _KINDS:
+        raise unknown("limb kind", name, _KINDS, where)
+    return _KINDS[name]

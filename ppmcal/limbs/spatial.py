@@ -1,0 +1,40 @@
+"""Spatial limbs: U-S legs (a point on a sphere) and the R-S leg (a point on a circle)."""
+
+from __future__ import annotations
+
+from ppmcal.limbs.chain import U, Chain, align, joint, shift, slide, turn
+from ppmcal.limbs.kind import LimbKind, register
+from ppmcal.limbs.surfaces import CIRCLE, SPHERE
+
+_BASE = shift("base.point", planar=False)
+_PLATFORM = Chain((shift("platform.point", planar=False),))
+
+register(LimbKind(
+    "U(P)S", False, SPHERE,
+    base=Chain((_BASE, joint(1))),
+    middle=Chain((joint(2), slide(U, "z"), joint(3))),
+    platform=_PLATFORM, actuator="length", branch="branch",
+    closes_when="|B-A| = u", source="[IK] eq. 42, [LIN] section 2.1"))
+
+register(LimbKind(
+    "(P)US", False, SPHERE,
+    base=Chain((_BASE, align("base.direction"), joint(1), slide(U, "z"), joint(2))),
+    middle=Chain((slide("length", "z"), joint(3))),
+    platform=_PLATFORM, actuator="length", branch="branch",
+    closes_when="|B - A - u direction| = length", source="[LIN] section 2.1"))
+
+register(LimbKind(
+    "(R)US", False, SPHERE,
+    base=Chain((_BASE, align("base.axis", "base.zero"), joint(1), turn(U),
+                slide("proximal", "x"), joint(2))),
+    middle=Chain((slide("distal", "z"), joint(3))),
+    platform=_PLATFORM, actuator="angle", branch="branch",
+    closes_when="|B - A - proximal Rot(axis, u) zero| = distal", source="[LIN] section 2.1"))
+
+register(LimbKind(
+    "R(P)S", False, CIRCLE,
+    base=Chain((_BASE, align("base.axis"), joint(1))),
+    middle=Chain((joint(2, "x"), slide(U, "x"), slide("lateral", "z", 0.0), joint(3))),
+    platform=_PLATFORM, actuator="length", branch="branch",
+    closes_when="|B-A|^2 = u^2 + lateral^2 and axis.(B-A) = lateral",
+    source="[IK] section 3.1, eq. 26 and 28"))

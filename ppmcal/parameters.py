@@ -1,0 +1,129 @@
+"""Named parameters, and how limb slots follow from them.
+
+A parameter is one number that identification may change. Most are a slot of one limb; a
+shared one feeds several slots, and a point given by radius and angle feeds two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One scalar of the machine, SI.
+
+    Attributes:
+        name: the slot's path, ``leg1.base.point.x``, or the name that several slots share.
+        quantity: ``length`` or ``angle``.
+        value: present value; nominal: the drawing's.
+        tolerance: one standard deviation; inf for no prior, None where none is stated.
+        fixed: the file says it must not change.
+        per_unit: whether it is a drive ratio (quantity per unit of the joint variable).
+        aliases: slot paths that it feeds, for pattern matching.
+        sigma: standard deviation from an earlier identification, or None.
+    """
+
+    name: str
+    quantity: str
+    value: float
+    nominal: float
+    tolerance: float | None = None
+    fixed: bool = False
+    per_unit: bool = False
+    aliases: tuple[str, ...] = ()
+    sigma: float | None = None
+
+    def matches(self, pattern: str) -> bool:
+        """Whether a shell pattern names this parameter or a slot that it feeds."""
+        return any(fnmatchcase(n, pattern) for n in (self.name, *self.aliases))
+
+
+@dataclass(frozen=True)
+class SlotMap:
+    """How the slots of one limb follow from the parameter vector g (P,).
+
+    ``direct``: (slot name, parameter index). ``polar``: (slot x, slot y, index of the
+    radius, index of the angle): x = r cos a, y = r sin a.
+    """
+
+    direct: tuple[tuple[str, int], ...]
+    polar: tuple[tuple[str, str, int, int], ...] = ()
+
+    def values(self, g: Array) -> dict[str, float]:
+        """Return slot name -> value for parameters ``g``."""
+        out = {slot: float(g[p]) for slot, p in self.direct}
+        for x, y, r, a in self.polar:
+            out[x], out[y] = float(g[r] * np.cos(g[a])), float(g[r] * np.sin(g[a]))
+        return out
+
+    def jacobian(self, g: Array, slots: Sequence[str], columns: Sequence[int]) -> Array:
+        """Return d(slots)/d(parameters ``columns``), (S, C)."""
+        row = {s: i for i, s in enumerate(slots)}
+        column = {p: i for i, p in enumerate(columns)}
+        out = np.zeros((len(slots), len(columns)))
+
+        def put(slot: str, p: int, d: float) -> None:
+            if slot in row and p in column:
+                out[row[slot], column[p]] += d
+
+        for slot, p in self.direct:
+            put(slot, p, 1.0)
+        for x, y, r, a in self.polar:
+            c, s = float(np.cos(g[a])), float(np.sin(g[a]))
+            put(x, r, c)
+            put(x, a, -float(g[r]) * s)
+            put(y, r, s)
+            put(y, a, float(g[r]) * c)
+        return out
+
+    def feeds(self, wanted: set[int]) -> tuple[list[str], list[int]]:
+        """Return the slots fed by the ``wanted`` parameters, and those parameters."""
+        slots: list[str] = []
+        used: list[int] = []
+        for slot, p in self.direct:
+            if p in wanted:
+                slots.append(slot)
+                used.append(p)
+        for x, y, r, a in self.polar:
+            if r in wanted or a in wanted:
+                slots += [x, y]
+                used += [p for p in (r, a) if p in wanted]
+        return slots, sorted(set(used))
+
+
+def free_indices(parameters: Sequence[Parameter], patterns: Sequence[str] | None) -> list[int]:
+    """Return the indices that identification may change.
+
+    Without ``patterns``: every parameter that has a tolerance above 0 and is not fixed.
+    A pattern that names nothing is the caller's to refuse (:func:`unmatched`).
+    """
+    if patterns is None:
+        return [i for i, p in enumerate(parameters)
+                if not p.fixed and p.tolerance is not None and p.tolerance > 0.0
+                and not is_joint_component(p.name)]
+    return [i for i, p in enumerate(parameters)
+            if not p.fixed and any(p.matches(pattern) for pattern in patterns)]
+
+
+def is_joint_component(name: str) -> bool:
+    """Whether a name is a joint frame component, ``leg1.joint2.rx``: off by default."""
+    parts = name.split(".")
+    return len(parts) >= 3 and parts[-2].startswith("joint") and parts[-2][5:].isdigit()
+
+
+def unmatched(parameters: Sequence[Parameter], patterns: Sequence[str]) -> list[str]:
+    """Return the patterns that name no parameter."""
+    return [pattern for pattern in patterns if not any(p.matches(pattern) for p in parameters)]
+
+
+def with_values(parameters: Sequence[Parameter], g: Array) -> tuple[Parameter, ...]:
+    """Return the parameters with new present values ``g`` (P,)."""
+    return tuple(replace(p, value=float(v)) for p, v in zip(parameters, g, strict=True))

@@ -1,0 +1,280 @@
+"""Whitened residuals and their Jacobian for a machine, its stations and the data.
+
+Columns: first the free geometry parameters, then what each data set leaves open (frame,
+target, target rotation, homing). Rows are produced in chunks of poses, so that memory
+stays small however many there are:
+
+    d prediction = by_pose . dpose,    dpose = -A^-1 (Bg dg + Jq dh),
+
+one small inverse per pose and one outer product per leg ([LIN] section 2.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.align import start_station
+from ppmcal.dataset import Dataset
+from ppmcal.forward import forward, newton
+from ppmcal.mechanism import Mechanism, Model
+from ppmcal.observation import (
+    Station,
+    View,
+    noise,
+    pivot,
+    predict,
+    view,
+    whitener,
+)
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+CHUNK = 2048
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the fit stands: parameters (P,), one station per data set, poses (N, 8) each."""
+
+    g: Array
+    stations: tuple[Station, ...]
+    poses: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One chunk of whitened rows.
+
+    ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
+    ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
+    ``index`` (n,) rows of the data set.
+    """
+
+    dataset: int
+    index: NDArray[np.int64]
+    residual: Array
+    jacobian: Array
+    observed: Bools
+    raw: Array
+    whitener: Array
+
+
+@dataclass(frozen=True)
+class Open:
+    """Columns of one data set's open quantities: name -> (column slice, components)."""
+
+    frame: slice
+    target: slice
+    target_rotation: slice
+    homing: slice
+    about: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A machine and its measurements. ``free`` are parameter indices (F,)."""
+
+    mechanism: Mechanism
+    datasets: tuple[Dataset, ...]
+    free: tuple[int, ...]
+
+    @cached_property
+    def _layout(self) -> tuple[tuple[Open, ...], tuple[str, ...]]:
+        return _lay_out(self)
+
+    @property
+    def opens(self) -> tuple[Open, ...]:
+        """Column layout of each data set's open quantities."""
+        return self._layout[0]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns: parameters, then ``frame.x of NAME`` and the like (C,)."""
+        return self._layout[1]
+
+    @cached_property
+    def frame_parts(self) -> tuple[int, ...]:
+        """Components of a frame that the motion allows."""
+        return (0, 1, 5) if self.mechanism.motion == "planar" else (0, 1, 2, 3, 4, 5)
+
+    @property
+    def target_parts(self) -> tuple[int, ...]:
+        """Components of a target point."""
+        return (0, 1) if self.mechanism.motion == "planar" else (0, 1, 2)
+
+    @property
+    def turn_parts(self) -> tuple[int, ...]:
+        """Components of a target rotation."""
+        return (2,) if self.mechanism.motion == "planar" else (0, 1, 2)
+
+    def start(self) -> State:
+        """Return the starting state: present values, poses from home, aligned frames."""
+        model = Model(self.mechanism)
+        poses = tuple(forward(model, d.q).pose for d in self.datasets)
+        stations: list[Station] = []
+        for d, pose in zip(self.datasets, poses, strict=True):
+            stations.append(start_station(d, pose, len(self.mechanism.actuators),
+                                          self.mechanism.motion))
+        for i, d in enumerate(self.datasets):
+            if d.frame.same_as:
+                stations[i] = replace(stations[i], frame=stations[self.shared(d)].frame)
+        return State(self.mechanism.values, tuple(stations), poses)
+
+    def shared(self, data: Dataset) -> int:
+        """Return the index of the data set whose frame ``data`` uses."""
+        return next(i for i, d in enumerate(self.datasets) if d.name == data.frame.same_as)
+
+    def solve(self, state: State) -> State:
+        """Return the state with its poses solved anew at its parameters."""
+        model = Model(self.mechanism, state.g)
+        poses = tuple(_poses(model, self.joints(i, state), state.poses[i])
+                      for i in range(len(self.datasets)))
+        return replace(state, poses=poses)
+
+    def joints(self, index: int, state: State) -> Array:
+        """Return the joint values of a data set with its homing shifts applied (N, k)."""
+        return self.datasets[index].q + state.stations[index].homing
+
+    def moved(self, state: State, step: Array) -> State:
+        """Return the state moved by a step (C,), poses solved anew."""
+        g = state.g.copy()
+        g[list(self.free)] += step[:len(self.free)]
+        stations = tuple(self._station(s, o, step)
+                         for s, o in zip(state.stations, self.opens, strict=True))
+        return self.solve(State(g, stations, state.poses))
+
+    def _station(self, station: Station, open_: Open, step: Array) -> Station:
+        frame = np.zeros(6)
+        parts = step[open_.frame]
+        frame[list(self.frame_parts)[:parts.size]] = parts
+        target, turn, homing = np.zeros(3), np.zeros(3), np.zeros_like(station.homing)
+        target[list(self.target_parts)[:step[open_.target].size]] = step[open_.target]
+        turn[list(self.turn_parts)[:step[open_.target_rotation].size]] = step[open_.target_rotation]
+        homing[:step[open_.homing].size] = step[open_.homing]
+        return Station(turned_about(station.frame, frame, open_.about), station.target + target,
+                       station.target_rotation + turn, station.homing + homing)
+
+    def rows(self, state: State, jacobian: bool = True,
+             keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:
+        """Yield whitened rows of all data sets, chunk by chunk.
+
+        Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
+        """
+        for i, data in enumerate(self.datasets):
+            usable = np.isfinite(state.poses[i]).all(axis=1)
+            if keep is not None:
+                usable &= keep[i]
+            index = np.flatnonzero(usable)
+            for begin in range(0, index.size, CHUNK):
+                yield self._chunk(i, data, index[begin:begin + CHUNK], state, jacobian)
+
+    def _chunk(self, i: int, data: Dataset, index: NDArray[np.int64], state: State,
+               jacobian: bool) -> Rows:
+        part, pose, station = data.take(index), state.poses[i][index], state.stations[i]
+        seen = view(part, station, pose, self.mechanism.motion, self.opens[i].about)
+        with_noise = bool(np.any(data.sigma_actuator > 0.0))
+        n, m = seen.residual.shape
+        full = np.zeros((n, m, len(self.columns) if jacobian else 0))
+        by_joint = None
+        if jacobian or with_noise:
+            by_joint = self._geometry(i, part, pose, state, seen.by_pose, full, jacobian)
+        if jacobian:
+            self._stations(i, full, seen)
+        white = whitener(seen, noise(part, self.mechanism.motion), by_joint, data.sigma_actuator)
+        full = np.where(seen.observed[..., None], full, 0.0)
+        if with_noise:
+            residual, full = (white @ seen.residual[..., None])[..., 0], white @ full
+        else:
+            diagonal = np.diagonal(white, axis1=-2, axis2=-1)
+            residual, full = diagonal * seen.residual, diagonal[..., None] * full
+        return Rows(i, index, residual, full, seen.observed, seen.residual, white)
+
+    def _geometry(self, i: int, part: Dataset, pose: Array, state: State, by_pose: Array,
+                  out: Array, jacobian: bool) -> Array:
+        """Fill the geometry and homing columns; return d prediction / dq (n, m, k)."""
+        model = Model(self.mechanism, state.g)
+        closure = model.closure(part.q + state.stations[i].homing, self.free if jacobian else ())
+        lines = closure.lines(pose)
+        # prediction per condition: -by_pose A^-1
+        spread = -np.swapaxes(np.linalg.solve(
+            np.swapaxes(closure.pose_matrix(pose, lines), -1, -2),
+            np.swapaxes(by_pose[..., self.mechanism.dof], -1, -2)), -1, -2)
+        by_joint = spread @ closure.joint_matrix(pose, lines)
+        if jacobian:
+            place = {p: c for c, p in enumerate(self.free)}
+            for rows, parameters, block in closure.error_blocks(pose, lines):
+                out[..., [place[p] for p in parameters]] += spread[..., rows] @ block
+            homing = self.opens[i].homing
+            if homing.stop > homing.start:
+                out[..., homing] = by_joint
+        return by_joint
+
+    def _stations(self, i: int, out: Array, seen: View) -> None:
+        """Fill the columns of frame, target and target rotation."""
+        open_ = self.opens[i]
+        for columns, parts, source in (
+                (open_.frame, self.frame_parts, seen.by_frame),
+                (open_.target, self.target_parts, seen.by_target),
+                (open_.target_rotation, self.turn_parts, seen.by_target_rotation)):
+            if columns.stop > columns.start:
+                out[..., columns] = source[..., list(parts)]
+
+    def predictions(self, index: int, state: State) -> tuple[Array, Array]:
+        """Return predicted positions (N, 3) and rotations (N, 3, 3) of one data set."""
+        return predict(state.stations[index], state.poses[index])
+
+
+def _lay_out(problem: Problem) -> tuple[tuple[Open, ...], tuple[str, ...]]:
+    names = [problem.mechanism.names[p] for p in problem.free]
+    opens: list[Open] = []
+    parts = ("x", "y", "z", "rx", "ry", "rz")
+    by_name: dict[str, Open] = {}
+    for first, data in enumerate(problem.datasets):
+        def take(wanted: bool, labels: Sequence[str], data: Dataset = data) -> slice:
+            begin = len(names)
+            if wanted:
+                names.extend(f"{label} of {data.name}" for label in labels)
+            return slice(begin, len(names))
+
+        frame = take(data.frame.fitted and not data.frame.same_as,
+                     [f"frame.{parts[p]}" for p in problem.frame_parts])
+        about = pivot(data)
+        if data.frame.same_as and data.frame.same_as in by_name:
+            frame, about = by_name[data.frame.same_as].frame, by_name[data.frame.same_as].about
+        target = take(data.target.fitted, [f"target.{parts[p]}" for p in problem.target_parts])
+        turns = data.target_rotation.fitted and data.kind == "pose" and (
+            problem.mechanism.motion != "translational")
+        turn = take(turns, [f"target_rotation.{parts[3 + p]}" for p in problem.turn_parts])
+        homing = take(first > 0 and data.homing == "per-file",
+                      [f"homing.{a}" for a in problem.mechanism.actuators])
+        open_ = Open(frame, target, turn, homing, np.where(np.isfinite(about), about, 0.0))
+        opens.append(open_)
+        by_name[data.name] = open_
+    return tuple(opens), tuple(names)
+
+
+def turned_about(frame: Array, step: Array, about: Array) -> Array:
+    """Return a frame motor displaced by step[:3] and turned by step[3:] about a point."""
+    turn = cga.motor_from_rotation_vector(step[3:], np.zeros(3))
+    shift = about + step[:3] - cga.move_point(turn, about)
+    return cga.compose(cga.motor_from_rotation_vector(step[3:], shift), frame)
+
+
+def _poses(model: Model, q: Array, warm: Array) -> Array:
+    """Solve poses from warm ones; rows that fail are led from home again."""
+    pose = np.full_like(warm, np.nan)
+    known = np.isfinite(warm).all(axis=1) & np.isfinite(q).all(axis=1)
+    rows = np.flatnonzero(known)
+    if rows.size:
+        solved, converged, _ = newton(model.closure(q[rows]), warm[rows])
+        pose[rows[converged]] = solved[converged]
+    lost = np.flatnonzero(~np.isfinite(pose).all(axis=1) & np.isfinite(q).all(axis=1))
+    if lost.size:
+        pose[lost] = forward(model, q[lost]).pose
+    return pose

@@ -1,0 +1,39 @@
+"""Units at the border: files are in the units that they declare, the program is in SI."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ppmcal.errors import unknown
+
+LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units of one file: ``length`` m, mm, um or in; ``angle`` rad or deg."""
+
+    length: str
+    angle: str
+
+    def __post_init__(self) -> None:
+        """Refuse a unit that does not exist."""
+        if self.length not in LENGTHS:
+            raise unknown("length unit", self.length, LENGTHS, "units.length")
+        if self.angle not in ANGLES:
+            raise unknown("angle unit", self.angle, ANGLES, "units.angle")
+
+    def factor(self, quantity: str) -> float:
+        """Return the SI value of one file unit of ``length`` or ``angle`` (else 1)."""
+        if quantity == "length":
+            return LENGTHS[self.length]
+        return ANGLES[self.angle] if quantity == "angle" else 1.0
+
+    def name(self, quantity: str) -> str:
+        """Return the unit's name, ``mm`` or ``deg``; empty for a bare number."""
+        return {"length": self.length, "angle": self.angle}.get(quantity, "")
+
+
+SI = Units("m", "rad")
