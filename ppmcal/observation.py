@@ -25,7 +25,7 @@ class Station:
     """Where one data set's instrument stands, at present.
 
     ``frame`` motor (8,); ``target`` (3,); ``target_rotation`` rotation vector (3,);
-    ``homing`` (k,): what the joint offsets of this file differ by, in units of u.
+    ``homing`` (k,): shift of the joint values of this file, unit of q.
     """
 
     frame: Array

@@ -105,9 +105,8 @@ def rotation_vector(m: ArrayLike) -> Array:
     Returns:
         `(..., 3)`.
     """
-    q = components(m, 8, "rotation_vector")[:4]
-    s, a1, a2, a3 = q * np.where(q[0] < 0, -1.0, 1.0)
-    factor = -2 * half_angle(s, (a1, a2, a3))[1]
+    s, a1, a2, a3 = components(m, 8, "rotation_vector")[:4]
+    factor = np.where(s < 0, 2.0, -2.0) * half_angle(np.abs(s), (a1, a2, a3))[1]
     return pack(factor * a1, factor * a2, factor * a3)
 
 

@@ -178,12 +178,11 @@ def motor_log(motor: ArrayLike) -> Array:
     Returns:
         (ω, v), `(..., 6)`.
     """
-    m = components(motor, 8, "motor_log")
-    s, a1, a2, a3, b1, b2, b3, p = m * np.where(m[0] < 0, -1.0, 1.0)
-    phi, ratio = half_angle(s, (a1, a2, a3))
+    s, a1, a2, a3, b1, b2, b3, p = components(motor, 8, "motor_log")
+    phi, ratio = half_angle(np.abs(s), (a1, a2, a3))
     slope = _sinc_and_slope(phi)[1]
-    twice = 2 * ratio
-    along = twice * ratio * ratio * slope * p
+    twice = np.where(s < 0, -2.0, 2.0) * ratio
+    along = 2 * ratio**3 * slope * p  # p a has the same sign for M and −M
     return pack(
         -twice * a1,
         -twice * a2,

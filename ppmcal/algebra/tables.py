@@ -101,16 +101,23 @@ class Product:
         Returns:
             `(..., len(out))`, the leading axes broadcast.
         """
-        a = components(a, len(self.left), f"left factor of the {self.kind} product")
-        b = components(b, len(self.right), f"right factor of the {self.kind} product")
-        shape = np.broadcast_shapes(a.shape[1:], b.shape[1:])
-        rows = np.zeros((len(self.out), *shape))
+        left = components(a, len(self.left), f"left factor of the {self.kind} product")
+        right = components(b, len(self.right), f"right factor of the {self.kind} product")
+        shape = np.broadcast_shapes(left.shape[1:], right.shape[1:])
+        # every component is read several times: contiguous copies, one by one
+        x, y = [part.copy() for part in left], [part.copy() for part in right]
+        rows: list[Array | None] = [None] * len(self.out)
         for k, i, j, coefficient in self.terms:
-            if coefficient == 1.0:
-                rows[k] += a[i] * b[j]
-            else:
-                rows[k] += coefficient * (a[i] * b[j])
-        return np.moveaxis(rows, 0, -1).copy()
+            term = x[i] * y[j]
+            if coefficient != 1.0:
+                term = term * coefficient
+            row = rows[k]
+            rows[k] = term if row is None else row + term
+        out = np.zeros((*shape, len(self.out)))
+        for k, row in enumerate(rows):
+            if row is not None:
+                out[..., k] = row
+        return out
 
 
 def _kept(kind: Kind, a: int, b: int, k: int) -> bool:

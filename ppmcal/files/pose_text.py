@@ -1,0 +1,124 @@
+"""Poses as files write them: ``x, y, rz``, ``x, y, z`` or ``x, y, z`` with a rotation.
+
+A full pose is (6,): x, y, z in m and the rotation vector rx, ry, rz in rad, from platform to
+base. Coordinates that a machine does not have are 0; ones left empty are nan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files.schema import Strict, check
+from ppmcal.files.schema import Number as _Number
+from ppmcal.units import Units
+
+Array = NDArray[np.float64]
+
+COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
+QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
+OF_MOTION = {"planar": ("x", "y", "rz"), "translational": ("x", "y", "z"), "spatial": COORDINATES}
+OF_FRAME = {"planar": ("x", "y", "rz"), "translational": COORDINATES, "spatial": COORDINATES}
+NORM_TOLERANCE = 1e-3
+
+
+class PoseFile(Strict):
+    """The mapping of a pose; which keys are needed depends on the motion."""
+
+    x: _Number | None = None
+    y: _Number | None = None
+    z: _Number | None = None
+    rx: _Number | None = None
+    ry: _Number | None = None
+    rz: _Number | None = None
+    quat_x: _Number | None = None
+    quat_y: _Number | None = None
+    quat_z: _Number | None = None
+    quat_w: _Number | None = None
+
+
+def quantity(coordinate: str) -> str:
+    """Return ``length`` for x, y, z and ``angle`` for rx, ry, rz."""
+    return "angle" if coordinate.startswith("r") else "length"
+
+
+def factors(units: Units) -> Array:
+    """Return the SI value of one file unit of each pose coordinate (6,)."""
+    return np.array([units.factor(quantity(c)) for c in COORDINATES])
+
+
+def rotation_vectors(quaternions: Array) -> Array:
+    """Return rotation vectors (N, 3), rad, of unit quaternions x, y, z, w (N, 4)."""
+    q = np.atleast_2d(quaternions)
+    q = q * np.where(q[:, 3:] < 0.0, -1.0, 1.0)
+    sine = np.sqrt(np.sum(q[:, :3] ** 2, axis=1))
+    angle = 2.0 * np.arctan2(sine, q[:, 3])
+    small = sine < 1e-8
+    factor = np.where(small, 2.0, angle / np.where(small, 1.0, sine))
+    return np.asarray(factor[:, None] * q[:, :3], dtype=float)
+
+
+def pose_from_map(data: object, allowed: Sequence[str], units: Units, source: str, where: str, *,
+                  needed: Sequence[str] | None = None) -> Array:
+    """Return the pose (6,) of a mapping; coordinates outside ``allowed`` are 0.
+
+    Args:
+        data: the mapping from YAML.
+        allowed: coordinates that this pose may have (:data:`OF_MOTION`, :data:`OF_FRAME`).
+        units: units of the file.
+        source: file name for messages; where: place in it.
+        needed: coordinates that must be given (default: all allowed); others are nan.
+
+    Raises:
+        BadInput: a key that does not fit, a missing one, or a quaternion off its norm.
+    """
+    pose = check(PoseFile, data, source, prefix=where)
+    place = f"{source}: {where}"
+    given = {n: v for n, v in pose.model_dump().items() if v is not None}
+    out = np.full(6, np.nan)
+    quaternion = [n for n in QUATERNION if n in given]
+    for name in given:
+        turning = name in QUATERNION and "rx" in allowed
+        if name not in allowed and not turning:
+            error = unknown("pose coordinate", name, allowed, place)
+            raise BadInput(f"this pose has no coordinate '{name}'", place, error.mend)
+    if quaternion:
+        _put_quaternion(out, given, place)
+    for i, name in enumerate(COORDINATES):
+        if name in given:
+            out[i] = given[name] * units.factor(quantity(name))
+        elif name not in allowed:
+            out[i] = 0.0
+    for name in allowed if needed is None else needed:
+        i = COORDINATES.index(name)
+        if np.isnan(out[i]):
+            raise BadInput(f"the pose coordinate '{name}' is missing", place,
+                           f"Write {{{', '.join(f'{c}: 0' for c in allowed)}}} with your numbers")
+    return out
+
+
+def _put_quaternion(out: Array, given: dict[str, float], place: str) -> None:
+    missing = [n for n in QUATERNION if n not in given]
+    if missing:
+        raise BadInput(f"the quaternion lacks {', '.join(missing)}", place,
+                       f"Give all of {', '.join(QUATERNION)}")
+    if any(n in given for n in ("rx", "ry", "rz")):
+        raise BadInput("the rotation is given twice, as a vector and as a quaternion", place,
+                       "Remove rx, ry, rz or the quaternion")
+    q = np.array([given[n] for n in QUATERNION])
+    norm = float(np.linalg.norm(q))
+    if abs(norm - 1.0) > NORM_TOLERANCE:
+        raise BadInput(f"the quaternion has length {norm:.6g}", place,
+                       "A rotation needs length 1; check the order x, y, z, w and the digits")
+    out[3:] = rotation_vectors(q[None] / norm)[0]
+
+
+def pose_to_map(pose: Array, allowed: Sequence[str], units: Units) -> dict[str, float]:
+    """Return the mapping that :func:`pose_from_map` reads back as ``pose`` (6,)."""
+    from ppmcal.files.exact import to_file
+
+    return {name: to_file(float(pose[i]), units.factor(quantity(name)))
+            for i, name in enumerate(COORDINATES) if name in allowed}

@@ -1,0 +1,217 @@
+"""What all file models share: strict mappings, plain numbers, and errors in our own words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, TypeVar
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.units import ANGLES, LENGTHS, Units
+
+T = TypeVar("T", bound=BaseModel)
+
+
+def refuse(what: str, mend: str = "") -> PydanticCustomError:
+    """Return the error by which a validator refuses a value."""
+    return PydanticCustomError("ppmcal", "{what}", {"what": what, "mend": mend})
+
+
+def show(value: object) -> str:
+    """Return a short text of a value for a message."""
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _finite(value: object) -> float:
+    number = _number(value)
+    if not math.isfinite(number):
+        raise refuse(f"{show(value)} is not a finite number", "Write a number such as 12.5")
+    return number
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        mend = "Write a number such as 12.5"
+        if isinstance(value, str) and "," in value:
+            mend = "Write a decimal point instead of the comma"
+        elif isinstance(value, dict | list):
+            mend = "Write one number here, such as 12.5"
+        raise refuse(f"{show(value)} is not a number", mend)
+    return float(value)
+
+
+def _spread(value: object) -> float:
+    number = _number(value)
+    if math.isnan(number) or number < 0.0:
+        raise refuse(f"{show(value)} is not a standard deviation",
+                     "Write a number of 0 or more, or .inf for no prior")
+    return number
+
+
+def _positive(value: object) -> float:
+    number = _finite(value)
+    if number <= 0.0:
+        raise refuse(f"{show(value)} is not greater than 0", "Write a positive number")
+    return number
+
+
+def _count(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10_000_000:
+        raise refuse(f"{show(value)} is not a count", "Write a whole number of 1 or more")
+    return value
+
+
+def _label(value: object) -> str:
+    if isinstance(value, int) and not isinstance(value, bool):
+        value = str(value)
+    if not isinstance(value, str) or not value.strip():
+        raise refuse(f"{show(value)} is not a name", "Write a word such as leg1")
+    return value.strip()
+
+
+def _word(value: object) -> str:
+    name = _label(value)
+    if not all(c.isalnum() or c in "_-" for c in name):
+        raise refuse(f"the name {show(name)} has other characters than letters, digits, _ and -",
+                     "Rename it: names become column headers and parameter paths")
+    return name
+
+
+def _flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise refuse(f"{show(value)} is neither true nor false", "Write true or false")
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_finite)]
+Spread = Annotated[float, BeforeValidator(_spread)]
+Positive = Annotated[float, BeforeValidator(_positive)]
+Count = Annotated[int, BeforeValidator(_count)]
+Label = Annotated[str, BeforeValidator(_label)]
+Word = Annotated[str, BeforeValidator(_word)]
+Flag = Annotated[bool, BeforeValidator(_flag)]
+
+
+def vector(*sizes: int, of: Callable[[object], float] = _finite) -> BeforeValidator:
+    """Return a validator for a list of numbers with one of the given lengths."""
+    wanted = " or ".join(str(s) for s in sizes)
+
+    def check(value: object) -> list[float]:
+        if not isinstance(value, list | tuple) or len(value) not in sizes:
+            found = f"has {len(value)}" if isinstance(value, list) else f"is {show(value)}"
+            raise refuse(f"a list of {wanted} numbers is needed here, this {found}",
+                         f"Write {show([0] * sizes[0])} with your numbers")
+        return [of(v) for v in value]
+
+    return BeforeValidator(check)
+
+
+def choice(what: str, *allowed: str) -> AfterValidator:
+    """Return a validator for one word out of a few, with the nearest match on refusal."""
+
+    def check(value: str) -> str:
+        if value not in allowed:
+            error = unknown(what, value, allowed)
+            raise refuse(error.what, error.mend)
+        return value
+
+    return AfterValidator(check)
+
+
+class Strict(BaseModel):
+    """A mapping of a file: unknown and missing keys are refused by name."""
+
+    model_config = ConfigDict(extra="forbid", strict=False, frozen=True,
+                              arbitrary_types_allowed=True)
+    examples: ClassVar[Mapping[str, str]] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keys(cls, data: Any) -> Any:
+        if isinstance(data, cls):
+            return data
+        names = [f.alias or n for n, f in cls.model_fields.items()]
+        if not isinstance(data, dict):
+            raise refuse(f"{show(data)} is not a mapping",
+                         f"Write keys with values here: {', '.join(names)}")
+        for key in data:
+            if key not in names:
+                error = unknown("key", key, names)
+                raise refuse(error.what, error.mend)
+        for name, field in cls.model_fields.items():
+            key = field.alias or name
+            if field.is_required() and key not in data:
+                example = cls.examples.get(name, f"{key}: ...")
+                raise refuse(f"the key '{key}' is missing", f"Add a line such as `{example}`")
+        return data
+
+
+class UnitsFile(Strict):
+    """``units: {length: mm, angle: deg}``."""
+
+    examples = {"length": "length: mm", "angle": "angle: deg"}
+    length: Annotated[str, choice("length unit", *LENGTHS)]
+    angle: Annotated[str, choice("angle unit", *ANGLES)]
+
+    def units(self) -> Units:
+        """Return the checked units."""
+        return Units(self.length, self.angle)
+
+
+def check(model: type[T], data: object, source: str,
+          place: Callable[[Sequence[int | str]], str] | None = None, prefix: str = "") -> T:
+    """Return ``data`` as ``model``.
+
+    Args:
+        model: the pydantic model.
+        data: plain data from YAML.
+        source: file name for messages.
+        place: turns a pydantic location into words; default joins it with dots.
+        prefix: place of ``data`` itself within the file.
+
+    Raises:
+        BadInput: the first problem, with the number of further ones.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise translate(error, source, place, prefix) from None
+
+
+def dotted(location: Sequence[int | str]) -> str:
+    """Return ``a.b[2]`` for ("a", "b", 2)."""
+    out = ""
+    for part in location:
+        out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else str(part)
+    return out
+
+
+def translate(error: ValidationError, source: str,
+              place: Callable[[Sequence[int | str]], str] | None = None,
+              prefix: str = "") -> BadInput:
+    """Return a pydantic error in our own words: file, place, problem, mend."""
+    problems = error.errors()
+    first = problems[0]
+    where = (place or dotted)(first["loc"])
+    where = ".".join(p for p in (prefix, where) if p)
+    context = first.get("ctx", {})
+    if first["type"] == "ppmcal":
+        what, mend = str(context["what"]), str(context["mend"])
+    else:
+        what = f"{show(first.get('input'))} cannot be used here ({first['msg']})"
+        mend = "Change the value there"
+    if len(problems) > 1:
+        mend = f"{mend.rstrip('.')} (+{len(problems) - 1} more)"
+    return BadInput(what, f"{source}: {where}" if where else source, mend)
+
+
+def effects_refusal(effects: object, source: str) -> None:
+    """Refuse a non-empty ``effects`` list: this version has none yet."""
+    if effects:
+        raise BadInput("this version of ppmcal has no effects yet", f"{source}: effects",
+                       "Remove the `effects` block, or leave it empty: `effects: []`")

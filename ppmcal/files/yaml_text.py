@@ -1,0 +1,204 @@
+"""YAML text to plain data and back: duplicate keys refused, numbers as YAML 1.2 has them.
+
+PyYAML follows YAML 1.1, where ``1e-3`` is a string, ``on`` is true, ``010`` is eight and
+``1:30`` is ninety. Calibration files mean none of that, so this loader knows only the core
+types of YAML 1.2: null, true/false, decimal numbers and strings.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ppmcal.errors import BadInput
+
+MAX_BYTES = 20_000_000
+MAX_DEPTH = 60
+MAX_NODES = 500_000
+_FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$"
+                    r"|^[-+]?\.(inf|Inf|INF)$|^\.(nan|NaN|NAN)$")
+_INT = re.compile(r"^[-+]?[0-9]+$")
+_BOOL = re.compile(r"^(true|True|TRUE|false|False|FALSE)$")
+_NULL = re.compile(r"^(~|null|Null|NULL|)$")
+_TAG = "tag:yaml.org,2002:"
+
+
+class _Loader(yaml.CSafeLoader):
+    """Safe loader that refuses duplicate keys."""
+
+    yaml_implicit_resolvers: dict[str, Any] = {}
+
+
+_Loader.yaml_constructors = dict(yaml.CSafeLoader.yaml_constructors)
+
+
+def _mapping(loader: yaml.CSafeLoader, node: yaml.Node) -> dict[Any, Any]:
+    seen: dict[Any, Any] = {}
+    for key_node, value_node in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, str | int | float | bool) and key is not None:
+            raise yaml.constructor.ConstructorError(
+                None, None, "a key must be a plain word", key_node.start_mark)
+        if key in seen:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"the key '{key}' stands twice in one mapping", key_node.start_mark)
+        seen[key] = loader.construct_object(value_node, deep=True)
+    return seen
+
+
+def _int(loader: yaml.CSafeLoader, node: yaml.Node) -> int | float:
+    text = str(node.value)
+    return int(text) if len(text) < 300 else float(text)
+
+
+def _float(loader: yaml.CSafeLoader, node: yaml.Node) -> float:
+    return float(node.value.lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+for _tag, _pattern, _first in (("float", _FLOAT, "-+0123456789."), ("int", _INT, "-+0123456789"),
+                               ("bool", _BOOL, "tTfF"), ("null", _NULL, ["~", "n", "N", ""])):
+    _Loader.add_implicit_resolver(_TAG + _tag, _pattern, list(_first))
+_Loader.yaml_implicit_resolvers = {  # an integer also reads as a float: the integer first
+    first: sorted(rules, key=lambda rule: rule[0] == _TAG + "float")
+    for first, rules in _Loader.yaml_implicit_resolvers.items()}
+_Loader.add_constructor(_TAG + "map", _mapping)
+_Loader.add_constructor(_TAG + "int", _int)
+_Loader.add_constructor(_TAG + "float", _float)
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return a file's bytes.
+
+    Raises:
+        BadInput: it does not exist, is a directory, or cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        folder = path.parent
+        near = _near(path)
+        hint = f" Did you mean '{near}'?" if near else ""
+        raise BadInput("there is no such file", str(path),
+                       f"Check the name; looked in {folder.absolute()}.{hint}") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise BadInput(f"cannot be read ({reason})", str(path),
+                       "Give the path of a readable file") from None
+
+
+def _near(path: Path) -> str:
+    import difflib
+
+    try:
+        names = [p.name for p in path.parent.iterdir()]
+    except OSError:
+        return ""
+    found = difflib.get_close_matches(path.name, names, n=1)
+    return found[0] if found else ""
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Return the mapping that a YAML file holds.
+
+    Raises:
+        BadInput: unreadable, not YAML (with line and column), or not a mapping.
+    """
+    data = read_bytes(path)
+    if len(data) > MAX_BYTES:
+        raise BadInput("is too large for a YAML file of this program", str(path),
+                       "Did you mean a measurement file? Those are CSV")
+    if b"\x00" in data[:4096] and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise BadInput("is not a text file", str(path), "Give a YAML file")
+    try:
+        _check_depth(data, path)
+        tree = yaml.load(data, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        raise _syntax(path, error) from None
+    except (yaml.YAMLError, UnicodeError, ValueError, RecursionError, OverflowError) as error:
+        what = " ".join(str(error).split())[:200]
+        raise BadInput(f"is not YAML ({what})", str(path),
+                       "Give a UTF-8 text file with `key: value` lines") from None
+    if tree is None:
+        raise BadInput("is empty", str(path), "It must hold at least `format:` and `units:`")
+    if not isinstance(tree, dict):
+        raise BadInput("is not a mapping of keys to values", str(path),
+                       "Begin it with a line such as `format: ppmcal/mechanism/1`")
+    _check_size(tree, path)
+    return tree
+
+
+def _syntax(path: Path, error: yaml.MarkedYAMLError) -> BadInput:
+    mark = error.problem_mark or error.context_mark
+    where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
+    what = error.problem or error.context or "not YAML"
+    if "stands twice" in what:
+        return BadInput(what, where, "Remove one of the two")
+    return BadInput(f"YAML error: {what}", where, "Check indentation, brackets and quotes there")
+
+
+def _check_depth(data: bytes, path: Path) -> None:
+    depth = 0
+    for event in yaml.parse(data, Loader=yaml.CSafeLoader):
+        if isinstance(event, yaml.MappingStartEvent | yaml.SequenceStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent):
+            depth -= 1
+        if depth > MAX_DEPTH:
+            raise BadInput(f"is nested more than {MAX_DEPTH} deep",
+                           f"{path}:{event.start_mark.line + 1}", "Check the brackets there")
+
+
+def _check_size(tree: Any, path: Path) -> None:
+    stack, count = [(tree, 0)], 0
+    while stack:
+        node, depth = stack.pop()
+        count += 1
+        if count > MAX_NODES or depth > MAX_DEPTH:
+            raise BadInput("unfolds to a huge or endless structure", str(path),
+                           "Remove the aliases (`*name`) from the file")
+        children = node.values() if isinstance(node, dict) else node
+        if isinstance(node, dict | list):
+            stack.extend((child, depth + 1) for child in children)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Emitter whose plain words stay words for this loader and for YAML 1.1 readers."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Never write anchors."""
+        return True
+
+
+_Dumper.add_implicit_resolver(_TAG + "float", _FLOAT, list("-+0123456789."))
+
+
+def number_text(value: float) -> str:
+    """Return the shortest text that reads back as exactly ``value`` (at most 17 digits)."""
+    if value != value or value in (float("inf"), float("-inf")):
+        return {"inf": ".inf", "-inf": "-.inf"}.get(repr(value), ".nan")
+    if value == int(value) and abs(value) < 1e15:
+        return "0" if value == 0.0 and repr(value)[0] != "-" else repr(value).removesuffix(".0")
+    text = repr(value)
+    if "e" in text and "." not in text:
+        text = text.replace("e", ".0e")
+    return text
+
+
+def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
+    text = number_text(value)
+    tag = "int" if _INT.match(text) else "float"
+    return dumper.represent_scalar(_TAG + tag, text)
+
+
+_Dumper.add_representer(float, _represent_float)
+
+
+def dump_yaml(tree: dict[str, Any], comment: str = "") -> str:
+    """Return the YAML text of plain data, innermost mappings and lists on one line."""
+    head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
+    body = yaml.dump(tree, Dumper=_Dumper, sort_keys=False, default_flow_style=None,
+                     allow_unicode=True, width=110)
+    return head + body
