@@ -24,8 +24,12 @@ from ppmcal.robust import REJECT, distances, huber_weights, worst
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-CONVERGED = 1e-8
+CONVERGED = 1e-6
 """Converged: the next step would lower chi-squared by less than this."""
+SOLVE_TOLERANCE = 1e-13
+"""Directions below this part of the strongest are round-off: neither data nor prior see them."""
+SMALLEST_DAMPING = 1e-6
+"""Damping starts here when a plain step fails, and is dropped as soon as it falls back."""
 ROUND_OFF = 1e-13
 """Or the step is below this part of the parameters' scale (round-off)."""
 
@@ -155,12 +159,13 @@ def prior_square(problem: Problem, state: State, prior: Array) -> float:
     return float(np.sum(away**2))
 
 
-def column_scale(problem: Problem, reduced: Reduced) -> Array:
-    """Return one natural unit per column (C,): tolerances, and 1/norm for open quantities."""
-    norms = np.linalg.norm(reduced.triangle, axis=0)
-    out = np.where(norms > 0.0, 1.0 / np.where(norms > 0.0, norms, 1.0), 1.0)
-    out[:len(problem.free)] = parameter_scale(problem)
-    return out
+def column_scale(problem: Problem) -> Array:
+    """Return one natural unit per column (C,): tolerances; a thousandth of the reach, 1e-3 rad.
+
+    Frames and geometry must be measured with like units: in a direction that moves both
+    together the prior would else drown in the frame's larger numbers.
+    """
+    return np.concatenate([parameter_scale(problem), problem.open_scale()])
 
 
 def solve_step(problem: Problem, state: State, reduced: Reduced, prior: Array, damping: float
@@ -171,7 +176,7 @@ def solve_step(problem: Problem, state: State, reduced: Reduced, prior: Array, d
     scaled units).
     """
     free = list(problem.free)
-    scale = column_scale(problem, reduced)
+    scale = column_scale(problem)
     away = np.zeros(len(problem.columns))
     away[:len(free)] = problem.mechanism.nominals[free] - state.g[free]
     norms = np.linalg.norm(reduced.triangle * scale, axis=0)
@@ -180,7 +185,7 @@ def solve_step(problem: Problem, state: State, reduced: Reduced, prior: Array, d
     right = np.concatenate([reduced.right, prior * away, np.zeros(scale.size)])
     size = scale.size
     u, s, vt = np.linalg.svd(matrix, full_matrices=False)
-    use = s > 1e-3 * RANK_TOLERANCE * max(float(s[0]), 1e-300) if s.size else s > 0
+    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
     coefficient = np.where(use, (u.T @ right) / np.where(use, s, 1.0), 0.0)
     x = vt.T @ coefficient
     plain = matrix[:2 * size]
@@ -201,22 +206,38 @@ def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: A
             progress(count, before)
         while True:
             step, decrease = solve_step(problem, state, reduced, prior, damping)
-            scaled = float(np.max(np.abs(step / column_scale(problem, reduced)), initial=0.0))
-            limit = max(CONVERGED, 1e-12 * before)
+            scaled = float(np.max(np.abs(step / column_scale(problem)), initial=0.0))
+            limit = max(CONVERGED, 1e-10 * before)
             if decrease < limit or scaled < ROUND_OFF:
                 return problem.moved(state, step) if damping == 0.0 and _better(
                     problem, state, step, keep, prior, weights, before) else state, \
                     reduced, count, True
             trial = problem.moved(state, step)
             after = cost(problem, trial, keep, prior, weights)
+            if after >= before and damping == 0.0:
+                trial, after = _second_chance(problem, trial, keep, prior, weights)
             if after < before or (weigh is not None and after < before * (1 + 1e-9)):
                 state = trial
-                damping = damping / 10.0 if damping > 1e-12 else 0.0
+                damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
                 break
-            damping = max(10.0 * damping, 1e-6)
+            damping = max(10.0 * damping, SMALLEST_DAMPING)
             if damping > 1e6:
                 return state, reduced, count, bool(decrease < 1e-6 * max(before, 1.0))
     return state, reduce_rows(problem, state, keep, None), iterations, False
+
+
+def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior: Array,
+                   weights: Sequence[Array] | None) -> tuple[State, float]:
+    """Take a second plain step from a trial that was worse, and judge after it.
+
+    Where frame and geometry turn together the data see nothing at first order and a very
+    steep wall at second order; one straight step runs into the wall, the next one off it.
+    """
+    if any(not np.isfinite(p[k]).all() for p, k in zip(trial.poses, keep, strict=True)):
+        return trial, float("inf")
+    reduced = reduce_rows(problem, trial, keep, weights)
+    trial = problem.moved(trial, solve_step(problem, trial, reduced, prior, 0.0)[0])
+    return trial, cost(problem, trial, keep, prior, weights)
 
 
 def _better(problem: Problem, state: State, step: Array, keep: Sequence[Bools], prior: Array,
@@ -243,6 +264,8 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
     state = start or problem.start()
     keep, reasons = _usable(problem, state)
     _enough(problem, keep)
+    state = replace(state, poses=tuple(np.where(k[:, None], p, np.nan) for p, k in
+                                       zip(state.poses, keep, strict=True)))
     state = start_off_zero(problem, state, keep)
     if options.method == "damped":
         return damped(problem, state, keep, reasons, options, progress)
@@ -259,7 +282,7 @@ def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequenc
          prior: Array, options: Options, progress: Progress | None, scale: float = 1.0) -> Fit:
     state, reduced, count, converged = gauss_newton(problem, state, keep, prior,
                                                     options.iterations, None, progress)
-    return Fit(problem, state, reduced, prior, column_scale(problem, reduced), tuple(keep),
+    return Fit(problem, state, reduced, prior, column_scale(problem), tuple(keep),
                count, converged, prior_scale=scale, reasons=tuple(reasons))
 
 
@@ -328,7 +351,7 @@ def posterior(fit: Fit) -> Array:
     """
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(fit.prior * fit.scale)])
     _, s, vt = np.linalg.svd(matrix, full_matrices=False)
-    use = s > RANK_TOLERANCE * max(float(s[0]), 1e-300)
+    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
     v = vt[use].T / s[use]
     out = (v @ v.T) * np.outer(fit.scale, fit.scale)
     free = np.sqrt(np.sum(vt[~use] ** 2, axis=0)) > 1e-6
@@ -343,7 +366,7 @@ def prediction_covariance(fit: Fit) -> Array:
     """
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(fit.prior * fit.scale)])
     _, s, vt = np.linalg.svd(matrix, full_matrices=False)
-    use = s > RANK_TOLERANCE * max(float(s[0]), 1e-300)
+    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
     v = vt[use].T / s[use]
     return np.asarray((v @ v.T) * np.outer(fit.scale, fit.scale), dtype=float)
 
@@ -467,7 +490,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
         if solve_step(problem, state, reduced, none, 0.0)[1] < max(0.01, 1e-9 * reduced.square):
             converged = True
             break
-    return Fit(problem, state, reduced, none, column_scale(problem, reduced), tuple(keep),
+    return Fit(problem, state, reduced, none, column_scale(problem), tuple(keep),
                iteration, converged, reasons=tuple(reasons))
 
 

@@ -113,6 +113,17 @@ class Problem:
         """Components of a target rotation."""
         return (2,) if self.mechanism.motion == "planar" else (0, 1, 2)
 
+    def open_scale(self) -> Array:
+        """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad."""
+        mechanism = self.mechanism
+        units = {"x": mechanism.reach, "y": mechanism.reach, "z": mechanism.reach}
+        ranges = [np.nanmax(np.ptp(d.q, axis=0)) for d in self.datasets]
+        joint = float(np.nanmax(ranges)) or 1.0
+        return 1e-3 * np.array([
+            joint if name.startswith("homing.") else units.get(name.split(" of ")[0][-1:], 1.0)
+            if not name.split(" of ")[0].split(".")[-1].startswith("r") else 1.0
+            for name in self.columns[len(self.free):]])
+
     def start(self) -> State:
         """Return the starting state: present values, poses from home, aligned frames."""
         model = Model(self.mechanism)
@@ -267,14 +278,14 @@ def turned_about(frame: Array, step: Array, about: Array) -> Array:
 
 
 def _poses(model: Model, q: Array, warm: Array) -> Array:
-    """Solve poses from warm ones; rows that fail are led from home again."""
+    """Solve poses from warm ones; rows that fail are led from home. Unknown ones stay nan."""
     pose = np.full_like(warm, np.nan)
     known = np.isfinite(warm).all(axis=1) & np.isfinite(q).all(axis=1)
     rows = np.flatnonzero(known)
     if rows.size:
         solved, converged, _ = newton(model.closure(q[rows]), warm[rows])
         pose[rows[converged]] = solved[converged]
-    lost = np.flatnonzero(~np.isfinite(pose).all(axis=1) & np.isfinite(q).all(axis=1))
+    lost = np.flatnonzero(known & ~np.isfinite(pose).all(axis=1))
     if lost.size:
         pose[lost] = forward(model, q[lost]).pose
     return pose

@@ -10,10 +10,10 @@ from ppmcal.files.schema import (
     Flag,
     Label,
     Number,
+    Path,
     Spread,
     Strict,
     UnitsFile,
-    Word,
     choice,
     refuse,
     show,
@@ -57,7 +57,7 @@ class SlotFile(Strict):
     fixed: Flag | None = None
     nominal: Number | None = None
     sigma: Spread | None = None
-    share: Word | None = None
+    share: Path | None = None
 
 
 def _three_spreads(value: object) -> list[float]:
@@ -87,7 +87,7 @@ class DirectionFile(Strict):
     sigma: Annotated[list[float], BeforeValidator(_three_spreads)] | None = None
     tolerance: Annotated[list[float], BeforeValidator(_three_spreads)] | None = None
     fixed: Flag | None = None
-    share: Word | None = None
+    share: Path | None = None
 
 
 class TolerancesFile(Strict):

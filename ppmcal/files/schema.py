@@ -82,6 +82,14 @@ def _word(value: object) -> str:
     return name
 
 
+def _path(value: object) -> str:
+    name = _label(value)
+    if not all(c.isalnum() or c in "_-." for c in name):
+        raise refuse(f"the name {show(name)} has other characters than letters, digits, _, - "
+                     "and .", "Rename it: shared names become parameter names")
+    return name
+
+
 def _flag(value: object) -> bool:
     if not isinstance(value, bool):
         raise refuse(f"{show(value)} is neither true nor false", "Write true or false")
@@ -94,6 +102,7 @@ Positive = Annotated[float, BeforeValidator(_positive)]
 Count = Annotated[int, BeforeValidator(_count)]
 Label = Annotated[str, BeforeValidator(_label)]
 Word = Annotated[str, BeforeValidator(_word)]
+Path = Annotated[str, BeforeValidator(_path)]
 Flag = Annotated[bool, BeforeValidator(_flag)]
 
 

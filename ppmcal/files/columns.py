@@ -1,0 +1,151 @@
+"""The columns of a measurement file: which there are, foreign headers, what each is in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files.pose_text import COORDINATES, NORM_TOLERANCE, QUATERNION, rotation_vectors
+from ppmcal.files.table import Table
+from ppmcal.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+CONDITIONS = ("temperature", "payload", "time", *WRENCH)
+ZERO_CELSIUS = 273.15
+_HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
+_CAPTURE = {**{f"position_{a}": a for a in "xyz"},
+            **{f"orientation_{a}": f"quat_{a}" for a in "xyzw"}}
+
+
+def joint_factors(mechanism: Mechanism, length: float, angle: float) -> Array:
+    """Return the SI value of one file unit of each joint variable (k,); 1 with a ratio."""
+    unit = {"length": length, "angle": angle}
+    return np.array([1.0 if ratio else unit[q] for q, ratio in zip(
+        mechanism.actuator_quantity, mechanism.actuator_has_ratio, strict=True)])
+
+
+def known_columns(mechanism: Mechanism) -> list[str]:
+    """Return every column name that a measurement file of this machine may have."""
+    actuators = mechanism.actuators
+    out = ["pose", "session", *(f"q_{a}" for a in actuators), *COORDINATES, *QUATERNION,
+           "height", "distance", *CONDITIONS, *(f"to_q_{a}" for a in actuators),
+           *(f"dir_{a}" for a in (*actuators, "x", "y", "z")),
+           *(f"vel_{a}" for a in actuators), *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
+           *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", "height", "distance"))]
+    return list(dict.fromkeys(out))
+
+
+def check_columns(table: Table, mechanism: Mechanism) -> None:
+    """Refuse a column that nobody knows, with the nearest match."""
+    known = known_columns(mechanism)
+    for name in table.header:
+        if name not in known and not name.startswith("temperature_"):
+            mend = unknown("column", name, known).mend
+            near = mend.partition("Did you mean")[2]
+            hint = f" Did you mean{near}" if near else ""
+            raise BadInput(f"unknown column '{name}'", f"{table.source}: header",
+                           f"Rename or remove it; the actuators are "
+                           f"{', '.join(mechanism.actuators)}.{hint}")
+
+
+def translate_foreign(table: Table, mechanism: Mechanism) -> tuple[Table, list[str]]:
+    """Return the table under our own column names, where its header is a known foreign one.
+
+    ``x1,y1,z1,phix1,phiy1,phiz1`` with joint names ([LIN]'s hexapods), and
+    ``leg_length_1.., position_x.., orientation_x..w`` (motion capture of a Stewart platform);
+    ``leg_length_i`` belongs to the i-th actuator.
+    """
+    header, names = set(table.header), dict[str, str]()
+    actuators, findings = mechanism.actuators, list[str]()
+    if set(_HEXAPOD) <= header:
+        names = dict(_HEXAPOD)
+        own = set(known_columns(mechanism))
+        joints = [c for c in table.header if c not in names and (c in actuators or c not in own)]
+        if not set(actuators) <= set(joints) and len(joints) == len(actuators):
+            findings.append(f"{table.source}: header: the joint columns {', '.join(joints)} are "
+                            f"taken in order for the actuators {', '.join(actuators)}.")
+            names.update({c: f"q_{a}" for c, a in zip(joints, actuators, strict=True)})
+        else:
+            names.update({c: f"q_{c}" for c in joints if c in actuators})
+    elif "leg_length_1" in header:
+        names = {c: own for c, own in _CAPTURE.items() if c in header}
+        count = sum(c.startswith("leg_length_") for c in header)
+        if count != len(actuators):
+            raise BadInput(f"there are {count} leg_length columns, but the mechanism has "
+                           f"{len(actuators)} actuators", f"{table.source}: header",
+                           "Give one column for each actuator, leg_length_1 first")
+        names.update({f"leg_length_{i + 1}": f"q_{a}" for i, a in enumerate(actuators)})
+    if not names:
+        return table, findings
+    renamed = tuple(names.get(c, c) for c in table.header)
+    for i, name in enumerate(renamed):
+        if name in renamed[:i]:
+            raise BadInput(f"the columns '{table.header[renamed.index(name)]}' and "
+                           f"'{table.header[i]}' both mean {name}", f"{table.source}: header",
+                           "Remove one of them")
+    return replace(table, header=renamed,
+                   numbers={names.get(c, c): v for c, v in table.numbers.items()},
+                   text={names.get(c, c): v for c, v in table.text.items()}), findings
+
+
+def column(table: Table, name: str) -> Array | None:
+    """Return a numeric column (N,), None where the file has none; inf is refused."""
+    values = table.numbers.get(name)
+    if values is not None and np.any(np.isinf(values)):
+        raise BadInput("an infinite value cannot have been measured",
+                       table.at(name, int(np.argmax(np.isinf(values)))),
+                       "Write a number, or leave the cell empty")
+    return values
+
+
+def stacked(table: Table, names: Sequence[str]) -> Array:
+    """Return columns side by side (N, len(names)), nan where the file has none."""
+    out = np.full((len(table), len(names)), np.nan)
+    for i, name in enumerate(names):
+        values = column(table, name)
+        if values is not None:
+            out[:, i] = values
+    return out
+
+
+def rotations(table: Table, angle: float, prefix: str = "") -> tuple[Array, bool]:
+    """Return rotation vectors (N, 3), rad, nan where not given; and whether any column is.
+
+    Quaternions must have length 1 within 1e-3 and are normalised.
+
+    Raises:
+        BadInput: rotation given twice, an incomplete quaternion, or rows off the norm.
+    """
+    vector = [f"{prefix}{c}" for c in COORDINATES[3:] if f"{prefix}{c}" in table.header]
+    quaternion = [f"{prefix}{c}" for c in QUATERNION if f"{prefix}{c}" in table.header]
+    if vector and quaternion:
+        raise BadInput(f"the rotation is given twice, as {vector[0]} and as {quaternion[0]}",
+                       f"{table.source}: header", "Remove one of the two")
+    if not quaternion:
+        return stacked(table, [f"{prefix}{c}" for c in COORDINATES[3:]]) * angle, bool(vector)
+    if len(quaternion) < 4:
+        raise BadInput(f"the quaternion has only {', '.join(quaternion)}",
+                       f"{table.source}: header", "Give the four columns "
+                       f"{', '.join(prefix + c for c in QUATERNION)}")
+    q = stacked(table, quaternion)
+    norm = np.sqrt(np.sum(q * q, axis=1))
+    bad = np.flatnonzero(np.abs(norm - 1.0) > NORM_TOLERANCE)
+    if bad.size:
+        raise BadInput(f"the quaternion does not have length 1 in {row_list(bad)} "
+                       f"(row {bad[0] + 1}: {norm[bad[0]]:.6g})",
+                       table.at(quaternion[0], int(bad[0])),
+                       "Check the order x, y, z, w and the digits")
+    return rotation_vectors(q / norm[:, None]), True
+
+
+def row_list(indices: Array | NDArray[np.int64], most: int = 5) -> str:
+    """Return ``rows 3, 7, 9 (+12 more)`` for row indices counted from 0."""
+    shown = ", ".join(str(int(i) + 1) for i in indices[:most])
+    more = f" (+{len(indices) - most} more)" if len(indices) > most else ""
+    return f"row{'s' if len(indices) > 1 else ''} {shown}{more}"

@@ -1,0 +1,270 @@
+"""Reading measurement files: CSV and sidecar to :class:`ppmcal.dataset.Dataset`, SI."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.dataset import Dataset, Unknown
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files import columns as cols
+from ppmcal.files.columns import Array, column, row_list, stacked
+from ppmcal.files.measured import Measured, measured
+from ppmcal.files.pose_text import COORDINATES, factors
+from ppmcal.files.sidecar import (
+    SidecarFile,
+    actuator_noise,
+    frame_of,
+    point_of,
+    read_sidecar,
+    rotation_of,
+)
+from ppmcal.files.table import Table, read_table
+from ppmcal.mechanism import Mechanism
+from ppmcal.units import Units
+
+
+def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
+    """Return the measurements of one CSV with its sidecar, everything in SI.
+
+    Args:
+        path: the ``.csv`` (or its sidecar); the sidecar has the same stem.
+        mechanism: the machine, for actuator names, their units, and the motion.
+
+    Rows that hold no joint values or nothing measured cannot be used; they are left out,
+    named in ``findings``, and listed in ``extra["dropped"]`` as (row, reason). With
+    instrument ``distance``, ``extra["point"]`` is the fixed point as ``Unknown``, or None
+    where distances are between two platform positions. Temperatures are in K.
+
+    Raises:
+        BadInput: anything wrong in either file, with file, place and mend.
+    """
+    csv_path = Path(path)
+    if csv_path.suffix in (".yaml", ".yml"):
+        csv_path = csv_path.with_suffix(".csv")
+    source = str(csv_path)
+    table = read_table(csv_path, text=("pose", "session"))
+    file, side = read_sidecar(csv_path)
+    table, findings = cols.translate_foreign(table, mechanism)
+    cols.check_columns(table, mechanism)
+    units = file.units.units()
+    joint = cols.joint_factors(mechanism, units.factor("length"), units.factor("angle"))
+    q, commanded = _joints(table, mechanism, units, joint)
+    seen = measured(table, mechanism, file, side)
+    sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)
+    extra_columns = _further(table, mechanism, joint)
+    approach, more = _approach(file, table)
+    to_q = _second_joints(table, mechanism, joint, file.instrument.kind)
+    data = Dataset(
+        name=file.name or csv_path.stem, source=source, kind=file.instrument.kind,
+        rows=np.arange(1, len(table) + 1, dtype=np.int64), q=q, commanded=commanded,
+        position=seen.position, rotation=seen.rotation, value=seen.value, to_q=to_q,
+        sigma_position=seen.sigma_position, sigma_rotation=seen.sigma_rotation,
+        sigma_value=seen.sigma_value, sigma_actuator=sigma_actuator, groups=_groups(table),
+        columns=extra_columns, sessions=_sessions(table),
+        frame=frame_of(file.frame, mechanism.motion, units, side),
+        target=point_of(file.target, mechanism.motion, units, side),
+        target_rotation=rotation_of(file.target_rotation, units, side), homing=file.homing,
+        approach=approach, findings=tuple(findings + list(seen.findings) + more),
+        extra=_fixed_point(file, to_q, mechanism, units, side))
+    return _usable(data, seen)
+
+
+def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism
+                  ) -> tuple[Dataset, ...]:
+    """Return the data sets of one campaign, with unique names and ``same_as`` resolved.
+
+    A frame that is the same as one that is given is given too; a chain of ``same_as`` ends
+    at the data set whose frame is fitted.
+
+    Raises:
+        BadInput: as :func:`read_dataset`; two data sets of one name, or a name in
+            ``same_as`` that is not among them.
+    """
+    data = [read_dataset(p, mechanism) for p in paths]
+    by_name: dict[str, Dataset] = {}
+    for d in data:
+        if d.name in by_name:
+            raise BadInput(f"two data sets are called '{d.name}' (the other is "
+                           f"{by_name[d.name].source})", d.source,
+                           "Give each sidecar its own `name`, and each file only once")
+        by_name[d.name] = d
+    return tuple(replace(d, frame=_resolve(d, by_name)) for d in data)
+
+
+def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
+    frame, seen = data.frame, [data.name]
+    while frame.same_as is not None:
+        place = f"{Path(data.source).with_suffix('.yaml')}: frame.same_as"
+        if frame.same_as not in by_name:
+            error = unknown("data set", frame.same_as, by_name, place)
+            raise BadInput(error.what, place, f"{error.mend} Give the other file on the command "
+                                              "line too")
+        if frame.same_as in seen:
+            raise BadInput(f"the data sets refer to each other in a circle "
+                           f"({' -> '.join([*seen, frame.same_as])})", place,
+                           "Write `frame: unknown` in one of them")
+        seen.append(frame.same_as)
+        frame = by_name[frame.same_as].frame
+    if len(seen) == 1 or not frame.fitted:
+        return frame
+    return Unknown(True, frame.value, seen[-1])
+
+
+def _joints(table: Table, mechanism: Mechanism, units: Units, joint: Array
+            ) -> tuple[Array, Array | None]:
+    """Return q (N, k) and commanded poses (N, 6) or None; refuse a file without either."""
+    names = [f"q_{a}" for a in mechanism.actuators]
+    have = [n for n in names if n in table.header]
+    commands = [c for c in table.header if c.startswith("cmd_")]
+    if not commands and len(have) < len(names):
+        missing = [n for n in names if n not in have]
+        raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
+                       "Give the joint values of all actuators, or commanded poses (cmd_x, ...)")
+    for name in have:
+        _not_empty(table, name)
+    q = stacked(table, names) * joint
+    if not commands:
+        return q, None
+    if have and len(have) < len(names):
+        raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
+                       f"{table.source}: header", "Give all joint columns, or only cmd_ columns")
+    commanded = stacked(table, [f"cmd_{c}" for c in COORDINATES]) * factors(units)
+    commanded[:, 3:] = cols.rotations(table, units.factor("angle"), "cmd_")[0]
+    given = [mechanism.coordinates[i] for i, d in enumerate(mechanism.dof)
+             if np.isfinite(commanded[:, d]).any()]
+    if len(given) < len(mechanism.actuators):
+        lacking = [f"cmd_{c}" for c in mechanism.coordinates if c not in given]
+        raise BadInput(f"the commanded pose lacks {', '.join(lacking)}", f"{table.source}: header",
+                       f"A pose of this machine needs {len(mechanism.actuators)} of "
+                       f"{', '.join('cmd_' + c for c in mechanism.coordinates)}")
+    return q, commanded
+
+
+def _not_empty(table: Table, name: str) -> None:
+    values = column(table, name)
+    if values is not None and not np.isfinite(values).any():
+        raise BadInput("all values of the column are missing", table.at(name),
+                       "Fill it in, or remove the column")
+
+
+def _second_joints(table: Table, mechanism: Mechanism, joint: Array, kind: str) -> Array | None:
+    names = [f"to_q_{a}" for a in mechanism.actuators]
+    have = [n for n in names if n in table.header]
+    if not have or kind != "distance":
+        return None
+    if len(have) < len(names):
+        raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
+                       f"{table.source}: header",
+                       "Give the second position's joint values of all actuators")
+    for name in have:
+        _not_empty(table, name)
+    return stacked(table, names) * joint
+
+
+def _fixed_point(file: SidecarFile, to_q: Array | None, mechanism: Mechanism, units: Units,
+                 side: str) -> dict[str, object]:
+    """Return ``{"point": Unknown}`` for distances from a fixed point."""
+    if file.instrument.kind != "distance":
+        return {}
+    if to_q is not None:
+        return {"point": None}
+    if file.instrument.point is None:
+        raise BadInput("distances need the point they are measured from",
+                       f"{side}: instrument.point",
+                       "Write `point: [x, y, z]` or `point: unknown` under `instrument`, or give "
+                       "to_q_ columns for distances between two platform positions")
+    return {"point": point_of(file.instrument.point, mechanism.motion, units, side,
+                              "instrument.point")}
+
+
+def _further(table: Table, mechanism: Mechanism, joint: Array) -> dict[str, Array]:
+    """Return the columns of conditions in SI: directions, velocities, temperature (K) ..."""
+    factor = {f"vel_{a}": joint[i] for i, a in enumerate(mechanism.actuators)}
+    directions = {f"dir_{a}" for a in (*mechanism.actuators, "x", "y", "z")}
+    out: dict[str, Array] = {}
+    for name in table.header:
+        warm = name == "temperature" or name.startswith("temperature_")
+        if not (warm or name in directions or name in factor or name in cols.CONDITIONS):
+            continue
+        values = column(table, name)
+        if values is None:
+            continue
+        if name in directions:
+            bad = np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))
+            if bad.size:
+                raise BadInput(f"{values[bad[0]]:g} is not a direction of approach",
+                               table.at(name, int(bad[0])), "Write 1, -1, or leave it empty")
+        if name == "payload" and np.any(values < 0.0):
+            raise BadInput("a payload cannot be negative",
+                           table.at(name, int(np.argmax(values < 0.0))), "Write kg, 0 or more")
+        out[name] = values + cols.ZERO_CELSIUS if warm else values * factor.get(name, 1.0)
+    return out
+
+
+def _approach(file: SidecarFile, table: Table) -> tuple[str, list[str]]:
+    have = any(name.startswith("dir_") for name in table.header)
+    if file.approach is None:
+        return "columns" if have else "unknown", []
+    if file.approach == "columns" and not have:
+        return "unknown", [f"{table.source}: the sidecar says `approach: columns`, but there are "
+                           "no dir_ columns; the direction of approach is taken as unknown."]
+    return file.approach, []
+
+
+def _groups(table: Table) -> NDArray[np.int64]:
+    """Return a label per commanded pose (N,), numbered in order of appearance."""
+    n = len(table)
+    if "pose" not in table.header:
+        return np.arange(n, dtype=np.int64)
+    labels: list[object]
+    if "pose" in table.text:
+        labels = [c or i for i, c in enumerate(table.text["pose"])]
+        number: dict[object, int] = {}
+        return np.array([number.setdefault(c, len(number)) for c in labels], dtype=np.int64)
+    values = table.numbers["pose"]
+    alone = np.isnan(values)
+    _, first, inverse = np.unique(values[~alone], return_index=True, return_inverse=True)
+    where = np.flatnonzero(~alone)
+    start = np.arange(n, dtype=np.int64)
+    start[~alone] = where[first][inverse]
+    return np.asarray(np.unique(start, return_inverse=True)[1], dtype=np.int64)
+
+
+def _sessions(table: Table) -> tuple[str, ...] | None:
+    if "session" in table.text:
+        return table.text["session"]
+    if "session" not in table.numbers:
+        return None
+    values, inverse = np.unique(table.numbers["session"], return_inverse=True)
+    words = ["" if np.isnan(v) else f"{v:.17g}" for v in values]
+    return tuple(words[i] for i in inverse)
+
+
+def _usable(data: Dataset, seen: Measured) -> Dataset:
+    """Leave out rows that hold no joint values or nothing measured, and say so."""
+    joints = np.isfinite(data.q).all(axis=1)
+    if data.commanded is not None:
+        joints |= np.isfinite(data.commanded).any(axis=1)
+    if data.to_q is not None:
+        joints &= np.isfinite(data.to_q).all(axis=1)
+    findings, dropped = list(data.findings), list[tuple[int, str]]()
+    for bad, reason in ((~joints, "a joint value is missing"),
+                        (joints & ~seen.any_measured, "nothing was measured")):
+        rows = np.flatnonzero(bad)
+        if rows.size:
+            findings.append(f"{data.source}: {row_list(rows)}: {reason}; left out.")
+            dropped += [(int(i) + 1, reason) for i in rows]
+    if not dropped:
+        return data
+    keep = joints & seen.any_measured
+    if not keep.any():
+        raise BadInput("no row has both joint values and a measurement", data.source,
+                       "Fill in the empty cells")
+    return replace(data.take(keep), findings=tuple(findings),
+                   extra={**data.extra, "dropped": tuple(sorted(dropped))})

@@ -1,0 +1,316 @@
+"""One limb of a mechanism file, checked against the slots of its kind.
+
+The result is a draft: entries in SI, one per slot, not yet tied into parameters, because a
+shared one may have its value in another limb.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files.directions import square, to_nominal, unit
+from ppmcal.files.mechanism_schema import DirectionFile, SlotFile
+from ppmcal.files.schema import check, show
+from ppmcal.files.slot_forms import TURNS, groups, point_parts, word
+from ppmcal.limbs import LimbKind, find_kind
+from ppmcal.limbs.chain import SlotSpec
+from ppmcal.units import Units
+
+Array = NDArray[np.float64]
+RODS = ("length", "proximal", "distal")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the file says about one slot; SI, None where it says nothing.
+
+    ``default`` is the value without one; ``standing`` whether the entry is fixed at its
+    default because the file does not mention it (``lateral``).
+    """
+
+    path: str
+    place: str
+    quantity: str
+    tolerance_class: str
+    default: float | None = None
+    value: float | None = None
+    nominal: float | None = None
+    tolerance: float | None = None
+    sigma: float | None = None
+    fixed: bool | None = None
+    share: str | None = None
+    standing: bool = False
+
+
+@dataclass
+class Draft:
+    """One limb as read: entries in parameter order, and how slots follow from them.
+
+    ``direct``: slot names that take an entry's value; ``polar``: (slot x, slot y, path of
+    the radius, path of the angle). ``numbers``: lengths and angles as printed in the file.
+    """
+
+    name: str
+    kind: LimbKind
+    actuator: str
+    entries: list[Entry] = field(default_factory=list)
+    direct: list[str] = field(default_factory=list)
+    polar: list[tuple[str, str, str, str]] = field(default_factory=list)
+    constants: dict[str, Array] = field(default_factory=dict)
+    shared_directions: dict[str, str] = field(default_factory=dict)
+    branch: int | None = None
+    numbers: list[tuple[str, float]] = field(default_factory=list)
+
+    @property
+    def has_ratio(self) -> bool:
+        """Whether the file gives the limb a drive ratio."""
+        return "ratio" in self.direct
+
+
+def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:
+    """Return the kind of a limb; a leading ``3-`` or ``6-`` is not part of it."""
+    text = raw.get("kind")
+    if text is None:
+        raise BadInput("the key 'kind' is missing", place, "Add a line such as `kind: R(P)R`")
+    if not isinstance(text, str):
+        raise BadInput(f"{show(text)} is not a limb kind", f"{place}.kind",
+                       "Write a kind such as R(P)R")
+    kind = find_kind(re.sub(r"^[36]-", "", text.strip()), f"{place}.kind")
+    if kind.planar != (motion == "planar"):
+        here, there = ("planar", "planar") if kind.planar else ("spatial", "spatial or translational")
+        raise BadInput(f"{kind.name} is a {here} kind, but the motion is {motion}",
+                       f"{place}.kind", f"Write `motion: {there}`, or choose another kind")
+    return kind
+
+
+class LimbReader:
+    """Reads the slots of one limb; ``source`` and ``units`` are the file's."""
+
+    def __init__(self, raw: Mapping[Any, Any], name: str, kind: LimbKind, units: Units,
+                 source: str, patterns: Sequence[str]) -> None:
+        """Prepare; :meth:`read` does the work."""
+        self.raw, self.kind, self.units, self.source = raw, kind, units, source
+        self.patterns = patterns
+        self.place = f"limbs.{name}"
+        self.draft = Draft(name, kind, name)
+
+    def read(self) -> Draft:
+        """Return the draft.
+
+        Raises:
+            BadInput: an unknown, missing or ill-formed slot.
+        """
+        given = self._flatten()
+        self.draft.actuator = self._actuator()
+        self._branch()
+        for group, specs in groups(self.kind):
+            raw = given.get(group)
+            if group in self.kind.directions:
+                self._direction(group, specs, given)
+            elif len(specs) > 1 and group.startswith("joint"):
+                self._joint(group, specs, raw)
+            elif len(specs) > 1:
+                self._point(group, specs, raw)
+            else:
+                self._scalar(specs[0], raw)
+        return self.draft
+
+    def at(self, path: str) -> str:
+        """Return ``file: limbs.leg1.path``."""
+        return f"{self.source}: {self.place}" + (f".{path}" if path else "")
+
+    def _flatten(self) -> dict[str, Any]:
+        """Return group path -> raw value; refuse keys that the kind does not have."""
+        wanted = [g for g, _ in groups(self.kind)] + list(self.kind.directions[1:])
+        tree: dict[str, list[str]] = {}
+        for path in wanted:
+            head, _, tail = path.partition(".")
+            tree.setdefault(head, []).extend([tail] if tail else [])
+        settings = ["name", "kind", "actuator", *([self.kind.branch] if self.kind.branch else [])]
+        out: dict[str, Any] = {}
+        for key, value in self.raw.items():
+            if key in settings:
+                continue
+            if key not in tree:
+                error = unknown("key", key, [*settings, *tree])
+                raise BadInput(f"{error.what} for the kind {self.kind.name}", self.at(""),
+                               error.mend)
+            if not tree[key]:
+                out[key] = value
+                continue
+            if not isinstance(value, dict):
+                raise BadInput(f"{show(value)} is not a mapping", self.at(key),
+                               f"Write keys with values here: {', '.join(tree[key])}")
+            for tail, slot in value.items():
+                if tail not in tree[key]:
+                    raise unknown("key", tail, tree[key], self.at(key))
+                out[f"{key}.{tail}"] = slot
+        return out
+
+    def _actuator(self) -> str:
+        if "actuator" not in self.raw:
+            return self.draft.name
+        return word(self.raw["actuator"], self.at("actuator"))
+
+    def _branch(self) -> None:
+        name = self.kind.branch
+        if name is None or self.raw.get(name) is None:
+            return
+        value = self.raw[name]
+        if isinstance(value, bool) or value not in (1, -1):
+            raise BadInput(f"{show(value)} is not a branch", self.at(name), "Write 1 or -1")
+        self.draft.branch = int(value)
+
+    def _slot(self, raw: Any, path: str) -> SlotFile:
+        """Return a slot as the file has it: a number, or a mapping."""
+        if isinstance(raw, dict):
+            return check(SlotFile, raw, self.source, prefix=f"{self.place}.{path}")
+        return check(SlotFile, {"value": raw}, self.source, lambda _: "", f"{self.place}.{path}")
+
+    def _add(self, spec: SlotSpec, path: str, slot: SlotFile, joint: bool = False) -> None:
+        """Turn a slot to SI and append it."""
+        factor = self.units.factor(spec.quantity)
+        si = {k: None if v is None else v * factor
+              for k, v in (("value", slot.value), ("nominal", slot.nominal),
+                           ("tolerance", slot.tolerance), ("sigma", slot.sigma))}
+        default = spec.default if slot.share is None or joint else None
+        self.draft.entries.append(Entry(
+            f"{self.draft.name}.{path}", self.at(path), spec.quantity, spec.tolerance_class,
+            default=default, fixed=slot.fixed, share=slot.share, **si))
+        if spec.tolerance_class != "ratio":
+            self.draft.numbers += [(spec.quantity, v) for v in (slot.value, slot.nominal)
+                                   if v is not None]
+
+    def _scalar(self, spec: SlotSpec, raw: Any) -> None:
+        if raw is None:
+            if spec.tolerance_class == "ratio":
+                return
+            if spec.default is None:
+                raise BadInput(f"the slot '{spec.name}' is missing", self.at(""),
+                               f"The kind {self.kind.name} closes when {self.kind.closes_when}; "
+                               f"add a line such as `{spec.name.rpartition('.')[2]}: 120`")
+            standing = spec.tolerance_class != "offset"
+            self.draft.entries.append(Entry(
+                f"{self.draft.name}.{spec.name}", self.at(spec.name), spec.quantity,
+                spec.tolerance_class, default=spec.default, standing=standing))
+        else:
+            slot = self._slot(raw, spec.name)
+            if spec.name in RODS and slot.value is not None and slot.value <= 0.0:
+                raise BadInput(f"a rod of length {slot.value:g} is not possible",
+                               self.at(spec.name), "Write a length greater than 0")
+            if spec.name == "ratio" and slot.value == 0.0:
+                raise BadInput("a ratio of 0 moves nothing", self.at(spec.name),
+                               "Write the travel per unit of the joint variable")
+            self._add(spec, spec.name, slot)
+        self.draft.direct.append(spec.name)
+
+    def _joint(self, group: str, specs: Sequence[SlotSpec], raw: Any) -> None:
+        """Frame components exist where the file gives them or ``free`` may name them."""
+        names = {s.name.rpartition(".")[2]: s for s in specs}
+        if raw is not None and not isinstance(raw, dict):
+            raise BadInput(f"{show(raw)} is not a mapping", self.at(group),
+                           f"Write keys with values here: {', '.join(names)}")
+        for key in raw or {}:
+            if key not in names:
+                raise unknown("joint frame component", key, names, self.at(group))
+        for key, spec in names.items():
+            given = raw is not None and key in raw
+            path = f"{self.draft.name}.{spec.name}"
+            if given or any(fnmatchcase(path, p) for p in self.patterns):
+                slot = self._slot(raw[key], spec.name) if given else SlotFile()
+                nominal = slot.nominal
+                if nominal is None and slot.share is None:
+                    slot = slot.model_copy(update={"nominal": 0.0})
+                self._add(spec, spec.name, slot, joint=True)
+                self.draft.direct.append(spec.name)
+
+    def _point(self, group: str, specs: Sequence[SlotSpec], raw: Any) -> None:
+        """A point: ``[x, y]``, ``{x, y}``, ``{radius, angle, z}`` or ``{value: [x, y]}``."""
+        by_axis = {s.name.rpartition(".")[2]: s for s in specs}
+        parts = point_parts(raw, list(by_axis), self.at(group))
+        radius, angle = f"{group}.radius", f"{group}.angle"
+        for axis, slot in parts.items():
+            if axis == "radius":
+                self._add(SlotSpec(radius, "length", "point"), radius, self._slot(slot, radius))
+            elif axis == "angle":
+                self._add(SlotSpec(angle, "angle", "angle"), angle, self._slot(slot, angle))
+            else:
+                spec = by_axis[axis]
+                self._add(spec, spec.name, self._slot(slot, spec.name))
+                self.draft.direct.append(spec.name)
+        if "radius" in parts:
+            own = self.draft.name
+            self.draft.polar.append((f"{group}.x", f"{group}.y", f"{own}.{radius}",
+                                     f"{own}.{angle}"))
+
+    def _direction(self, group: str, specs: Sequence[SlotSpec], given: Mapping[str, Any]) -> None:
+        """A direction, with ``base.zero`` that turns with it where the kind has one."""
+        zero_name = next((d for d in self.kind.directions if d != group), None)
+        axis = self._direction_file(group, given.get(group))
+        zero = self._direction_file(zero_name, given.get(zero_name)) if zero_name else None
+        if axis.value is None and axis.share is not None:
+            self._take_turns(group, specs, axis, np.zeros(3))
+            if zero_name and zero is not None and zero.value is not None:
+                self.draft.constants[zero_name] = unit(zero.value, self.at(zero_name))
+            return
+        now, nominal = self._pair(group, axis, zero_name, zero)
+        self.draft.constants[group] = now[0]
+        if zero_name and now[1] is not None:
+            self.draft.constants[zero_name] = now[1]
+        self._take_turns(group, specs, axis, to_nominal(now, nominal))
+
+    def _direction_file(self, name: str, raw: Any) -> DirectionFile:
+        if raw is None:
+            raise BadInput(f"the direction '{name}' is missing", self.at(""),
+                           f"Add `{name.rpartition('.')[2]}: [0, 0, 1]` under `base`")
+        where = f"{self.place}.{name}"
+        if isinstance(raw, dict):
+            out = check(DirectionFile, raw, self.source, prefix=where)
+        else:
+            out = check(DirectionFile, {"value": raw}, self.source, lambda _: "", where)
+        if out.value is None and (out.share is None or name == "base.zero"):
+            raise BadInput("the direction has no value", f"{self.source}: {where}",
+                           "Add `value: [0, 0, 1]`")
+        extra = sorted(set(out.model_fields_set) - {"value", "nominal"})
+        if name == "base.zero" and extra:
+            raise BadInput(f"base.zero turns with base.axis and has no '{extra[0]}' of its own",
+                           f"{self.source}: {where}", "Move it to base.axis")
+        return out
+
+    def _pair(self, group: str, axis: DirectionFile, zero_name: str | None,
+              zero: DirectionFile | None) -> tuple[tuple[Array, Array | None],
+                                                   tuple[Array, Array | None]]:
+        """Return (axis, zero) now and nominal, normalised and square."""
+        a = unit(axis.value or [0.0, 0.0, 0.0], self.at(group))
+        a0 = a if axis.nominal is None else unit(axis.nominal, self.at(f"{group}.nominal"))
+        if zero_name is None or zero is None or zero.value is None:
+            return (a, None), (a0, None)
+        place = self.at(zero_name)
+        z = square(unit(zero.value, place), a, place)
+        if zero.nominal is None:
+            return (a, z if axis.nominal is None else None), (a0, None)
+        return (a, z), (a0, square(unit(zero.nominal, place), a0, f"{place}.nominal"))
+
+    def _take_turns(self, group: str, specs: Sequence[SlotSpec], axis: DirectionFile,
+                    nominal: Array) -> None:
+        factor = self.units.factor("angle")
+        pick: Callable[[list[float] | None, int], float | None] = (
+            lambda values, i: None if values is None else values[i] * factor)
+        shared = axis.share is not None and axis.value is None
+        for i, spec in enumerate(specs):
+            self.draft.entries.append(Entry(
+                f"{self.draft.name}.{spec.name}", self.at(group), "angle", "angle", default=0.0,
+                value=pick(axis.rotation, i), nominal=None if shared else float(nominal[i]),
+                tolerance=pick(axis.tolerance, i), sigma=pick(axis.sigma, i), fixed=axis.fixed,
+                share=None if axis.share is None else f"{axis.share}.{TURNS[i]}"))
+            self.draft.direct.append(spec.name)
+        if axis.share is not None:
+            self.draft.shared_directions[group] = axis.share

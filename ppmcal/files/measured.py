@@ -1,0 +1,155 @@
+"""What the instrument measured: position, rotation, height or distance, with its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.errors import BadInput
+from ppmcal.files.columns import Array, column, rotations, row_list, stacked
+from ppmcal.files.pose_text import COORDINATES, QUATERNION
+from ppmcal.files.sidecar import SidecarFile, sigma_needs
+from ppmcal.files.table import Table
+from ppmcal.mechanism import Mechanism
+from ppmcal.units import Units
+
+
+@dataclass(frozen=True)
+class Measured:
+    """SI; position and rotation (N, 3), value (N,), and their standard deviations.
+
+    ``any_measured`` (N,): whether the row holds any measurement at all.
+    """
+
+    position: Array
+    rotation: Array
+    value: Array
+    sigma_position: Array
+    sigma_rotation: Array
+    sigma_value: Array
+    any_measured: NDArray[np.bool_]
+    findings: tuple[str, ...]
+
+
+def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -> Measured:
+    """Return the measured columns that the sidecar's instrument needs.
+
+    Raises:
+        BadInput: a needed column is missing or wholly empty, or a sigma is not positive.
+    """
+    units, kind, n = file.units.units(), file.instrument.kind, len(table)
+    if kind in ("plane", "distance"):
+        return _scalar(table, file, side, "height" if kind == "plane" else "distance", units)
+    position, rotation, findings = _pose(table, mechanism, kind, units)
+    turning = bool(np.isfinite(rotation).any())
+    sigma_needs(file, side, turning)
+    sigma = file.instrument.sigma
+    sigma_position = np.full((n, 3), (sigma.position or np.nan) * units.factor("length"))
+    sigma_rotation = np.full((n, 3), (sigma.rotation or np.nan) * units.factor("angle"))
+    for group, names, factor in ((sigma_position, COORDINATES[:3], units.factor("length")),
+                                 (sigma_rotation, COORDINATES[3:], units.factor("angle"))):
+        shared = "sigma_position" if group is sigma_position else "sigma_rotation"
+        for i, name in enumerate(names):
+            for source in (shared, f"sigma_{name}"):
+                _override(group[:, i], table, source, factor)
+    seen = np.isfinite(position).any(axis=1) | np.isfinite(rotation).any(axis=1)
+    return Measured(position, rotation, np.full(n, np.nan), sigma_position, sigma_rotation,
+                    np.full(n, np.nan), seen, tuple(findings))
+
+
+def _pose(table: Table, mechanism: Mechanism, kind: str, units: Units
+          ) -> tuple[Array, Array, list[str]]:
+    """Return position (N, 3) and rotation (N, 3) as far as the instrument and motion go."""
+    planar = mechanism.motion == "planar"
+    needed = ("x", "y") if planar else ("x", "y", "z")
+    _need(table, needed, f"instrument `{kind}`")
+    position = stacked(table, COORDINATES[:3]) * units.factor("length")
+    findings: list[str] = []
+    turns = [c for c in table.header if c in COORDINATES[3:] or c in QUATERNION]
+    nothing = np.full((len(table), 3), np.nan)
+    if kind == "position":
+        rotation = nothing
+        if turns:
+            findings.append(f"{table.source}: columns {', '.join(turns)}: not used, because the "
+                            "instrument's kind is `position`; write `kind: pose` to use them.")
+    else:
+        rotation = _rotation(table, mechanism, units)
+    if planar:
+        position[:, 2] = np.nan
+        rotation = np.where([False, False, True], rotation, np.nan)
+        unused = [c for c in table.header if c in ("z", "rx", "ry")]
+        if unused:
+            findings.append(f"{table.source}: columns {', '.join(unused)}: not used, because a "
+                            "planar pose is x, y, rz.")
+    return position, rotation, findings
+
+
+def _rotation(table: Table, mechanism: Mechanism, units: Units) -> Array:
+    """Return the measured rotation vectors (N, 3); needed unless motion is translational."""
+    rotation, given = rotations(table, units.factor("angle"))
+    if mechanism.motion == "translational":
+        return rotation
+    if not given:
+        columns = "rz" if mechanism.motion == "planar" else "rx, ry, rz"
+        raise BadInput(f"there is no column {columns}, which the instrument `pose` needs",
+                       f"{table.source}: header",
+                       f"Add {columns} (or quat_x, quat_y, quat_z, quat_w), or write `kind: "
+                       "position` in the sidecar")
+    if not any(c in table.header for c in QUATERNION):
+        _need(table, ("rz",) if mechanism.motion == "planar" else COORDINATES[3:],
+              "instrument `pose`")
+    elif not np.isfinite(rotation).any():
+        raise BadInput("all values of the column are missing", table.at("quat_x"),
+                       "Fill it in, or write `kind: position` in the sidecar")
+    return rotation
+
+
+def _need(table: Table, names: tuple[str, ...], who: str) -> None:
+    missing = [n for n in names if n not in table.header]
+    if missing:
+        raise BadInput(f"there is no column {', '.join(missing)}, which the {who} needs",
+                       f"{table.source}: header", "Add it, or change `instrument.kind` in the "
+                                                  "sidecar")
+    for name in names:
+        values = column(table, name)
+        if values is None or not np.isfinite(values).any():
+            raise BadInput("all values of the column are missing", table.at(name),
+                           f"Fill it in: the {who} needs it")
+
+
+def _scalar(table: Table, file: SidecarFile, side: str, name: str, units: Units) -> Measured:
+    """Return heights or distances with their noise."""
+    sigma_needs(file, side, False)
+    _need(table, (name,), f"instrument `{file.instrument.kind}`")
+    n, length, sigma = len(table), units.factor("length"), file.instrument.sigma
+    value = stacked(table, [name])[:, 0] * length
+    if name == "distance" and np.any(value <= 0.0):
+        raise BadInput("a distance must be greater than 0",
+                       table.at(name, int(np.argmax(value <= 0.0))), "Check the value")
+    own = (sigma.height if name == "height" else sigma.distance) or sigma.position
+    sigma_value = np.full(n, (own or np.nan) * length)
+    _override(sigma_value, table, f"sigma_{name}", length)
+    nothing = np.full((n, 3), np.nan)
+    unused = [c for c in table.header if c in COORDINATES or c in QUATERNION]
+    findings = () if not unused else (
+        f"{table.source}: columns {', '.join(unused)}: not used, because the instrument's kind "
+        f"is `{file.instrument.kind}`.",)
+    return Measured(nothing, nothing.copy(), value,
+                    np.repeat(sigma_value[:, None], 3, axis=1), nothing.copy(), sigma_value,
+                    np.isfinite(value), findings)
+
+
+def _override(into: Array, table: Table, name: str, factor: float) -> None:
+    """Write a row's own standard deviations over the sidecar's, in place."""
+    values = column(table, name)
+    if values is None:
+        return
+    bad = np.flatnonzero(values <= 0.0)
+    if bad.size:
+        raise BadInput(f"a standard deviation must be greater than 0 ({row_list(bad)})",
+                       table.at(name, int(bad[0])),
+                       "Write a positive number, or leave it empty for the sidecar's")
+    given = np.isfinite(values)
+    into[given] = values[given] * factor

@@ -1,0 +1,245 @@
+"""Reading a mechanism file: from YAML to :class:`ppmcal.mechanism.Mechanism`, SI."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files import parameter_reader as assemble
+from ppmcal.files.directions import rotation, square
+from ppmcal.files.exact import decimals
+from ppmcal.files.limb_reader import Draft, LimbReader, limb_kind
+from ppmcal.files.mechanism_schema import MechanismFile
+from ppmcal.files.merge import read_merged
+from ppmcal.files.pose_text import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity
+from ppmcal.files.schema import check, dotted, effects_refusal
+from ppmcal.files.slot_forms import word
+from ppmcal.mechanism import MOTIONS, Limb, Mechanism, Registration
+from ppmcal.parameters import Parameter, free_indices
+from ppmcal.units import Units
+
+Array = NDArray[np.float64]
+
+
+def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
+    """Return the mechanism of a file (contract section 1), everything in SI.
+
+    Args:
+        path: the YAML file; ``extends`` is followed relative to it.
+
+    Raises:
+        BadInput: anything wrong in the file, with file, place and mend.
+    """
+    source = str(path)
+    tree = read_merged(Path(path))
+    file = check(MechanismFile, tree, source, lambda loc: _place(loc, tree))
+    effects_refusal(file.effects, source)
+    units = file.units.units()
+    drafts = _limbs(file, units, source)
+    _agree_on_actuators(drafts, source)
+    actuators = tuple(dict.fromkeys(d.actuator for d in drafts))
+    home_pose = pose_from_map(file.home.pose, OF_MOTION[file.motion], units, source, "home.pose")
+    made, findings = _parameters(file, drafts, units, home_pose, source)
+    patterns = None if file.free is None else tuple(file.free)
+    if patterns is not None:
+        findings += assemble.check_patterns(made, patterns, source)
+    factors = _joint_factors(drafts, actuators, units)
+    index = {p.name: i for i, p in enumerate(made)}
+    limbs = tuple(Limb(d.name, d.kind, actuators.index(d.actuator), assemble.slot_map(d, index),
+                       d.constants, d.branch) for d in drafts)
+    return Mechanism(
+        name=file.name or Path(path).stem, motion=file.motion, limbs=limbs, actuators=actuators,
+        parameters=made, free=tuple(free_indices(made, patterns)), home_pose=home_pose,
+        home_q=_home_q(file, actuators, factors, source),
+        limits=_limits(file, actuators, factors, source), gravity=_gravity(file, source),
+        units=units, free_patterns=patterns, registrations=_registrations(file, units, source),
+        digits=_digits(file, drafts, units), findings=tuple(findings), source=source)
+
+
+def _place(location: Sequence[int | str], tree: Mapping[str, Any]) -> str:
+    """Name limbs instead of counting them."""
+    if len(location) > 1 and location[0] == "limbs" and isinstance(location[1], int):
+        try:
+            name = tree["limbs"][location[1]]["name"]
+        except (KeyError, IndexError, TypeError):
+            name = f"[{location[1] + 1}]"
+        return dotted(("limbs", str(name), *location[2:]))
+    return dotted(location)
+
+
+def _limbs(file: MechanismFile, units: Units, source: str) -> list[Draft]:
+    """Return the limbs as drafts; refuse duplicate names and a wrong number of conditions."""
+    if not file.limbs:
+        raise BadInput("there are no limbs", f"{source}: limbs", "Add at least one limb")
+    drafts: list[Draft] = []
+    for i, raw in enumerate(file.limbs):
+        if "name" not in raw:
+            raise BadInput("the key 'name' is missing", f"{source}: limbs[{i + 1}]",
+                           f"Add a line such as `name: leg{i + 1}`")
+        name = word(raw["name"], f"{source}: limbs[{i + 1}].name")
+        if any(d.name == name for d in drafts):
+            raise BadInput(f"two limbs are called '{name}'", f"{source}: limbs[{i + 1}].name",
+                           "Give every limb its own name")
+        kind = limb_kind(raw, file.motion, f"{source}: limbs.{name}")
+        drafts.append(LimbReader(raw, name, kind, units, source, file.free or ()).read())
+    _share_directions(drafts, source)
+    conditions = sum(d.kind.surface.conditions for d in drafts)
+    needed = len(MOTIONS[file.motion])
+    if conditions != needed:
+        raise BadInput(
+            f"the limbs put {conditions} conditions on the platform, but a pose in {file.motion} "
+            f"motion has {needed} coordinates", f"{source}: limbs",
+            f"Give limbs with {needed} conditions in all, or change `motion`")
+    return drafts
+
+
+def _share_directions(drafts: Sequence[Draft], source: str) -> None:
+    """Give limbs that share a direction by name its value."""
+    values = {share: d.constants[group] for d in drafts
+              for group, share in d.shared_directions.items() if group in d.constants}
+    for d in drafts:
+        for group, share in d.shared_directions.items():
+            place = f"{source}: limbs.{d.name}.{group}"
+            if share not in values:
+                raise BadInput(f"the shared direction '{share}' has no value", place,
+                               "Add `value: [0, 0, 1]` at one of its limbs")
+            if not np.allclose(d.constants.get(group, values[share]), values[share], 0.0, 1e-12):
+                raise BadInput(f"the shared direction '{share}' has two different values", place,
+                               "Give it once, or the same everywhere")
+            late = group not in d.constants
+            d.constants[group] = values[share]
+            if late and "base.zero" in d.constants:
+                place = f"{source}: limbs.{d.name}.base.zero"
+                d.constants["base.zero"] = square(d.constants["base.zero"], values[share], place)
+            d.constants = {n: d.constants[n] for n in d.kind.directions if n in d.constants}
+
+
+def _agree_on_actuators(drafts: Sequence[Draft], source: str) -> None:
+    """Refuse limbs that share an actuator and disagree on what it measures."""
+    first: dict[str, Draft] = {}
+    for d in drafts:
+        other = first.setdefault(d.actuator, d)
+        place = f"{source}: limbs.{d.name}.actuator"
+        if other.kind.actuator != d.kind.actuator:
+            raise BadInput(f"'{d.actuator}' is {_a(d.kind.actuator)} here but "
+                           f"{_a(other.kind.actuator)} in {other.name}", place,
+                           "Limbs that share an actuator must have the same actuated joint")
+        if other.has_ratio != d.has_ratio:
+            have, lack = (d, other) if d.has_ratio else (other, d)
+            raise BadInput(f"{have.name} has a ratio and {lack.name} has none, but both name the "
+                           f"actuator '{d.actuator}'", place, "Give both a ratio, or neither")
+
+
+def _a(what: str) -> str:
+    return f"an {what}" if what == "angle" else f"a {what}"
+
+
+def _parameters(file: MechanismFile, drafts: Sequence[Draft], units: Units, home_pose: Array,
+                source: str) -> tuple[tuple[Parameter, ...], list[str]]:
+    """Return all parameters, and a warning for each tolerance class that is not given."""
+    given = {} if file.tolerances is None else file.tolerances.model_dump()
+    classes: dict[str, float | None] = {
+        c: None if given.get(c) is None else given[c] * units.factor(q)
+        for c, q in (("point", "length"), ("length", "length"), ("angle", "angle"))}
+    for q in ("length", "angle"):
+        offset = given.get("offset")
+        classes[f"offset:{q}"] = None if offset is None else offset * units.factor(q)
+    made, waiting = assemble.parameters(drafts, classes)
+    if not waiting:
+        return made, []
+    made = assemble.with_defaults(made, waiting, _reach(drafts, made, home_pose))
+    findings, said = [], set()
+    for p in made:
+        if p.name in waiting and not p.fixed and waiting[p.name] not in said:
+            said.add(waiting[p.name])
+            size = (p.tolerance or 0.0) / units.factor(p.quantity)
+            why = "1/1000 of the reach" if p.quantity == "length" else "1e-3 rad"
+            findings.append(
+                f"{source}: tolerances: no tolerance is given for '{waiting[p.name][0]}'; "
+                f"{size:.6g} {units.name(p.quantity)} ({why}) is used. Add it to `tolerances`.")
+    return made, findings
+
+
+def _reach(drafts: Sequence[Draft], made: Sequence[Parameter], home_pose: Array) -> float:
+    """Return the largest distance between joints at home, m."""
+    index = {p.name: i for i, p in enumerate(made)}
+    g = np.array([p.value for p in made])
+    turn, points = rotation(home_pose[3:]), []
+    for d in drafts:
+        v = assemble.slot_map(d, index).values(g)
+        points.append(np.array([v.get(f"base.point.{a}", 0.0) for a in "xyz"]))
+        own = np.array([v.get(f"platform.point.{a}", 0.0) for a in "xyz"])
+        points.append(turn @ own + home_pose[:3])
+    all_ = np.array(points)
+    return float(np.max(np.linalg.norm(all_[:, None] - all_[None], axis=-1))) or 1.0
+
+
+def _joint_factors(drafts: Sequence[Draft], actuators: Sequence[str], units: Units) -> Array:
+    """Return the SI value of one file unit of each joint variable (k,); 1 with a ratio."""
+    first = {d.actuator: d for d in reversed(drafts)}
+    return np.array([1.0 if first[a].has_ratio else units.factor(first[a].kind.actuator)
+                     for a in actuators])
+
+
+def _home_q(file: MechanismFile, actuators: Sequence[str], factors: Array, source: str) -> Array:
+    out = np.full(len(actuators), np.nan)
+    for name, value in (file.home.q or {}).items():
+        if name not in actuators:
+            raise unknown("actuator", name, actuators, f"{source}: home.q")
+        out[actuators.index(name)] = value * factors[actuators.index(name)]
+    return out
+
+
+def _limits(file: MechanismFile, actuators: Sequence[str], factors: Array, source: str) -> Array:
+    out = np.tile([-np.inf, np.inf], (len(actuators), 1))
+    for name, pair in (file.limits or {}).items():
+        if name not in actuators:
+            raise unknown("actuator", name, actuators, f"{source}: limits")
+        out[actuators.index(name)] = np.array(pair) * factors[actuators.index(name)]
+    return out
+
+
+def _gravity(file: MechanismFile, source: str) -> Array:
+    if file.gravity is None:
+        return np.array([0.0, -1.0, 0.0] if file.motion == "planar" else [0.0, 0.0, -1.0])
+    from ppmcal.files.directions import unit
+
+    if len(file.gravity) == 2 and file.motion != "planar":
+        raise BadInput("two numbers cannot be a direction in space", f"{source}: gravity",
+                       "Write three, such as [0, 0, -1]")
+    return unit([*file.gravity, 0.0][:3], f"{source}: gravity")
+
+
+def _registrations(file: MechanismFile, units: Units, source: str) -> dict[str, Registration]:
+    out: dict[str, Registration] = {}
+    if file.measurement is None:
+        return out
+    for name, entry in file.measurement.datasets.items():
+        where = f"measurement.datasets.{name}.frame"
+        frame = np.zeros(6) if entry.frame is None else pose_from_map(
+            entry.frame, OF_FRAME[file.motion], units, source, where)
+        target = np.array([*(entry.target or [0.0, 0.0, 0.0]), 0.0][:3]) * units.factor("length")
+        turn = np.array(entry.target_rotation or [0.0, 0.0, 0.0]) * units.factor("angle")
+        out[name] = Registration(frame, target, turn)
+    return out
+
+
+def _digits(file: MechanismFile, drafts: Sequence[Draft], units: Units) -> dict[str, float]:
+    """Return half of the last printed digit of lengths and angles, SI; 0 where none stands."""
+    printed = [n for d in drafts for n in d.numbers]
+    pose = file.home.pose if isinstance(file.home.pose, dict) else {}
+    printed += [(quantity(c), float(pose[c])) for c in COORDINATES if pose.get(c) is not None]
+    first = {d.actuator: d for d in reversed(drafts)}
+    printed += [(first[a].kind.actuator, v) for a, v in (file.home.q or {}).items()
+                if not first[a].has_ratio]
+    out = {}
+    for q in ("length", "angle"):
+        places = [decimals(v) for kind, v in printed if kind == q]
+        out[q] = 0.5 * 10.0 ** -max(places) * units.factor(q) if places else 0.0
+    return out

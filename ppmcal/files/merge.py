@@ -1,0 +1,84 @@
+"""``extends``: one mechanism file laid over another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ppmcal.errors import BadInput
+from ppmcal.files.schema import show
+from ppmcal.files.yaml_text import read_yaml
+
+MAX_FILES = 20
+
+
+def read_merged(path: Path) -> dict[str, Any]:
+    """Return the mapping of a mechanism file with the files that it extends under it.
+
+    Maps are merged by key and limbs by name; lists and numbers are replaced. All files must
+    be in the same units; one that declares none is in those of the file that it extends.
+
+    Raises:
+        BadInput: a circle, differing units, or a file that cannot be read.
+    """
+    return _read(path, ())
+
+
+def _read(path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
+    here = path.resolve()
+    if here in above or len(above) >= MAX_FILES:
+        names = " -> ".join(p.name for p in (*above, here))
+        raise BadInput(f"the files extend each other in a circle ({names})",
+                       f"{above[-1]}: extends", "Remove one `extends`")
+    tree = read_yaml(path)
+    other = tree.get("extends")
+    if other is None:
+        return tree
+    if not isinstance(other, str) or not other or "\x00" in other:
+        raise BadInput(f"{show(other)} is not a file name", f"{path}: extends",
+                       "Write the path of a mechanism file, relative to this one")
+    try:
+        under = _read(path.parent / other, (*above, here))
+    except BadInput as error:
+        raise BadInput(error.what, f"{path}: extends: {error.where}", error.mend) from None
+    if "units" in tree and tree["units"] != under.get("units"):
+        raise BadInput(f"the units {show(tree['units'])} differ from those of {other}, "
+                       f"{show(under.get('units'))}", f"{path}: units",
+                       "Write both files in the same units")
+    merged = merge({k: v for k, v in under.items() if k != "extends"},
+                   {k: v for k, v in tree.items() if k != "extends"})
+    return merged
+
+
+def merge(under: dict[Any, Any], over: dict[Any, Any]) -> dict[Any, Any]:
+    """Return ``over`` laid over ``under``: maps by key, ``limbs`` by name.
+
+    A bare number under a mapping counts as its ``value``, so that a file can add a tolerance
+    to a slot of the file that it extends.
+    """
+    out = dict(under)
+    for key, value in over.items():
+        old = out.get(key)
+        if key == "limbs" and isinstance(old, list) and isinstance(value, list):
+            out[key] = _limbs(old, value)
+        elif isinstance(old, dict) and isinstance(value, dict):
+            out[key] = merge(old, value)
+        elif (isinstance(value, dict) and "value" not in value and "share" not in value
+              and isinstance(old, int | float) and not isinstance(old, bool)):
+            out[key] = {"value": old, **value}
+        else:
+            out[key] = value
+    return out
+
+
+def _limbs(under: list[Any], over: list[Any]) -> list[Any]:
+    out = list(under)
+    named = {limb["name"]: i for i, limb in enumerate(under)
+             if isinstance(limb, dict) and isinstance(limb.get("name"), str | int)}
+    for limb in over:
+        name = limb.get("name") if isinstance(limb, dict) else None
+        if isinstance(name, str | int) and name in named:
+            out[named[name]] = merge(out[named[name]], limb)
+        else:
+            out.append(limb)
+    return out

@@ -1,0 +1,141 @@
+"""From slot entries of all limbs to parameters: sharing, default tolerances, what is free."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files.limb_reader import Draft, Entry
+from ppmcal.parameters import Parameter, SlotMap, unmatched
+
+ANGLE_DEFAULT = 1e-3
+REACH_FRACTION = 1e-3
+
+
+def key(entry: Entry) -> str:
+    """Return the name of the parameter that an entry belongs to."""
+    return entry.share or entry.path
+
+
+def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
+               ) -> tuple[tuple[Parameter, ...], dict[str, tuple[str, str]]]:
+    """Return all parameters, in the order of their first slot, and those without a tolerance.
+
+    Args:
+        drafts: the limbs as read.
+        classes: tolerance class -> SI value; None where the file gives none. The class
+            ``offset`` is looked up as ``offset:length`` or ``offset:angle``.
+
+    Returns:
+        The parameters, and for each whose class the file does not give (tolerance None as
+        yet): name -> (class, quantity).
+    """
+    together: dict[str, list[Entry]] = {}
+    for draft in drafts:
+        for entry in draft.entries:
+            together.setdefault(key(entry), []).append(entry)
+    paths = {e.path for d in drafts for e in d.entries}
+    out, waiting = [], {}
+    for name, entries in together.items():
+        if entries[0].share and name in paths:
+            raise BadInput(f"the shared name '{name}' is also the path of a slot",
+                           entries[0].place, "Choose another name")
+        parameter = _parameter(name, entries, classes)
+        out.append(parameter)
+        if _needs_default(parameter, entries):
+            waiting[name] = (entries[0].tolerance_class, entries[0].quantity)
+    return tuple(out), waiting
+
+
+def _parameter(name: str, entries: Sequence[Entry], classes: Mapping[str, float | None]
+               ) -> Parameter:
+    first = entries[0]
+    for entry in entries[1:]:
+        if (entry.quantity, entry.tolerance_class == "ratio") != (
+                first.quantity, first.tolerance_class == "ratio"):
+            raise BadInput(f"the shared name '{name}' ties a slot of another quantity "
+                           f"({entry.quantity}) to {first.path} ({first.quantity})", entry.place,
+                           "Only lengths with lengths, angles with angles, ratios with ratios")
+    value = _agreed(entries, "value", name)
+    nominal = _agreed(entries, "nominal", name)
+    if value is None:
+        value = first.default if first.default is not None else nominal
+    if value is None:
+        places = ", ".join(e.path for e in entries)
+        raise BadInput(f"the shared name '{name}' has no value" if first.share
+                       else "the slot has no value", first.place,
+                       f"Add `value:` at one of {places}" if first.share else "Add `value: ...`")
+    own = _agreed(entries, "tolerance", name)
+    ratio = first.tolerance_class == "ratio"
+    standing = all(e.standing for e in entries)
+    tolerance = own
+    if own is None and not ratio and not standing:
+        tolerance = classes.get(class_key(first.tolerance_class, first.quantity))
+    fixed = (bool(_agreed(entries, "fixed", name)) or standing or tolerance == 0.0
+             or (ratio and own is None))
+    return Parameter(name, first.quantity, value, value if nominal is None else nominal,
+                     tolerance, fixed, ratio,
+                     tuple(e.path for e in entries) if first.share else (),
+                     _agreed(entries, "sigma", name))
+
+
+def _agreed(entries: Sequence[Entry], field: str, name: str) -> float | None:
+    """Return the one value that the entries give for a field, None where none does."""
+    given = [(e, getattr(e, field)) for e in entries if getattr(e, field) is not None]
+    for entry, value in given[1:]:
+        if not math.isclose(value, given[0][1], rel_tol=1e-12, abs_tol=1e-15):
+            raise BadInput(f"the shared name '{name}' has two different entries for {field}: "
+                           f"here and at {given[0][0].path}", entry.place,
+                           "Give it once, or the same everywhere")
+    return None if not given else given[0][1]
+
+
+def class_key(tolerance_class: str, quantity: str) -> str:
+    """Return the key of a tolerance class: offsets of drives are lengths or angles."""
+    return f"offset:{quantity}" if tolerance_class == "offset" else tolerance_class
+
+
+def _needs_default(parameter: Parameter, entries: Sequence[Entry]) -> bool:
+    return (parameter.tolerance is None and not parameter.per_unit
+            and not all(e.standing for e in entries))
+
+
+def with_defaults(made: Sequence[Parameter], waiting: Mapping[str, tuple[str, str]],
+                  reach: float) -> tuple[Parameter, ...]:
+    """Return the parameters with 1/1000 of the reach or 1e-3 rad where no class is given."""
+    out = []
+    for p in made:
+        if p.name in waiting:
+            default = ANGLE_DEFAULT if p.quantity == "angle" else REACH_FRACTION * reach
+            p = replace(p, tolerance=default)
+        out.append(p)
+    return tuple(out)
+
+
+def slot_map(draft: Draft, index: Mapping[str, int]) -> SlotMap:
+    """Return how the slots of one limb follow from the parameters."""
+    by_path = {e.path: index[key(e)] for e in draft.entries}
+    return SlotMap(
+        tuple((slot, by_path[f"{draft.name}.{slot}"]) for slot in draft.direct),
+        tuple((x, y, by_path[r], by_path[a]) for x, y, r, a in draft.polar))
+
+
+def check_patterns(made: Sequence[Parameter], patterns: Sequence[str], source: str) -> list[str]:
+    """Refuse ``free`` patterns that name nothing; warn of those that name only fixed ones.
+
+    Raises:
+        BadInput: a pattern that names no parameter, with the nearest one.
+    """
+    missed = unmatched(made, patterns)
+    names = [n for p in made for n in (p.name, *p.aliases)]
+    if missed:
+        error = unknown("pattern", missed[0], names, f"{source}: free")
+        near = error.mend.rpartition("Did you mean")[2]
+        hint = f" Did you mean{near}" if near and near != error.mend else ""
+        raise BadInput(f"the pattern '{missed[0]}' names no parameter", f"{source}: free",
+                       f"Parameters are called {', '.join(names[:8])}, ...{hint}")
+    return [f"{source}: free: the pattern '{pattern}' names only fixed parameters; give one a "
+            "tolerance to free it." for pattern in patterns
+            if all(p.fixed for p in made if p.matches(pattern))]

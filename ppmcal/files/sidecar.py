@@ -1,0 +1,179 @@
+"""The sidecar of a measurement file: the YAML of the same stem."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator
+
+from ppmcal.dataset import KINDS, Unknown
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files.pose_text import OF_FRAME, pose_from_map
+from ppmcal.files.schema import Label, Positive, Strict, UnitsFile, check, choice, refuse, show
+from ppmcal.files.yaml_text import read_yaml
+from ppmcal.mechanism import Mechanism
+from ppmcal.units import Units
+
+Array = NDArray[np.float64]
+FORMAT = "ppmcal/dataset/1"
+EXAMPLE = """format: ppmcal/dataset/1
+units: {length: mm, angle: deg}
+instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}
+frame: unknown
+target: unknown
+"""
+
+
+def _sigma_actuator(value: object) -> object:
+    values = value.values() if isinstance(value, dict) else [value]
+    for one in values:
+        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 <= one < np.inf:
+            raise refuse(f"{show(one)} is not a standard deviation",
+                         "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}")
+    return value
+
+
+class SigmaFile(Strict):
+    """Standard deviations of the instrument and, optionally, of the drives."""
+
+    position: Positive | None = None
+    rotation: Positive | None = None
+    height: Positive | None = None
+    distance: Positive | None = None
+    actuator: Annotated[Any, BeforeValidator(_sigma_actuator)] = 0.0
+
+
+class InstrumentFile(Strict):
+    """``instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}``."""
+
+    examples = {"kind": "kind: pose", "sigma": "sigma: {position: 0.01}"}
+    kind: Annotated[str, choice("instrument kind", *KINDS)]
+    sigma: SigmaFile
+    point: Any = None
+
+
+class SidecarFile(Strict):
+    """The sidecar's keys."""
+
+    examples = {
+        "format": f"format: {FORMAT}",
+        "units": "units: {length: mm, angle: deg}",
+        "instrument": "instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}",
+        "frame": "frame: unknown",
+        "target": "target: unknown",
+    }
+    format: Annotated[str, choice("format", FORMAT)]
+    units: UnitsFile
+    instrument: InstrumentFile
+    frame: Any
+    target: Any
+    name: Label | None = None
+    target_rotation: Any = "known"
+    approach: Annotated[str, choice("approach", "columns", "sequence", "unknown")] | None = None
+    homing: Annotated[str, choice("homing", "shared", "per-file")] = "shared"
+
+
+def read_sidecar(csv_path: Path) -> tuple[SidecarFile, str]:
+    """Return the sidecar of a CSV, and its path for messages.
+
+    Raises:
+        BadInput: there is none (the message shows one to write), or it is wrong.
+    """
+    for suffix in (".yaml", ".yml"):
+        path = csv_path.with_suffix(suffix)
+        if path.is_file():
+            return check(SidecarFile, read_yaml(path), str(path)), str(path)
+    path = csv_path.with_suffix(".yaml")
+    raise BadInput(f"the measurement file has no sidecar {path.name} (units, instrument, frame)",
+                   str(csv_path), f"Write {path} with your values, for example:\n{EXAMPLE}")
+
+
+def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:
+    """Refuse a sidecar without the standard deviations that its instrument needs."""
+    kind, sigma = file.instrument.kind, file.instrument.sigma
+    place = f"{source}: instrument.sigma"
+    value = {"plane": sigma.height, "distance": sigma.distance}.get(kind)
+    if value is None and sigma.position is None:
+        raise BadInput("the key 'position' is missing", place,
+                       "Add the instrument's standard deviation, such as `position: 0.01`")
+    if kind == "pose" and rotation and sigma.rotation is None:
+        raise BadInput("the key 'rotation' is missing", place,
+                       "Add the standard deviation of a measured angle, such as "
+                       "`rotation: 0.002`, or write `kind: position`")
+
+
+def frame_of(raw: object, motion: str, units: Units, source: str, where: str = "frame"
+             ) -> Unknown:
+    """Return where the base stands in the measuring frame."""
+    if raw == "unknown":
+        return Unknown(True, np.zeros(6))
+    if raw == "known":
+        return Unknown(False, np.zeros(6))
+    place = f"{source}: {where}"
+    if isinstance(raw, dict) and "same_as" in raw:
+        name = raw["same_as"]
+        if len(raw) > 1 or not isinstance(name, str | int) or isinstance(name, bool):
+            raise BadInput(f"{show(raw)} does not name another data set", place,
+                           "Write {same_as: NAME} and nothing else")
+        return Unknown(True, np.zeros(6), str(name))
+    if isinstance(raw, dict):
+        needed = OF_FRAME[motion] if motion != "translational" else ("x", "y", "z")
+        pose = pose_from_map(raw, OF_FRAME[motion], units, source, where, needed=needed)
+        return Unknown(False, np.nan_to_num(pose))
+    raise _neither(raw, place, "a pose such as {x: 0, y: 0, rz: 0}, or {same_as: NAME}")
+
+
+def point_of(raw: object, motion: str, units: Units, source: str, where: str = "target"
+             ) -> Unknown:
+    """Return a point (3,), m: known (the origin), unknown, or given."""
+    if raw in ("unknown", "known"):
+        return Unknown(raw == "unknown", np.zeros(3))
+    sizes = (2, 3) if motion == "planar" else (3,)
+    numbers = _list(raw, sizes)
+    if numbers is None:
+        raise _neither(raw, f"{source}: {where}",
+                       f"a list of {' or '.join(str(s) for s in sizes)} numbers")
+    return Unknown(False, np.array([*numbers, 0.0][:3]) * units.factor("length"))
+
+
+def rotation_of(raw: object, units: Units, source: str, where: str = "target_rotation") -> Unknown:
+    """Return a rotation vector (3,), rad: known (none), unknown, or given."""
+    if raw in ("unknown", "known"):
+        return Unknown(raw == "unknown", np.zeros(3))
+    numbers = _list(raw, (3,))
+    if numbers is None:
+        raise _neither(raw, f"{source}: {where}", "a rotation vector [rx, ry, rz]")
+    return Unknown(False, np.array(numbers) * units.factor("angle"))
+
+
+def actuator_noise(raw: object, mechanism: Mechanism, factors: Array, source: str) -> Array:
+    """Return the drives' standard deviations (k,), unit of q; a number counts for all."""
+    names = mechanism.actuators
+    if not isinstance(raw, dict):
+        return float(raw) * factors if isinstance(raw, int | float) else np.zeros(len(names))
+    out = np.zeros(len(names))
+    for name, value in raw.items():
+        if str(name) not in names:
+            raise unknown("actuator", name, names, f"{source}: instrument.sigma.actuator")
+        out[names.index(str(name))] = value * factors[names.index(str(name))]
+    return out
+
+
+def _list(raw: object, sizes: tuple[int, ...]) -> list[float] | None:
+    if not isinstance(raw, list) or len(raw) not in sizes:
+        return None
+    if any(isinstance(v, bool) or not isinstance(v, int | float) or not np.isfinite(v)
+           for v in raw):
+        return None
+    return [float(v) for v in raw]
+
+
+def _neither(raw: object, place: str, form: str) -> BadInput:
+    if isinstance(raw, str):
+        error = unknown("word", raw, ("unknown", "known"), place)
+        return BadInput(error.what, place, f"{error.mend} Or give {form}")
+    return BadInput(f"{show(raw)} cannot be used here", place,
+                    f"Write unknown, known, or {form}")

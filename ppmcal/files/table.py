@@ -1,0 +1,245 @@
+"""CSV tables: numeric ones fast, others cell by cell with a message for each bad cell.
+
+A table of plain numbers is checked for its shape with array operations and parsed in chunks;
+anything out of the ordinary (text, quotes, ragged rows) goes the slow way, whose messages name
+row and column. Rows count from 1, without the header and without blank lines.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import re
+import warnings
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.errors import BadInput
+from ppmcal.files.yaml_text import read_bytes
+
+Array = NDArray[np.float64]
+CHUNK = 1 << 24
+_PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",
+                    re.ASCII)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV with N rows: ``numbers`` (N,) by column, nan where empty; ``text`` by column."""
+
+    source: str
+    header: tuple[str, ...]
+    numbers: Mapping[str, Array]
+    text: Mapping[str, tuple[str, ...]]
+    size: int
+
+    def __len__(self) -> int:
+        """Return the number of rows N."""
+        return self.size
+
+    def at(self, column: str, row: int | None = None) -> str:
+        """Return ``run3.csv: row 17, column x`` (row index counted from 0)."""
+        place = f"column {column}" if row is None else f"row {row + 1}, column {column}"
+        return f"{self.source}: {place}"
+
+
+def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
+               loose: Callable[[str], bool] | None = None) -> Table:
+    """Return a CSV file as columns.
+
+    Args:
+        path: the file; a BOM and CRLF line ends are accepted.
+        text: columns that are labels: kept as text unless all their cells are numbers.
+        loose: says of a column name whether it may hold text too (default: none).
+
+    Raises:
+        BadInput: empty, binary, ragged, without rows, duplicate columns, or a cell that is
+            not a number (with row and column).
+    """
+    source = str(path)
+    data = _clean(read_bytes(Path(path)), source)
+    head, _, body = data.partition(b"\n")
+    header = _header(head, source)
+    body = body.strip(b"\n")
+    if not body.strip():
+        raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
+    block = _fast(body, len(header))
+    if block is not None:
+        numbers = {name: block[:, i] for i, name in enumerate(header)}
+        return Table(source, header, numbers, {}, block.shape[0])
+    return _slow(body, header, source, lambda c: c in text or (loose is not None and loose(c)))
+
+
+def _clean(data: bytes, source: str) -> bytes:
+    """Return UTF-8 bytes with newlines only."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise BadInput("is UTF-16 text", source, "Save it as CSV in UTF-8")
+    if b"\x00" in data:
+        raise BadInput("is a binary file", source,
+                       "Give a CSV file; export spreadsheets as comma-separated text")
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = data.lstrip(b"\n")
+    if not data.strip():
+        raise BadInput("is empty", source, "Write a header line and one row per measurement")
+    if not data.isascii():
+        try:
+            data.decode("utf-8")
+        except UnicodeDecodeError as error:
+            line = data[:error.start].count(b"\n") + 1
+            raise BadInput("is not UTF-8 text", f"{source}:{line}",
+                           "Save it as CSV in UTF-8") from None
+    return data
+
+
+def _header(line: bytes, source: str) -> tuple[str, ...]:
+    """Return the column names; refuse other separators, blanks, numbers and duplicates."""
+    text = line.decode("utf-8")
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if mark in text and "," not in text:
+            raise BadInput(f"the columns are separated by {name}", f"{source}: header",
+                           "Save it with commas between columns and points in the numbers")
+    try:
+        names = next(csv.reader([text], strict=True))
+    except (csv.Error, StopIteration) as error:
+        raise BadInput(f"the header cannot be read ({error})", f"{source}: header",
+                       "Write column names with commas between them") from None
+    names = [n.strip() for n in names]
+    if any(_PLAIN.fullmatch(n) for n in names):
+        raise BadInput("the first line holds numbers, not column names", f"{source}: header",
+                       "Add a header line such as `pose,q_leg1,q_leg2,q_leg3,x,y,rz`")
+    for i, name in enumerate(names):
+        if not name:
+            raise BadInput(f"column {i + 1} has no name", f"{source}: header",
+                           "Name it, or remove the stray comma")
+        if name in names[:i]:
+            raise BadInput(f"two columns are called '{name}'", f"{source}: header",
+                           "Rename or remove one of them")
+    return tuple(names)
+
+
+def _fast(body: bytes, width: int) -> Array | None:
+    """Return the numbers (N, width) of a plain numeric body, None where it is not one."""
+    if b'"' in body or b"#" in body or b"_" in body:
+        return None
+    parts, start = [], 0
+    while start < len(body):
+        end = len(body) if len(body) - start <= CHUNK else body.rfind(b"\n", start, start + CHUNK)
+        if end <= start:
+            return None
+        block = _parse(body[start:end], width)
+        if block is None:
+            return None
+        parts.append(block)
+        start = end + 1
+    return np.concatenate(parts) if len(parts) != 1 else parts[0]
+
+
+def _parse(chunk: bytes, width: int) -> Array | None:
+    if not _rectangular(chunk, width):
+        return None
+    if b",," in chunk or b",\n" in chunk or b"\n," in chunk or chunk[:1] == b"," \
+            or chunk[-1:] == b",":
+        chunk = _fill(chunk)
+    flat = chunk.replace(b"\n", b",").decode("utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            numbers = np.fromstring(flat, dtype=float, sep=",")
+        except (ValueError, DeprecationWarning):
+            return None
+    if numbers.size % width or numbers.size != flat.count(",") + 1:
+        return None
+    return numbers.reshape(-1, width)
+
+
+def _rectangular(chunk: bytes, width: int) -> bool:
+    """Whether every line has ``width`` cells and none is blank."""
+    raw = np.frombuffer(chunk, dtype=np.uint8)
+    ends = np.append(np.flatnonzero(raw == 10), raw.size)
+    commas = np.flatnonzero(raw == 44)
+    if commas.size != ends.size * (width - 1):
+        return False
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    if np.any(ends <= starts):
+        return False
+    if width == 1:
+        return True
+    grid = commas.reshape(ends.size, width - 1)
+    return bool(np.all(grid[:, -1] < ends) and np.all(grid[:, 0] >= starts))
+
+
+def _fill(chunk: bytes) -> bytes:
+    """Write nan into empty cells."""
+    for _ in range(2):
+        chunk = chunk.replace(b",,", b",nan,")
+    chunk = chunk.replace(b"\n,", b"\nnan,").replace(b",\n", b",nan\n")
+    if chunk[:1] == b",":
+        chunk = b"nan" + chunk
+    return chunk + b"nan" if chunk[-1:] == b"," else chunk
+
+
+def _slow(body: bytes, header: tuple[str, ...], source: str, is_text: Callable[[str], bool]
+          ) -> Table:
+    """Read cell by cell, for text columns and for the messages."""
+    rows: list[list[str]] = []
+    try:
+        for row in csv.reader(io.StringIO(body.decode("utf-8"), newline=""), strict=True):
+            if not any(cell.strip() for cell in row):
+                if not row or len(row) != len(header):
+                    continue
+            if len(row) != len(header):
+                raise _ragged(row, len(rows), header, source)
+            rows.append(row)
+    except csv.Error as error:
+        raise BadInput(f"cannot be read as CSV ({error})", f"{source}: row {len(rows) + 1}",
+                       "Check the quotes and line ends there") from None
+    if not rows:
+        raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
+    numbers: dict[str, Array] = {}
+    text: dict[str, tuple[str, ...]] = {}
+    for name, cells in zip(header, zip(*rows, strict=True), strict=True):
+        if is_text(name) and not all(_is_number(c.strip()) for c in cells):
+            text[name] = tuple(c.strip() for c in cells)
+        else:
+            numbers[name] = _column(cells, name, source)
+    return Table(source, header, numbers, text, len(rows))
+
+
+def _ragged(row: list[str], index: int, header: tuple[str, ...], source: str) -> BadInput:
+    where = f"{source}: row {index + 1}"
+    what = f"the row has {len(row)} cells, but the header has {len(header)}"
+    if len(row) == 1 and row[0].count(";") + 1 == len(header):
+        return BadInput("the cells are separated by semicolons, the header by commas", where,
+                        "Save it with commas between columns and points in the numbers")
+    if len(row) > len(header) and all(re.fullmatch(r"\s*[-+]?\d*\s*", c) for c in row):
+        return BadInput(f"{what}; it looks like decimal commas", where,
+                        "Save it with points in the numbers and commas between columns")
+    return BadInput(what, where, "Give every row one cell for each column; leave a missing value "
+                                 "empty")
+
+
+def _is_number(cell: str) -> bool:
+    return not cell or _PLAIN.fullmatch(cell) is not None
+
+
+def _column(cells: tuple[str, ...], name: str, source: str) -> Array:
+    """Return one column (N,); refuse the first cell that is not a number."""
+    out = np.empty(len(cells))
+    for i, cell in enumerate(cells):
+        cell = cell.strip()
+        if not _is_number(cell):
+            mend = "Write a number, or leave the cell empty if it was not measured"
+            if re.fullmatch(r"[-+]?\d+,\d+", cell):
+                mend = "Write a decimal point instead of the comma"
+            shown = cell if len(cell) <= 40 else cell[:37] + "..."
+            raise BadInput(f"'{shown}' is not a number", f"{source}: row {i + 1}, column {name}",
+                           mend)
+        out[i] = float(cell) if cell else np.nan
+    return out
