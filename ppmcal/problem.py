@@ -78,11 +78,16 @@ class Open:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A machine and its measurements. ``free`` are parameter indices (F,)."""
+    """A machine and its measurements.
+
+    ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
+    one (3,) per data set, default each one's middle.
+    """
 
     mechanism: Mechanism
     datasets: tuple[Dataset, ...]
     free: tuple[int, ...]
+    pivots: tuple[Array, ...] | None = None
 
     @cached_property
     def _layout(self) -> tuple[tuple[Open, ...], tuple[str, ...]]:
@@ -255,7 +260,7 @@ def _lay_out(problem: Problem) -> tuple[tuple[Open, ...], tuple[str, ...]]:
 
         frame = take(data.frame.fitted and not data.frame.same_as,
                      [f"frame.{parts[p]}" for p in problem.frame_parts])
-        about = pivot(data)
+        about = problem.pivots[first] if problem.pivots else pivot(data)
         if data.frame.same_as and data.frame.same_as in by_name:
             frame, about = by_name[data.frame.same_as].frame, by_name[data.frame.same_as].about
         target = take(data.target.fitted, [f"target.{parts[p]}" for p in problem.target_parts])

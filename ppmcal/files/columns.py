@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput
 from ppmcal.files.pose_text import COORDINATES, NORM_TOLERANCE, QUATERNION, rotation_vectors
+from ppmcal.files.schema import hint
 from ppmcal.files.table import Table
 from ppmcal.mechanism import Mechanism
 
@@ -46,12 +47,10 @@ def check_columns(table: Table, mechanism: Mechanism) -> None:
     known = known_columns(mechanism)
     for name in table.header:
         if name not in known and not name.startswith("temperature_"):
-            mend = unknown("column", name, known).mend
-            near = mend.partition("Did you mean")[2]
-            hint = f" Did you mean{near}" if near else ""
             raise BadInput(f"unknown column '{name}'", f"{table.source}: header",
                            f"Rename or remove it; the actuators are "
-                           f"{', '.join(mechanism.actuators)}.{hint}")
+                           f"{', '.join(mechanism.actuators)}."
+                           f"{hint(name, known)}")
 
 
 def translate_foreign(table: Table, mechanism: Mechanism) -> tuple[Table, list[str]]:

@@ -55,10 +55,12 @@ def square(zero: Array, axis: Array, where: str) -> Array:
         raise BadInput(f"base.zero is not perpendicular to base.axis (they are {angle:.3f} deg "
                        "apart)", where, "Give the arm's direction at u = 0, at right angles to "
                                         "the axis")
-    if abs(along) <= 2e-16:
-        return zero
-    straight = zero - along * axis
-    return _settle(straight / np.sqrt(straight @ straight))
+    for _ in range(4):
+        if abs(float(zero @ axis)) <= 4e-16:
+            break
+        zero = zero - float(zero @ axis) * axis
+        zero = _settle(zero / np.sqrt(zero @ zero))
+    return zero
 
 
 def rotation(vector: Array) -> Array:

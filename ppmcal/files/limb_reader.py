@@ -7,7 +7,7 @@ shared one may have its value in another limb.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
@@ -85,8 +85,8 @@ def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:
                        "Write a kind such as R(P)R")
     kind = find_kind(re.sub(r"^[36]-", "", text.strip()), f"{place}.kind")
     if kind.planar != (motion == "planar"):
-        here, there = ("planar", "planar") if kind.planar else ("spatial", "spatial or translational")
-        raise BadInput(f"{kind.name} is a {here} kind, but the motion is {motion}",
+        there = "planar" if kind.planar else "spatial or translational"
+        raise BadInput(f"{kind.name} is a kind for {there} motion, but the motion is {motion}",
                        f"{place}.kind", f"Write `motion: {there}`, or choose another kind")
     return kind
 
@@ -178,13 +178,13 @@ class LimbReader:
     def _add(self, spec: SlotSpec, path: str, slot: SlotFile, joint: bool = False) -> None:
         """Turn a slot to SI and append it."""
         factor = self.units.factor(spec.quantity)
-        si = {k: None if v is None else v * factor
-              for k, v in (("value", slot.value), ("nominal", slot.nominal),
-                           ("tolerance", slot.tolerance), ("sigma", slot.sigma))}
+        value, nominal, tolerance, sigma = (
+            None if v is None else v * factor
+            for v in (slot.value, slot.nominal, slot.tolerance, slot.sigma))
         default = spec.default if slot.share is None or joint else None
         self.draft.entries.append(Entry(
             f"{self.draft.name}.{path}", self.at(path), spec.quantity, spec.tolerance_class,
-            default=default, fixed=slot.fixed, share=slot.share, **si))
+            default, value, nominal, tolerance, sigma, slot.fixed, slot.share))
         if spec.tolerance_class != "ratio":
             self.draft.numbers += [(spec.quantity, v) for v in (slot.value, slot.nominal)
                                    if v is not None]
@@ -218,14 +218,14 @@ class LimbReader:
         if raw is not None and not isinstance(raw, dict):
             raise BadInput(f"{show(raw)} is not a mapping", self.at(group),
                            f"Write keys with values here: {', '.join(names)}")
-        for key in raw or {}:
+        given: dict[Any, Any] = raw or {}
+        for key in given:
             if key not in names:
                 raise unknown("joint frame component", key, names, self.at(group))
         for key, spec in names.items():
-            given = raw is not None and key in raw
             path = f"{self.draft.name}.{spec.name}"
-            if given or any(fnmatchcase(path, p) for p in self.patterns):
-                slot = self._slot(raw[key], spec.name) if given else SlotFile()
+            if key in given or any(fnmatchcase(path, p) for p in self.patterns):
+                slot = self._slot(given[key], spec.name) if key in given else SlotFile()
                 nominal = slot.nominal
                 if nominal is None and slot.share is None:
                     slot = slot.model_copy(update={"nominal": 0.0})
@@ -302,8 +302,10 @@ class LimbReader:
     def _take_turns(self, group: str, specs: Sequence[SlotSpec], axis: DirectionFile,
                     nominal: Array) -> None:
         factor = self.units.factor("angle")
-        pick: Callable[[list[float] | None, int], float | None] = (
-            lambda values, i: None if values is None else values[i] * factor)
+
+        def pick(values: list[float] | None, i: int) -> float | None:
+            return None if values is None else values[i] * factor
+
         shared = axis.share is not None and axis.value is None
         for i, spec in enumerate(specs):
             self.draft.entries.append(Entry(

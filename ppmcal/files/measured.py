@@ -54,7 +54,8 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
         for i, name in enumerate(names):
             for source in (shared, f"sigma_{name}"):
                 _override(group[:, i], table, source, factor)
-    seen = np.isfinite(position).any(axis=1) | np.isfinite(rotation).any(axis=1)
+    seen = np.any(np.isfinite(np.concatenate([position, rotation], axis=1)), axis=1)
+    seen = np.asarray(seen, dtype=bool)
     return Measured(position, rotation, np.full(n, np.nan), sigma_position, sigma_rotation,
                     np.full(n, np.nan), seen, tuple(findings))
 

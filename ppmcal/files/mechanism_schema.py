@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from ppmcal.files.schema import (
     Flag,
@@ -23,12 +25,6 @@ from ppmcal.files.schema import (
 FORMAT = "ppmcal/mechanism/1"
 
 
-def number_or(model: type[Strict]) -> BeforeValidator:
-    """Return a validator that reads a bare number as ``{value: number}``."""
-    return BeforeValidator(lambda value: value if isinstance(value, dict | model)
-                           else {"value": value})
-
-
 def _range(value: list[float]) -> list[float]:
     if value[0] >= value[1]:
         raise refuse(f"the lower limit {value[0]:g} is not below the upper {value[1]:g}",
@@ -37,7 +33,7 @@ def _range(value: list[float]) -> list[float]:
 
 
 def _extended(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != value:
+    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
         raise refuse(f"{show(value)} is not a number", "Write a number, .inf or -.inf")
     return float(value)
 
@@ -102,7 +98,7 @@ class TolerancesFile(Strict):
 class HomeFile(Strict):
     """The pose that selects the assembly mode, and maybe its joint values."""
 
-    examples = {"pose": "pose: {x: 0, y: 0, rz: 0}"}
+    examples: ClassVar[Mapping[str, str]] = {"pose": "pose: {x: 0, y: 0, rz: 0}"}
     pose: Any
     q: dict[Label, Number] | None = None
 
@@ -118,13 +114,13 @@ class RegistrationFile(Strict):
 class MeasurementFile(Strict):
     """``measurement: {datasets: {name: ...}}``, written by identify."""
 
-    datasets: dict[Label, RegistrationFile] = {}
+    datasets: dict[Label, RegistrationFile] = Field(default_factory=dict)
 
 
 class MechanismFile(Strict):
     """The top of a mechanism file; the limbs are checked against their kinds later."""
 
-    examples = {
+    examples: ClassVar[Mapping[str, str]] = {
         "format": f"format: {FORMAT}",
         "units": "units: {length: mm, angle: deg}",
         "motion": "motion: planar",

@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -93,7 +93,7 @@ class Output:
         return BadInput(f"cannot be written ({error.strerror or error})", str(self.directory),
                         "Check permissions and space, or name another folder in --out")
 
-    def __enter__(self) -> Output:
+    def __enter__(self) -> Self:
         """Begin to collect."""
         return self
 
@@ -169,7 +169,7 @@ def json_text(obj: object) -> str:
 
 def plain(obj: object) -> Any:
     """Return ``obj`` as what JSON can hold."""
-    if obj is None or isinstance(obj, str | bool | int) and not isinstance(obj, np.generic):
+    if obj is None or (isinstance(obj, str | bool | int) and not isinstance(obj, np.generic)):
         return obj
     if isinstance(obj, np.bool_):
         return bool(obj)

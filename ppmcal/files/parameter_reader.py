@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput
 from ppmcal.files.limb_reader import Draft, Entry
+from ppmcal.files.schema import hint
 from ppmcal.parameters import Parameter, SlotMap, unmatched
 
 ANGLE_DEFAULT = 1e-3
@@ -131,11 +132,8 @@ def check_patterns(made: Sequence[Parameter], patterns: Sequence[str], source: s
     missed = unmatched(made, patterns)
     names = [n for p in made for n in (p.name, *p.aliases)]
     if missed:
-        error = unknown("pattern", missed[0], names, f"{source}: free")
-        near = error.mend.rpartition("Did you mean")[2]
-        hint = f" Did you mean{near}" if near and near != error.mend else ""
         raise BadInput(f"the pattern '{missed[0]}' names no parameter", f"{source}: free",
-                       f"Parameters are called {', '.join(names[:8])}, ...{hint}")
+                       f"Parameters are called {', '.join(names[:8])}, ...{hint(missed[0], names)}")
     return [f"{source}: free: the pattern '{pattern}' names only fixed parameters; give one a "
             "tolerance to free it." for pattern in patterns
             if all(p.fixed for p in made if p.matches(pattern))]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.schema import Strict, check
 from ppmcal.files.schema import Number as _Number
+from ppmcal.files.schema import Strict, check
 from ppmcal.units import Units
 
 Array = NDArray[np.float64]
@@ -69,7 +69,8 @@ def pose_from_map(data: object, allowed: Sequence[str], units: Units, source: st
         data: the mapping from YAML.
         allowed: coordinates that this pose may have (:data:`OF_MOTION`, :data:`OF_FRAME`).
         units: units of the file.
-        source: file name for messages; where: place in it.
+        source: file name for messages.
+        where: place in it.
         needed: coordinates that must be given (default: all allowed); others are nan.
 
     Raises:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
-from pydantic import model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from ppmcal.errors import BadInput, unknown
@@ -132,6 +138,12 @@ def choice(what: str, *allowed: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+def hint(name: object, allowed: Iterable[object]) -> str:
+    """Return `` Did you mean 'x'?`` for the nearest of ``allowed``, empty if none is near."""
+    near = unknown("", name, allowed).mend.rpartition(" Did you mean")
+    return f" Did you mean{near[2]}" if near[1] else ""
+
+
 class Strict(BaseModel):
     """A mapping of a file: unknown and missing keys are refused by name."""
 
@@ -163,7 +175,7 @@ class Strict(BaseModel):
 class UnitsFile(Strict):
     """``units: {length: mm, angle: deg}``."""
 
-    examples = {"length": "length: mm", "angle": "angle: deg"}
+    examples: ClassVar[Mapping[str, str]] = {"length": "length: mm", "angle": "angle: deg"}
     length: Annotated[str, choice("length unit", *LENGTHS)]
     angle: Annotated[str, choice("angle unit", *ANGLES)]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,8 @@ class SigmaFile(Strict):
 class InstrumentFile(Strict):
     """``instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}``."""
 
-    examples = {"kind": "kind: pose", "sigma": "sigma: {position: 0.01}"}
+    examples: ClassVar[Mapping[str, str]] = {"kind": "kind: pose",
+                                             "sigma": "sigma: {position: 0.01}"}
     kind: Annotated[str, choice("instrument kind", *KINDS)]
     sigma: SigmaFile
     point: Any = None
@@ -58,7 +60,7 @@ class InstrumentFile(Strict):
 class SidecarFile(Strict):
     """The sidecar's keys."""
 
-    examples = {
+    examples: ClassVar[Mapping[str, str]] = {
         "format": f"format: {FORMAT}",
         "units": "units: {length: mm, angle: deg}",
         "instrument": "instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}",

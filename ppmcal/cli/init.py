@@ -1,0 +1,47 @@
+"""``ppmcal init``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ppmcal.cli.common import FILE, Console, json_option, quiet_option
+
+
+@click.command("init")
+@click.argument("kind", required=False)
+@click.option("--out", type=FILE, default=None, help="File to write [default: KIND.yaml].")
+@click.option("--force", is_flag=True, help="Overwrite a file that exists.")
+@quiet_option
+@json_option
+def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_json: bool) -> None:
+    """Write a commented mechanism file for KIND (none: list the kinds)."""
+    from ppmcal.errors import BadInput
+    from ppmcal.templates import find_template, templates
+
+    console = Console(quiet, as_json)
+    if kind is None:
+        for name, line in templates().items():
+            console.say(f"{name:22} {line}")
+        console.say("Write one with: ppmcal init KIND")
+        console.summary({"kinds": templates()})
+        return
+    path = find_template(kind)
+    target = out or Path(path.name)
+    scenario = path.parent / "scenarios" / path.name
+    second = target.with_name(f"{target.stem}.scenario.yaml")
+    for place in (target, second):
+        if place.exists() and not force:
+            raise BadInput("exists already", str(place), "Give another --out, or --force")
+    try:
+        target.write_bytes(path.read_bytes())
+        if scenario.exists():
+            second.write_bytes(scenario.read_bytes())
+    except OSError as error:
+        raise BadInput(f"cannot be written ({error.strerror})", str(target),
+                       "Check the folder and its permissions") from None
+    written = [str(target)] + ([str(second)] if scenario.exists() else [])
+    console.say(f"Written: {', '.join(written)}")
+    console.say(f"Next: put your numbers into {target}, then: ppmcal check {target}")
+    console.summary({"written": written})

@@ -1,0 +1,311 @@
+"""Corrected commands: what to send so that the real machine goes where it is wanted.
+
+The identified machine's inverse kinematics is the correction. Besides the commands it
+tells what error the uncorrected ones would give, what is left after correction, and how
+well the data know it; rows that would be unsafe are refused, each with its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.dataset import Dataset, Unknown
+from ppmcal.forward import forward, moved
+from ppmcal.inverse import home_state, solve_rows
+from ppmcal.kinematics import inverse_table, pose_motor, pose_vector
+from ppmcal.limbs.chain import cross_matrix, left_jacobian
+from ppmcal.mechanism import Mechanism, Model, Registration
+from ppmcal.observation import Station, predict
+from ppmcal.problem import Problem, State
+
+Array = NDArray[np.float64]
+
+FAR_OUTSIDE = 0.5
+"""Refused: farther outside the measured range than this part of its width."""
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What an identification knows beyond the model file.
+
+    ``names`` (C,) columns and ``covariance`` (C, C) as in
+    :class:`ppmcal.analysis.Identification`; ``volume``: coordinate -> (low, high) of the
+    poses that were measured, base frame, SI. ``pivots``: the points about which the fitted
+    frames are turned, by data set (3,).
+    """
+
+    names: tuple[str, ...]
+    covariance: Array
+    volume: Mapping[str, tuple[float, float]]
+    pivots: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """Commands for N wanted poses, SI; nan where refused.
+
+    ``command`` is the pose to ask of a controller that uses the nominal geometry.
+    """
+
+    q: Array
+    q_nominal: Array
+    command: Array
+    position_before: Array
+    position_after: Array
+    rotation_before: Array
+    rotation_after: Array
+    sigma_position: Array
+    sigma_rotation: Array
+    status: tuple[str, ...]
+    reason: tuple[str, ...]
+
+
+def station_of(registration: Registration, actuators: int) -> Station:
+    """Return the station of a registration in the model file."""
+    return Station(pose_motor(registration.frame), registration.target,
+                   registration.target_rotation, np.zeros(actuators))
+
+
+def compensate(mechanism: Mechanism, wanted: Array, registration: Registration | None,
+               knowledge: Knowledge | None = None, dataset: str = "") -> Compensation:
+    """Return corrected commands.
+
+    Args:
+        mechanism: the identified machine (its nominals are the controller's model).
+        wanted: poses (N, 6) as the instrument would measure them, nan where open.
+        registration: frame and target; None for wanted platform poses in the base frame.
+        knowledge: covariance and measured volume, None where not available.
+        dataset: name of the data set that ``registration`` belongs to.
+    """
+    k = len(mechanism.actuators)
+    still = Registration(np.zeros(6), np.zeros(3), np.zeros(3))
+    station = station_of(registration or still, k)
+    model, nominal = Model(mechanism), Model(mechanism.nominal())
+    full, failed = wanted_poses(model, station, wanted)
+    table = inverse_table(model, full)
+    status = ["refused" if s != "ok" else "ok" for s in table.status]
+    reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
+    _outside_volume(mechanism, full, knowledge, status, reason)
+    before, q_nominal = _uncorrected(model, nominal, station, full, wanted)
+    good = np.array([s == "ok" for s in status])
+    result = _after(model, nominal, station, table.q, full, good)
+    sigma = _sigma(mechanism, station, full, table.q, good, knowledge, dataset)
+    q = np.where(good[:, None], table.q, np.nan)
+    return Compensation(q, q_nominal, result[0], before[0], result[1], before[1], result[2],
+                        sigma[0], sigma[1], tuple(status), tuple(reason))
+
+
+def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, list[str]]:
+    """Return platform poses (N, 6) in the base frame for wanted measured poses (N, 6).
+
+    Rows that name all coordinates are carried back in closed form. Where a machine has
+    fewer actuators than coordinates and a row leaves some open, pose and joints are solved
+    together: the closure, and the named coordinates as measured.
+    """
+    mechanism = model.mechanism
+    dof = np.isin(np.arange(6), mechanism.dof)
+    open_ = np.isnan(wanted) & dof
+    short = mechanism.conditions - len(mechanism.actuators)
+    out = np.full_like(wanted, np.nan)
+    failed = [""] * wanted.shape[0]
+    for n, count in enumerate(open_.sum(axis=1)):
+        if count not in (0, short):
+            failed[n] = (f"{count} coordinates are empty; this machine needs "
+                         f"{'none' if short == 0 else f'none or {short}'} of them empty")
+    whole = ~open_.any(axis=1)
+    if whole.any():
+        out[whole] = pose_vector(_carried_back(mechanism, station, wanted[whole]))
+    part = np.flatnonzero((open_.sum(axis=1) == short) & (short > 0))
+    if part.size:
+        out[part], solved = _solve_named(model, station, wanted[part], open_[part])
+        for n in part[~solved]:
+            failed[n] = "the open coordinates could not be solved for: no such pose near home"
+    return out, failed
+
+
+def _carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Array:
+    """frame^-1 o wanted o target^-1; in a translational machine the rotation stays."""
+    filled = np.where(np.isnan(wanted), 0.0, wanted)
+    body = cga.motor_from_rotation_vector(station.target_rotation, station.target)
+    back = cga.reverse(station.frame)
+    if mechanism.motion == "translational":
+        turn = mechanism.home_pose[3:]
+        own = cga.motor_from_rotation_vector(turn, np.zeros(3))
+        at = cga.move_point(back, filled[:, :3]) - cga.move_point(own, station.target)
+        return cga.motor_from_rotation_vector(np.broadcast_to(turn, at.shape), at)
+    return cga.compose(cga.compose(back, pose_motor(filled)), cga.reverse(body))
+
+
+def _solve_named(model: Model, station: Station, wanted: Array, open_: Array
+                 ) -> tuple[Array, NDArray[np.bool_]]:
+    """Newton on platform pose and joints: closure and named measured coordinates."""
+    mechanism = model.mechanism
+    state = home_state(mechanism)
+    n = wanted.shape[0]
+    pose = np.array(np.broadcast_to(mechanism.home, (n, 8)))
+    q = np.tile(state.q, (n, 1))
+    named = ~open_ & np.isin(np.arange(6), mechanism.dof)
+    pick = np.argsort(~named, axis=1, kind="stable")[:, :int(named[0].sum())]
+    frame = cga.rotation_matrix(station.frame)
+    solved = np.zeros(n, dtype=bool)
+    for _ in range(50):
+        closure = model.closure(q)
+        lines = closure.lines(pose)
+        seen, turn = predict(station, pose)
+        measured = np.concatenate([seen, cga.rotation_vector(
+            cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)
+        arm = cga.rotation_matrix(pose) @ station.target
+        by_pose = np.zeros((n, 6, 6))
+        by_pose[:, :3, :3] = frame
+        by_pose[:, :3, 3:] = -frame @ cross_matrix(arm)
+        by_pose[:, 3:, 3:] = np.linalg.inv(left_jacobian(measured[:, 3:])) @ frame
+        miss = np.take_along_axis(measured - np.nan_to_num(wanted), pick, axis=1)
+        rows = np.take_along_axis(by_pose[..., mechanism.dof], pick[..., None], axis=1)
+        gap = closure.gaps(pose)
+        top = np.concatenate([closure.pose_matrix(pose, lines),
+                              closure.joint_matrix(pose, lines)], axis=-1)
+        bottom = np.concatenate([rows, np.zeros((*rows.shape[:2], q.shape[1]))], axis=-1)
+        step = -solve_rows(np.concatenate([top, bottom], axis=1),
+                           np.concatenate([gap, miss], axis=1))
+        solved = (np.max(np.abs(gap), axis=1) < 1e-12 * mechanism.reach) & (
+            np.max(np.abs(miss), axis=1) < 1e-11)
+        if solved.all() or not np.isfinite(step).all(axis=1).any():
+            break
+        step = np.where(np.isfinite(step), step, 0.0)
+        move = np.zeros((n, 6))
+        move[:, mechanism.dof] = step[:, :len(mechanism.dof)]
+        pose, q = moved(pose, move), q + step[:, len(mechanism.dof):]
+    return pose_vector(pose), solved
+
+
+def _outside_volume(mechanism: Mechanism, full: Array, knowledge: Knowledge | None,
+                    status: list[str], reason: list[str]) -> None:
+    if knowledge is None:
+        return
+    for c, name in zip(mechanism.dof, mechanism.coordinates, strict=True):
+        if name not in knowledge.volume:
+            continue
+        low, high = knowledge.volume[name]
+        margin = FAR_OUTSIDE * (high - low)
+        quantity = "length" if c < 3 else "angle"
+        factor, unit = mechanism.units.factor(quantity), mechanism.units.name(quantity)
+        for n in np.flatnonzero((full[:, c] < low - margin) | (full[:, c] > high + margin)):
+            if status[n] == "ok":
+                status[n] = "refused"
+                reason[n] = (f"far outside the measured volume: {name} = {full[n, c] / factor:.6g} "
+                             f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
+
+
+def _uncorrected(model: Model, nominal: Model, station: Station, full: Array, wanted: Array
+                 ) -> tuple[tuple[Array, Array], Array]:
+    """Errors (N,) position and rotation of the nominal commands, and those commands (N, k).
+
+    The nominal machine is asked for the same pose; coordinates that its closure does not
+    allow are left to it.
+    """
+    asked = np.where(np.isnan(wanted) & np.isfinite(full), np.nan, full)
+    if nominal.mechanism.conditions > len(nominal.mechanism.actuators):
+        asked = named_only(nominal.mechanism, asked)
+    table = inverse_table(nominal, asked)
+    real = forward(model, table.q)
+    return _errors(station, real.pose, pose_motor(full)), table.q
+
+
+def named_only(mechanism: Mechanism, asked: Array) -> Array:
+    """Leave open what a constrained machine's own closure decides (full poses are on the
+    identified surface, not on the nominal one).
+    """
+    out = asked.copy()
+    short = mechanism.conditions - len(mechanism.actuators)
+    model = Model(mechanism)
+    closure = model.closure(home_state(mechanism).q)
+    a = closure.pose_matrix(mechanism.home[None])[0]
+    jq = closure.joint_matrix(mechanism.home[None])[0]
+    # coordinates that the joints drive least at home are the parasitic ones
+    mobility = np.abs(np.linalg.solve(a, jq))
+    scale = np.where(np.array(mechanism.dof) < 3, mechanism.length_scale, 1.0)
+    strength = np.linalg.norm(mobility / scale[:, None], axis=1)
+    weakest = [mechanism.dof[i] for i in np.argsort(strength, kind="stable")[:short]]
+    full = np.isfinite(out[:, mechanism.dof]).all(axis=1)
+    out[np.ix_(full, weakest)] = np.nan
+    return out
+
+
+def _after(model: Model, nominal: Model, station: Station, q: Array, full: Array, good: Array
+           ) -> tuple[Array, Array, Array]:
+    """Corrected pose command of the nominal model (N, 6), and errors left (N,) each."""
+    command = np.full_like(full, np.nan)
+    position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
+    if good.any():
+        asked = forward(nominal, q[good])
+        command[good] = pose_vector(asked.pose)
+        real = forward(model, q[good])
+        position[good], rotation[good] = _errors(station, real.pose, pose_motor(full[good]))
+    return command, position, rotation
+
+
+def _errors(station: Station, real: Array, ideal: Array) -> tuple[Array, Array]:
+    """Return position and rotation differences (N,) as the instrument would see them."""
+    (a, ra), (b, rb) = predict(station, real), predict(station, ideal)
+    turn = cga.rotation_vector(cga.motor_from_matrix(ra @ np.swapaxes(rb, -1, -2), np.zeros(3)))
+    return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn, axis=-1)
+
+
+def _sigma(mechanism: Mechanism, station: Station, full: Array, q: Array, good: Array,
+           knowledge: Knowledge | None, dataset: str) -> tuple[Array, Array]:
+    """Return the standard deviations (N,) of the corrected position and rotation."""
+    position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
+    if knowledge is None or not good.any():
+        return position, rotation
+    jacobian = prediction_jacobian(mechanism, station, full[good], q[good], knowledge,
+                                   dataset)
+    spread = jacobian @ knowledge.covariance @ np.swapaxes(jacobian, -1, -2)
+    variance = np.diagonal(spread, axis1=-2, axis2=-1)
+    places = sum(1 for c in mechanism.dof if c < 3)
+    position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0))
+    rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0))
+    return position, rotation
+
+
+def prediction_jacobian(mechanism: Mechanism, station: Station, full: Array, q: Array,
+                        knowledge: Knowledge, dataset: str) -> Array:
+    """Return d(measured pose)/d(columns) (N, m, C), columns as the identification names them.
+
+    Columns of other data sets' frames, and unknown names, are 0.
+    """
+    names = knowledge.names
+    place = {n: i for i, n in enumerate(mechanism.names)}
+    free = tuple(place[n] for n in names if n in place)
+    data = _targets(mechanism, full, q, dataset)
+    about = knowledge.pivots.get(dataset, np.zeros(3))
+    problem = Problem(mechanism, (data,), free, (about,))
+    state = State(mechanism.values, (station,), (pose_motor(full),))
+    rows = [r.jacobian for r in problem.rows(state)]
+    own = {name: c for c, name in enumerate(problem.columns)}
+    stacked = np.concatenate(rows)
+    out = np.zeros((*stacked.shape[:2], len(names)))
+    for c, name in enumerate(names):
+        if name in own:
+            out[..., c] = stacked[..., own[name]]
+    return out
+
+
+def _targets(mechanism: Mechanism, full: Array, q: Array, name: str) -> Dataset:
+    """A data set that 'measures' the wanted poses with unit noise, frame and target open."""
+    n = full.shape[0]
+    flat = mechanism.motion == "planar"
+    position = np.where(np.array([False, False, flat]), np.nan, full[:, :3])
+    rotation = np.where(np.array([flat, flat, False]), np.nan, full[:, 3:])
+    unknown = Unknown(True, np.zeros(3))
+    one = np.ones((n, 3))
+    return Dataset(
+        name=name, source=name, kind="pose", rows=np.arange(1, n + 1), q=q, commanded=None,
+        position=position, rotation=rotation, value=np.full(n, np.nan), to_q=None,
+        sigma_position=one, sigma_rotation=one, sigma_value=np.ones(n),
+        sigma_actuator=np.zeros(q.shape[1]), groups=np.arange(n), columns={}, sessions=None,
+        frame=Unknown(True, np.zeros(6)), target=unknown, target_rotation=unknown)

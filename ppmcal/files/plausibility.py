@@ -1,0 +1,172 @@
+"""Are the numbers in the units that the files declare? Plain comparisons, no kinematics.
+
+A wrong unit shows as a factor: 1000 (mm against m), 57.3 (deg against rad), 25.4 (in against
+mm). Each finding is one sentence that names file and place, and says how to mend it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.dataset import Dataset
+from ppmcal.files.columns import row_list
+from ppmcal.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+LENGTH_FACTORS = {1000.0: "mm against m", 25.4: "in against mm", 1e6: "um against m",
+                  39.37: "in against m"}
+TURN = 2.0 * np.pi
+TOO_FAR = 3.0
+TOO_LITTLE = 1e-3
+
+
+def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> list[str]:
+    """Return what looks like a wrong unit or a swapped column, as sentences.
+
+    Args:
+        mechanism: the machine, SI.
+        datasets: its measurements, SI.
+    """
+    out = _machine(mechanism)
+    for data in datasets:
+        out += _positions(mechanism, data)
+        out += _rotations(data)
+        for i, name in enumerate(mechanism.actuators):
+            out += _joint(mechanism, data, i, name)
+        out += _swapped(mechanism, data)
+    return out
+
+
+def _machine(mechanism: Mechanism) -> list[str]:
+    out = []
+    unit = mechanism.units.length
+    if mechanism.reach > 100.0 or mechanism.reach < 1e-3:
+        out.append(f"{mechanism.source}: units.length: the machine is {mechanism.reach:.3g} m "
+                   f"across; is the file really in {unit}? Check `units: {{length: {unit}}}`.")
+    turn = float(np.max(np.abs(mechanism.home_pose[3:])))
+    if turn > TURN and mechanism.units.angle == "rad":
+        out.append(f"{mechanism.source}: home.pose: the platform is turned by {turn:.4g} rad, "
+                   "more than a whole turn; are the angles in degrees? Write `units: {angle: "
+                   "deg}`.")
+    return out
+
+
+def _sidecar(data: Dataset) -> str:
+    return data.source.rpartition(".")[0] + ".yaml"
+
+
+def _factor(ratio: float) -> str:
+    """Name the unit factor that a ratio of sizes looks like, empty for none."""
+    size = ratio if ratio > 1.0 else 1.0 / ratio
+    near = min(LENGTH_FACTORS, key=lambda f: abs(np.log(size / f)))
+    return f" (about {near:g}: {LENGTH_FACTORS[near]})" if 0.1 < size / near < 10.0 else ""
+
+
+def _span(values: Array) -> float:
+    """Return the largest extent of the finite values along any axis, 0 where none."""
+    values = values.reshape(len(values), -1)
+    out = 0.0
+    for column in values.T:
+        finite = column[np.isfinite(column)]
+        if finite.size > 1:
+            out = max(out, float(finite.max() - finite.min()))
+    return out
+
+
+def _positions(mechanism: Mechanism, data: Dataset) -> list[str]:
+    """Compare the measured motion with the machine's reach."""
+    reach, out = mechanism.reach, []
+    values = data.position if data.kind in ("pose", "position") else data.value
+    span = _span(values)
+    commanded = 0.0 if data.commanded is None else _span(data.commanded[:, :3])
+    if span > TOO_FAR * reach:
+        out.append(f"{data.source}: the measured motion spans {span:.4g} m, but the machine "
+                   f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
+                   f"{_sidecar(data)} and in {mechanism.source}.")
+    elif 0.0 < span < TOO_LITTLE * reach and len(data) > 2 and data.kind in ("pose", "position"):
+        out.append(f"{data.source}: the measured motion spans only {span:.4g} m, but the machine "
+                   f"reaches {reach:.4g} m{_factor(span / reach)}; check units.length in "
+                   f"{_sidecar(data)} and in {mechanism.source}.")
+    if commanded > TOO_FAR * reach:
+        out.append(f"{data.source}: columns cmd_x ...: the commanded motion spans "
+                   f"{commanded:.4g} m, but the machine reaches {reach:.4g} m"
+                   f"{_factor(commanded / reach)}; check units.length in {_sidecar(data)}.")
+    return out
+
+
+def _rotations(data: Dataset) -> list[str]:
+    """A rotation vector of more than a turn is in degrees, not radians."""
+    size = np.abs(data.rotation[np.isfinite(data.rotation)])
+    if size.size and float(np.median(size)) > TURN:
+        return [f"{data.source}: columns rx, ry, rz: rotations of {float(np.median(size)):.4g} "
+                "rad are more than a whole turn (about 57.3: deg against rad); check units.angle "
+                f"in {_sidecar(data)}."]
+    return []
+
+
+def _joint(mechanism: Mechanism, data: Dataset, index: int, name: str) -> list[str]:
+    """Compare one joint's values with its limits, its home value, and the machine's size."""
+    q = data.q[:, index]
+    finite = q[np.isfinite(q)]
+    if not finite.size:
+        return []
+    place = f"{data.source}: column q_{name}"
+    low, high = mechanism.limits[index]
+    slack = 1e-9 * (1.0 + abs(low) + abs(high)) if np.isfinite([low, high]).all() else 0.0
+    outside = np.flatnonzero((q < low - slack) | (q > high + slack))
+    if outside.size:
+        rows = row_list(data.rows[outside] - 1)
+        return [f"{place}: {rows}: outside the limits of {name}; check the limits in "
+                f"{mechanism.source}, and the column's unit and order."]
+    if mechanism.actuator_has_ratio[index]:
+        return []
+    span = float(finite.max() - finite.min())
+    if mechanism.actuator_quantity[index] == "angle":
+        if float(np.median(np.abs(finite))) > 2.0 * TURN and span > 2.0 * TURN:
+            return [f"{place}: the joint turns through {span:.4g} rad (about 57.3: deg against "
+                    f"rad); check units.angle in {_sidecar(data)}."]
+        return []
+    if span > 10.0 * mechanism.reach:
+        return [f"{place}: the joint moves through {span:.4g} m, but the machine reaches "
+                f"{mechanism.reach:.4g} m{_factor(span / mechanism.reach)}; check units.length "
+                f"in {_sidecar(data)}."]
+    return _near_home(mechanism, finite, index, place)
+
+
+def _near_home(mechanism: Mechanism, q: Array, index: int, place: str) -> list[str]:
+    """A joint whose values are all much further from its home value than the reach."""
+    home = mechanism.home_q[index]
+    if not np.isfinite(home):
+        return []
+    middle = float(np.median(q))
+    if abs(middle - home) > TOO_FAR * mechanism.reach or (
+            abs(home) > 0.02 * mechanism.reach and middle != 0.0
+            and not 0.02 < abs(middle / home) < 50.0
+            and float(np.min(np.abs(q - home))) > 0.5 * abs(home)):
+        ratio = abs(middle / home) if home != 0.0 and middle != 0.0 else 1.0
+        return [f"{place}: values about {middle:.4g} m, but home.q is {home:.4g} m"
+                f"{_factor(ratio)}; check the units, and the order of the columns."]
+    return []
+
+
+def _swapped(mechanism: Mechanism, data: Dataset) -> list[str]:
+    """Two joints that are far from their own home values and near each other's."""
+    out = []
+    middle = np.array([float(np.median(c[np.isfinite(c)])) if np.isfinite(c).any() else np.nan
+                       for c in data.q.T])
+    home, names = mechanism.home_q, mechanism.actuators
+    width = np.array([_span(c[:, None]) for c in data.q.T])
+    for i in range(len(names)):
+        for j in range(i + 1, len(names)):
+            own = abs(middle[i] - home[i]), abs(middle[j] - home[j])
+            other = abs(middle[i] - home[j]), abs(middle[j] - home[i])
+            apart = abs(home[i] - home[j])
+            if (np.isfinite([*own, *other]).all() and min(own) > 0.75 * apart > 0.0
+                    and max(other) < 0.25 * apart and apart > max(width[i], width[j])):
+                out.append(f"{data.source}: columns q_{names[i]} and q_{names[j]}: each is near "
+                           "the other's home value; they look swapped. Check the header.")
+    return out

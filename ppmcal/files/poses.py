@@ -1,0 +1,130 @@
+"""Pose, target and joint files: CSV without a sidecar, in the mechanism file's units."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.errors import BadInput
+from ppmcal.files.columns import column, joint_factors, rotations, row_list, stacked
+from ppmcal.files.pose_text import COORDINATES, QUATERNION, factors
+from ppmcal.files.schema import hint
+from ppmcal.files.table import Table, read_table
+from ppmcal.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
+
+
+class PoseTable(NamedTuple):
+    """Poses of a CSV.
+
+    Attributes:
+        rows: row numbers, from 1, (N,).
+        poses: (N, 6) x, y, z, rx, ry, rz in SI; nan where left empty (to be solved for), 0
+            for coordinates that the machine does not have.
+        extra: all other columns as the file has them: (N,) numbers, or a tuple of words.
+        header: all column names, in file order.
+    """
+
+    rows: NDArray[np.int64]
+    poses: Array
+    extra: Mapping[str, Any]
+    header: tuple[str, ...]
+
+
+class JointTable(NamedTuple):
+    """Joint values of a CSV: ``q`` (N, k) in SI, nan where empty; the rest as PoseTable."""
+
+    rows: NDArray[np.int64]
+    q: Array
+    extra: Mapping[str, Any]
+    header: tuple[str, ...]
+
+
+def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
+    """Return the poses of a CSV: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
+
+    Coordinates of the machine may be left empty or out (nan): as many must be given as there
+    are actuators, row by row; that is the solver's to refuse.
+
+    Raises:
+        BadInput: no pose column at all, a coordinate that the machine does not have, or any
+            fault of the CSV.
+    """
+    table = read_table(path, loose=_may_be_text)
+    mine = (*mechanism.coordinates,
+            *(QUATERNION if mechanism.motion == "spatial" else ()))
+    own = [c for c in table.header if c in mine]
+    if not own:
+        raise BadInput("there is no pose column", f"{table.source}: header",
+                       f"Name the columns {', '.join(mechanism.coordinates)}; found "
+                       f"{', '.join(table.header[:8])}")
+    poses = stacked(table, COORDINATES) * factors(mechanism.units)
+    poses[:, 3:], _ = rotations(table, mechanism.units.factor("angle"))
+    for i, name in enumerate(COORDINATES):
+        if i not in mechanism.dof:
+            values = column(table, name)
+            moved = np.flatnonzero(np.nan_to_num(poses[:, i]) != 0.0)
+            if values is not None and moved.size:
+                raise BadInput(f"a {mechanism.motion} machine has no coordinate {name} "
+                               f"({row_list(moved)})", table.at(name, int(moved[0])),
+                               f"Remove the column; a pose here is "
+                               f"{', '.join(mechanism.coordinates)}")
+            poses[:, i] = 0.0
+    return PoseTable(_rows(table), poses, _extra(table, own), table.header)
+
+
+def read_joints(path: str | os.PathLike[str], mechanism: Mechanism) -> JointTable:
+    """Return the joint values of a CSV with a column ``q_<actuator>`` for each actuator.
+
+    Raises:
+        BadInput: a joint column is missing, or any fault of the CSV.
+    """
+    table = read_table(path, loose=_may_be_text)
+    names = [f"q_{a}" for a in mechanism.actuators]
+    missing = [n for n in names if n not in table.header]
+    if missing:
+        raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
+                       f"Give one column for each actuator: {', '.join(names)}."
+                       f"{hint(missing[0], table.header)}")
+    units = mechanism.units
+    q = stacked(table, names) * joint_factors(mechanism, units.factor("length"),
+                                              units.factor("angle"))
+    return JointTable(_rows(table), q, _extra(table, names), table.header)
+
+
+def twists(extra: Mapping[str, Any], mechanism: Mechanism) -> Array | None:
+    """Return the twist columns vx, vy, vz, wx, wy, wz as (N, 6) in m/s and rad/s.
+
+    Missing ones are 0, empty cells nan; None where a table has none of them.
+    """
+    have = [c for c in TWIST if c in extra]
+    if not have:
+        return None
+    out = np.zeros((len(extra[have[0]]), 6))
+    for i, name in enumerate(TWIST):
+        if name in extra:
+            factor = mechanism.units.factor("length" if i < 3 else "angle")
+            out[:, i] = np.asarray(extra[name], dtype=float) * factor
+    return out
+
+
+def _rows(table: Table) -> NDArray[np.int64]:
+    return np.arange(1, len(table) + 1, dtype=np.int64)
+
+
+def _extra(table: Table, own: list[str]) -> dict[str, Any]:
+    """Return the columns besides ``own`` in file units."""
+    return {c: table.text[c] if c in table.text else table.numbers[c]
+            for c in table.header if c not in own}
+
+
+def _may_be_text(name: str) -> bool:
+    """Whether a column may hold words: anything that is no pose, joint or velocity."""
+    return not (name in COORDINATES or name in QUATERNION or name in TWIST
+                or name.startswith("q_"))

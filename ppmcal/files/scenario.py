@@ -1,0 +1,261 @@
+"""Reading a scenario file (contract section 3): what simulate is to measure, in SI."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.dataset import Unknown
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files.columns import ZERO_CELSIUS, joint_factors
+from ppmcal.files.pose_text import COORDINATES, pose_from_map
+from ppmcal.files.poses import read_poses
+from ppmcal.files.scenario_schema import PosesFile, ScenarioFile
+from ppmcal.files.schema import check, effects_refusal, hint, show
+from ppmcal.files.sidecar import actuator_noise, frame_of, point_of, rotation_of
+from ppmcal.files.yaml_text import read_yaml
+from ppmcal.mechanism import Mechanism
+from ppmcal.parameters import Parameter
+from ppmcal.units import Units
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Circle:
+    """``count`` poses on a circle in the x-y plane; the rest goes through one period.
+
+    ``center`` (6,), nan where left to be solved for; ``swing`` (6,) amplitudes; ``radius`` m.
+    """
+
+    center: Array
+    radius: float
+    count: int
+    swing: Array
+
+
+@dataclass(frozen=True)
+class Grid:
+    """All combinations of ``counts`` (6,) values over center ± half_range, (6,) each."""
+
+    center: Array
+    half_range: Array
+    counts: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Random:
+    """``count`` poses drawn evenly from center ± half_range, (6,) each."""
+
+    center: Array
+    half_range: Array
+    count: int
+
+
+@dataclass(frozen=True)
+class Helix:
+    """``count`` poses on a helix about z through ``center`` (6,); diameter, pitch in m."""
+
+    center: Array
+    diameter: float
+    pitch: float
+    turns: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Poses of a file, (N, 6), nan where left empty."""
+
+    poses: Array
+    path: str
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A scenario in SI.
+
+    Attributes:
+        source: path of the file; units: its units, in which measurements are written.
+        poses: where to measure.
+        errors: parameter name -> difference from its present value, SI.
+        error_scale: draw errors from the tolerances times this, or None.
+        kind: ``pose``, ``position``, ``plane`` or ``distance``.
+        sigma_position, sigma_rotation: noise of the instrument, 0 where none, m and rad.
+        sigma_value: noise of a height or distance, m.
+        sigma_actuator: noise of the joints (k,), unit of q.
+        point: the fixed point of a distance instrument (3,).
+        frame: the base's pose in the measuring frame (6,); frame_known: left at the default.
+        target, target_rotation: (3,) each; target_known, target_rotation_known likewise.
+        ar, outliers, tails: correlation of successive noise, share of outliers, ``normal`` or
+            ``t4``.
+        repeats: measurements per pose; approach: ``both``, ``sequence`` or ``one``.
+        payload: kg, the loads to go through, or empty.
+        temperature: (mean in K, swing in K) or None.
+        seed: of the generator.
+    """
+
+    source: str
+    units: Units
+    poses: Circle | Grid | Random | Helix | Listed
+    errors: Mapping[str, float]
+    error_scale: float | None
+    kind: str
+    sigma_position: float
+    sigma_rotation: float
+    sigma_value: float
+    sigma_actuator: Array
+    point: Array
+    frame: Array
+    frame_known: bool
+    target: Array
+    target_known: bool
+    target_rotation: Array
+    target_rotation_known: bool
+    ar: float
+    outliers: float
+    tails: str
+    repeats: int
+    approach: str
+    payload: tuple[float, ...]
+    temperature: tuple[float, float] | None
+    seed: int
+
+
+def read_scenario(path: str | os.PathLike[str], mechanism: Mechanism) -> Scenario:
+    """Return the scenario of a file, everything in SI.
+
+    Raises:
+        BadInput: anything wrong in the file, with file, place and mend.
+    """
+    source = str(path)
+    file = check(ScenarioFile, read_yaml(Path(path)), source)
+    effects_refusal(file.effects, source)
+    units = file.units.units()
+    length, angle = units.factor("length"), units.factor("angle")
+    errors, scale = _errors(file.errors, mechanism, units, source)
+    sigma = file.instrument.sigma
+    own = {"plane": sigma.height, "distance": sigma.distance}.get(file.instrument.kind)
+    frame = _given(frame_of(file.frame, mechanism.motion, units, source), f"{source}: frame")
+    target = _given(point_of(file.target, mechanism.motion, units, source), f"{source}: target")
+    turn = _given(rotation_of(file.target_rotation, units, source), f"{source}: target_rotation")
+    point = point_of(file.instrument.point or "known", mechanism.motion, units, source,
+                     "instrument.point")
+    joint = joint_factors(mechanism, length, angle)
+    warm = file.conditions.temperature
+    return Scenario(
+        source=source, units=units, poses=_poses(file.poses, mechanism, units, source, Path(path)),
+        errors=errors, error_scale=scale, kind=file.instrument.kind,
+        sigma_position=(sigma.position or 0.0) * length,
+        sigma_rotation=(sigma.rotation or 0.0) * angle,
+        sigma_value=(own if own is not None else sigma.position or 0.0) * length,
+        sigma_actuator=actuator_noise(sigma.actuator, mechanism, joint, source),
+        point=_given(point, f"{source}: instrument.point"), frame=frame,
+        frame_known=file.frame == "known", target=target, target_known=file.target == "known",
+        target_rotation=turn, target_rotation_known=file.target_rotation == "known",
+        ar=file.noise.ar, outliers=file.noise.outliers, tails=file.noise.tails,
+        repeats=file.repeats, approach=file.approach, payload=tuple(file.conditions.payload),
+        temperature=None if warm is None else (warm.mean + ZERO_CELSIUS, warm.swing),
+        seed=file.seed)
+
+
+def _given(value: Unknown, place: str) -> Array:
+    """Return a value that a simulation needs; unknown and same_as make no sense there."""
+    if value.fitted:
+        raise BadInput("a simulation needs the true value, not an unknown one", place,
+                       "Write known, or the value")
+    return value.value
+
+
+def _errors(raw: object, mechanism: Mechanism, units: Units, source: str
+            ) -> tuple[dict[str, float], float | None]:
+    """Return parameter errors by name in SI, and the scale of random ones."""
+    place = f"{source}: errors"
+    if raw is None:
+        return {}, None
+    if not isinstance(raw, dict):
+        raise BadInput(f"{show(raw)} is not a mapping", place,
+                       "Write {leg1.offset: 0.3} or {random: {scale: 1.0}}")
+    scale: float | None = None
+    by_name = {n: p for p in mechanism.parameters for n in (p.name, *p.aliases)}
+    out: dict[str, float] = {}
+    for name, value in raw.items():
+        if name == "random":
+            scale = _scale(value, place)
+        elif name not in by_name:
+            raise BadInput(f"unknown parameter '{name}'", place,
+                           f"Parameters are called {', '.join(list(by_name)[:6])}, ...; joint "
+                           "frame components exist where the limb gives them or `free` names "
+                           f"them.{hint(name, by_name)}")
+        else:
+            out[by_name[name].name] = _error(value, by_name[name], units, f"{place}.{name}")
+    return out, scale
+
+
+def _error(value: object, parameter: Parameter, units: Units, place: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise BadInput(f"{show(value)} is not a number", place, "Write a number such as 0.5")
+    return float(value) * units.factor(parameter.quantity)
+
+
+def _scale(value: object, place: str) -> float:
+    scale = value.get("scale", 1.0) if isinstance(value, dict) else None
+    good = isinstance(scale, int | float) and not isinstance(scale, bool) and scale >= 0
+    if not good or not isinstance(value, dict) or set(value) - {"scale"}:
+        raise BadInput(f"{show(value)} cannot be used here", f"{place}.random",
+                       "Write {random: {scale: 1.0}}")
+    return float(scale or 0.0)
+
+
+def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, path: Path
+           ) -> Circle | Grid | Random | Helix | Listed:
+    if file.file is not None:
+        listed = path.parent / file.file
+        return Listed(read_poses(listed, mechanism).poses, str(listed))
+
+    def pose(raw: Any, where: str, rest: float) -> Array:
+        """Return the pose (6,) of a mapping, ``rest`` where it says nothing."""
+        out = pose_from_map(raw, mechanism.coordinates, units, source, where, needed=())
+        return np.where(np.isnan(out), rest, out)
+
+    def center(raw: Any, where: str) -> Array:
+        out = pose(raw, where, np.nan)
+        given = int(np.isfinite(out[list(mechanism.dof)]).sum())
+        if given < len(mechanism.actuators):
+            raise BadInput(f"the center names {given} coordinates, but the machine has "
+                           f"{len(mechanism.actuators)} actuators", f"{source}: {where}",
+                           f"Give {len(mechanism.actuators)} of "
+                           f"{', '.join(mechanism.coordinates)}")
+        return out
+
+    length = units.factor("length")
+    if file.circle is not None:
+        c = file.circle
+        return Circle(center(c.center, "poses.circle.center"), c.radius * length, c.count,
+                      pose(c.swing or {}, "poses.circle.swing", 0.0))
+    if file.grid is not None:
+        g = file.grid
+        counts = np.ones(6, dtype=np.int64)
+        for name, count in g.counts.items():
+            if name not in mechanism.coordinates:
+                raise unknown("pose coordinate", name, mechanism.coordinates,
+                              f"{source}: poses.grid.counts")
+            counts[COORDINATES.index(name)] = count
+        return Grid(center(g.center, "poses.grid.center"),
+                    pose(g.half_range, "poses.grid.half_range", 0.0), counts)
+    if file.random is not None:
+        r = file.random
+        return Random(center(r.center, "poses.random.center"),
+                      pose(r.half_range, "poses.random.half_range", 0.0), r.count)
+    h = file.helix
+    if h is None or mechanism.motion == "planar":
+        raise BadInput("a helix needs a machine that moves in z", f"{source}: poses.helix",
+                       "Use circle, grid or random")
+    return Helix(center(h.center, "poses.helix.center"), h.diameter * length, h.pitch * length,
+                 h.turns, h.count)

@@ -1,0 +1,193 @@
+"""Slots, points and directions of limbs as the mechanism file writes them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.files.directions import rotation
+from ppmcal.files.exact import to_file
+from ppmcal.files.slot_forms import groups
+from ppmcal.limbs.chain import SlotSpec
+from ppmcal.mechanism import Limb, Mechanism
+from ppmcal.parameters import Parameter
+
+Array = NDArray[np.float64]
+
+
+class SlotWriter:
+    """Writes the limbs of one mechanism; ``tolerances`` is the block that goes with them."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        """Find the class tolerances: the most common one of each class."""
+        self.mechanism = mechanism
+        self.written: set[str] = set()
+        self.slots = [dict(_slots(limb)) for limb in mechanism.limbs]
+        self.classes: dict[tuple[str, str], float] = {}
+        self.tolerances: dict[str, float] = {}
+        self._find_classes()
+
+    def _find_classes(self) -> None:
+        seen: set[int] = set()
+        counts: dict[tuple[str, str], Counter[float]] = {}
+        for limb, slots in zip(self.mechanism.limbs, self.slots, strict=True):
+            for name, index in slots.items():
+                p = self.mechanism.parameters[index]
+                key = tolerance_class(limb, name), p.quantity
+                if index in seen or key[0] == "ratio" or p.tolerance is None:
+                    continue
+                seen.add(index)
+                counts.setdefault(key, Counter())[p.tolerance] += 1 if p.fixed else 1000
+        for (name, quantity), counter in sorted(counts.items(), key=lambda item: (
+                ("point", "length", "angle", "offset").index(item[0][0]), item[0][1] == "angle")):
+            if name not in self.tolerances:
+                factor = self.mechanism.units.factor(quantity)
+                self.tolerances[name] = to_file(counter.most_common(1)[0][0], factor)
+        for name, quantity in counts:
+            factor = self.mechanism.units.factor(quantity)
+            self.classes[name, quantity] = self.tolerances[name] * factor
+
+    def limb(self, index: int) -> dict[str, Any]:
+        """Return one limb as plain data."""
+        limb = self.mechanism.limbs[index]
+        out: dict[str, Any] = {"name": limb.name, "kind": limb.kind.name}
+        actuator = self.mechanism.actuators[limb.actuator]
+        if actuator != limb.name:
+            out["actuator"] = actuator
+        for group, specs in groups(limb.kind):
+            for path, value in self._group(index, limb, group, specs):
+                head, _, tail = path.partition(".")
+                if tail:
+                    out.setdefault(head, {})[tail] = value
+                else:
+                    out[head] = value
+        if limb.kind.branch and limb.branch is not None:
+            out[limb.kind.branch] = limb.branch
+        return out
+
+    def _group(self, index: int, limb: Limb, group: str, specs: list[SlotSpec]
+               ) -> Iterator[tuple[str, Any]]:
+        """Yield (path, plain data) of one point, direction, joint frame or slot."""
+        slots = self.slots[index]
+        if group in limb.kind.directions:
+            yield from self._directions(index, limb, group, specs)
+        elif group.endswith(".point"):
+            names = [s.name for s in specs]
+            if f"{group}.radius" in slots:
+                names = [f"{group}.radius", f"{group}.angle", *names[2:]]
+            parts = {n.rpartition(".")[2]: self._slot(limb, n, slots[n]) for n in names}
+            if any(isinstance(v, dict) for v in parts.values()) or "radius" in parts:
+                yield group, parts
+            else:
+                yield group, list(parts.values())
+        else:
+            for spec in specs:
+                if spec.name in slots and not self._silent(limb, spec, slots[spec.name]):
+                    yield spec.name, self._slot(limb, spec.name, slots[spec.name])
+
+    def _silent(self, limb: Limb, spec: SlotSpec, index: int) -> bool:
+        """Whether a slot may be left out, because reading makes the same of nothing."""
+        p = self.mechanism.parameters[index]
+        if p.aliases or p.value != 0.0 or p.nominal != 0.0 or p.sigma is not None:
+            return False
+        if spec.default == 0.0 and spec.tolerance_class == "length":
+            return p.fixed and p.tolerance is None
+        plain = not isinstance(self._slot(limb, spec.name, index), dict)
+        if spec.tolerance_class == "offset":
+            return plain
+        patterns = self.mechanism.free_patterns or ()
+        return (spec.name.startswith("joint") and plain
+                and any(fnmatchcase(p.name, pattern) for pattern in patterns))
+
+    def _own(self, p: Parameter, class_tolerance: float | None) -> dict[str, Any]:
+        """Return the keys ``tolerance`` and ``fixed`` as far as the class does not say it."""
+        out: dict[str, Any] = {}
+        if p.tolerance is not None and (p.tolerance != class_tolerance or p.sigma is not None):
+            out["tolerance"] = to_file(p.tolerance, self._factor(p))
+        if p.fixed and p.tolerance != 0.0 and not (p.per_unit and p.tolerance is None):
+            out["fixed"] = True
+        return out
+
+    def _factor(self, p: Parameter) -> float:
+        return self.mechanism.units.factor(p.quantity)
+
+    def _slot(self, limb: Limb, name: str, index: int) -> Any:
+        """Return a number, or ``{value, nominal, sigma, tolerance, fixed, share}``."""
+        p = self.mechanism.parameters[index]
+        if p.aliases and p.name in self.written:
+            return {"share": p.name}
+        factor = self._factor(p)
+        value, nominal = to_file(p.value, factor), to_file(p.nominal, factor)
+        drawn = 0.0 if name.startswith("joint") and not p.aliases else p.value
+        out: dict[str, Any] = {"value": value}
+        if p.nominal != drawn or p.sigma is not None:
+            out["nominal"] = nominal
+        if p.sigma is not None:
+            out["sigma"] = to_file(p.sigma, factor)
+        out.update(self._own(p, self.classes.get((tolerance_class(limb, name), p.quantity))))
+        if p.aliases:
+            self.written.add(p.name)
+            out["share"] = p.name
+        return value if len(out) == 1 else out
+
+    def _directions(self, index: int, limb: Limb, group: str, specs: list[SlotSpec]
+                    ) -> Iterator[tuple[str, Any]]:
+        """Yield the axis, and ``base.zero`` which turns with it."""
+        parts = [self.mechanism.parameters[self.slots[index][s.name]] for s in specs]
+        turn, nominal = (np.array([getattr(p, n) for p in parts]) for n in ("value", "nominal"))
+        apart = len(limb.kind.directions) == 1 and any(
+            s.startswith("joint") for s in self.slots[index])
+        for name in limb.kind.directions:
+            constant = limb.constants[name]
+            now = constant if apart or not turn.any() else rotation(turn) @ constant
+            out: dict[str, Any] = {"value": [float(v) for v in now]}
+            if turn.any() or nominal.any():
+                out["nominal"] = [float(v) for v in rotation(nominal) @ constant]
+            if name == group:
+                if apart and turn.any():
+                    out["rotation"] = [to_file(float(v), self._factor(parts[0])) for v in turn]
+                out = self._direction_keys(limb, specs, parts, out)
+            yield name, out["value"] if list(out) == ["value"] else out
+
+    def _direction_keys(self, limb: Limb, specs: list[SlotSpec], parts: list[Parameter],
+                        out: dict[str, Any]) -> dict[str, Any]:
+        """Return ``out`` with sigma, tolerance, fixed and share of a direction's error."""
+        share = parts[0].name.removesuffix(".rx") if parts[0].aliases else None
+        if share is not None and parts[0].name in self.written:
+            return {"share": share}
+        factor = self._factor(parts[0])
+        if any(p.sigma is not None for p in parts):
+            out["sigma"] = [to_file(p.sigma or 0.0, factor) for p in parts]
+        class_ = self.classes.get(("angle", "angle"))
+        own = [self._own(p, class_) for p in parts]
+        if any("tolerance" in o for o in own):
+            spread = [to_file(p.tolerance or 0.0, factor) for p in parts]
+            out["tolerance"] = spread[0] if len(set(spread)) == 1 else spread
+        if all(p.fixed for p in parts) and any("fixed" in o for o in own):
+            out["fixed"] = True
+        if share is not None:
+            self.written.add(parts[0].name)
+            out["share"] = share
+        return out
+
+
+def _slots(limb: Limb) -> Iterator[tuple[str, int]]:
+    """Yield (slot name, parameter index), radius and angle for polar points."""
+    yield from limb.slots.direct
+    for x, _, radius, angle in limb.slots.polar:
+        group = x.rpartition(".")[0]
+        yield f"{group}.radius", radius
+        yield f"{group}.angle", angle
+
+
+def tolerance_class(limb: Limb, name: str) -> str:
+    """Return the tolerance class of a slot."""
+    if name.endswith((".radius", ".angle")) and ".point." in name:
+        return "point" if name.endswith(".radius") else "angle"
+    specs = {s.name: s for s in (*limb.kind.slots, *limb.kind.joint_slots)}
+    return specs[name].tolerance_class

@@ -1,0 +1,205 @@
+"""identification.json, parameters.csv, residuals.csv and identified.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.analysis import Estimate, Identification
+from ppmcal.files import csv_text, json_text, write_mechanism
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.observation import coordinates
+from ppmcal.problem import Problem, State
+from ppmcal.units import Units
+
+Array = NDArray[np.float64]
+CORRELATED = 0.95
+
+
+def files(result: Identification, provenance: Mapping[str, Any], method: str) -> dict[str, str]:
+    """Return file name -> text of everything that identify writes."""
+    return {
+        "identified.yaml": write_mechanism(
+            result.mechanism, f"identified by ppmcal {provenance.get('version', '')} from "
+            + ", ".join(d.name for d in result.fit.problem.datasets)),
+        "parameters.csv": parameters_csv(result),
+        "residuals.csv": residuals_csv(result),
+        "identification.json": json_text(summary(result, provenance, method, True)),
+    }
+
+
+def summary(result: Identification, provenance: Mapping[str, Any], method: str,
+            covariance: bool) -> dict[str, Any]:
+    """Return the content of identification.json; without ``covariance`` the short form."""
+    units = result.mechanism.units
+    fit = result.fit
+    out: dict[str, Any] = {
+        "format": "ppmcal/identification/1",
+        "name": result.mechanism.name,
+        "method": method,
+        "parameters": [parameter(e, units) for e in result.estimates],
+        "rank": result.rank,
+        "columns": len(result.columns),
+        "redundant": [{"name": d.name, "depends_on": {
+            n: v * _column_factor(result, n) ** -1 * _column_factor(result, d.name)
+            for n, v in d.depends_on.items()}} for d in result.redundant],
+        "iterations": fit.iterations,
+        "converged": fit.converged,
+        "prior_scale": fit.prior_scale,
+        "residual": {
+            "before": figures(result.before.figures(fit.keep), units),
+            "after": figures(result.after.figures(fit.keep), units),
+            "holdout": figures(result.holdout, units),
+        },
+        "holdout_note": result.holdout_note,
+        "noise": {
+            "sigma_ratio": result.noise.sigma_ratio, "chi2": result.noise.chi2,
+            "degrees": result.noise.degrees, "chi2_p": result.noise.chi2_p,
+            "repeat_ratio": result.noise.repeat_ratio,
+            "repeat_degrees": result.noise.repeat_degrees,
+        },
+        "observability": dict(result.observability),
+        "correlations": correlations(result),
+        "excluded": [
+            {"dataset": d.name, "row": int(d.rows[n]), "reason": reason}
+            for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
+            for n, reason in sorted(reasons.items())],
+        "findings": list(result.findings),
+        "datasets": [{"name": d.name, "source": d.source, "kind": d.kind, "rows": len(d),
+                      "used": int(k.sum()), "frame": _pose(result, d.name)}
+                     for d, k in zip(fit.problem.datasets, fit.keep, strict=True)],
+        "units": {"length": units.length, "angle": units.angle},
+        "measured_volume": _volume(result),
+        "provenance": dict(provenance),
+    }
+    if covariance:
+        out["covariance"] = covariance_entry(result)
+    return out
+
+
+def parameter(e: Estimate, units: Units) -> dict[str, Any]:
+    """Return one parameter's entry, file units."""
+    f = units.factor(e.quantity)
+    low, high = e.interval or (None, None)
+    return {
+        "name": e.name, "nominal": e.nominal / f, "value": e.value / f, "error": e.error / f,
+        "sigma": _over(e.sigma, f), "sigma_data": _over(e.sigma_data, f),
+        "low": _over(low, f), "high": _over(high, f), "tolerance": _over(e.tolerance, f),
+        "unit": units.name(e.quantity) + ("/unit" if e.per_unit else ""), "status": e.status}
+
+
+def _over(value: float | None, factor: float) -> float | None:
+    return None if value is None or not np.isfinite(value) else value / factor
+
+
+def figures(values: Mapping[str, Mapping[str, float]], units: Units) -> dict[str, Any]:
+    """Return error figures in file units, each with its unit."""
+    out: dict[str, Any] = {}
+    for name, parts in values.items():
+        quantity = "angle" if name == "rotation" else "length"
+        f = units.factor(quantity)
+        out[name] = {**{k: v / f for k, v in parts.items()}, "unit": units.name(quantity)}
+    return out
+
+
+def _column_factor(result: Identification, name: str) -> float:
+    """SI value of one file unit of a column."""
+    return column_factor(result.mechanism, name)
+
+
+def column_factor(mechanism: Mechanism, name: str) -> float:
+    """Return the SI value of one file unit of a parameter or of an open quantity."""
+    for p in mechanism.parameters:
+        if p.name == name:
+            return mechanism.units.factor(p.quantity)
+    head = name.split(" of ")[0]
+    if head.startswith("homing."):
+        a = mechanism.actuators.index(head.removeprefix("homing."))
+        return 1.0 if mechanism.actuator_has_ratio[a] else mechanism.units.factor(
+            mechanism.actuator_quantity[a])
+    return mechanism.units.factor("angle" if head.split(".")[-1].startswith("r") else "length")
+
+
+def correlations(result: Identification) -> list[dict[str, Any]]:
+    """Return the strongly correlated pairs of parameters, strongest first, at most 50."""
+    count = len(result.fit.problem.free)
+    c = result.covariance[:count, :count]
+    sigma = np.sqrt(np.maximum(np.diagonal(c), 0.0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        r = np.triu(c / np.outer(sigma, sigma), 1)
+    pairs = np.argwhere(np.abs(np.nan_to_num(r)) > CORRELATED)
+    pairs = sorted(pairs.tolist(), key=lambda p: -abs(r[p[0], p[1]]))[:50]
+    return [{"a": result.columns[i], "b": result.columns[j], "value": float(r[i, j])}
+            for i, j in pairs]
+
+
+def covariance_entry(result: Identification) -> dict[str, Any]:
+    """Return the covariance of all columns in file units, and what its frames turn about."""
+    f = np.array([_column_factor(result, n) for n in result.columns])
+    length = result.mechanism.units.factor("length")
+    problem = result.fit.problem
+    return {"names": list(result.columns),
+            "matrix": (result.covariance / np.outer(f, f)).tolist(),
+            "frames_turn_about": {d.name: (o.about / length).tolist() for d, o in
+                                  zip(problem.datasets, problem.opens, strict=True)}}
+
+
+def _pose(result: Identification, name: str) -> dict[str, float]:
+    r = result.mechanism.registrations[name]
+    units = result.mechanism.units
+    return {c: float(r.frame[i] / units.factor("length" if i < 3 else "angle"))
+            for i, c in enumerate(POSE_COORDINATES)}
+
+
+def _volume(result: Identification) -> dict[str, list[float]]:
+    """Range of the platform poses that were measured, base frame, file units."""
+    units = result.mechanism.units
+    state: State = result.fit.state
+    poses = np.concatenate([p[k] for p, k in zip(state.poses, result.fit.keep, strict=True)])
+    full = np.concatenate([cga.translation(poses), cga.rotation_vector(poses)], axis=1)
+    out = {}
+    for c in result.mechanism.dof:
+        f = units.factor("length" if c < 3 else "angle")
+        out[POSE_COORDINATES[c]] = [float(full[:, c].min() / f), float(full[:, c].max() / f)]
+    return out
+
+
+def parameters_csv(result: Identification) -> str:
+    """Return parameters.csv."""
+    rows = [parameter(e, result.mechanism.units) for e in result.estimates]
+    header = ["name", "nominal", "value", "error", "sigma", "sigma_data", "low", "high",
+              "tolerance", "unit", "status"]
+    return csv_text(header, [[r[h] for r in rows] for h in header])
+
+
+def residuals_csv(result: Identification) -> str:
+    """Return residuals.csv: one line per input row, all data sets below each other."""
+    problem: Problem = result.fit.problem
+    units, motion = result.mechanism.units, problem.mechanism.motion
+    used_coordinates = sorted({c for d in problem.datasets for c in coordinates(d, motion)})
+    total = sum(len(d) for d in problem.datasets)
+    header = ["row", "dataset"]
+    columns: list[Any] = [np.concatenate([d.rows for d in problem.datasets]),
+                          [d.name for d in problem.datasets for _ in range(len(d))]]
+    for c in used_coordinates:
+        f = units.factor("length" if c < 3 else "angle")
+        for label, source in (("before", result.before.vector), ("after", result.after.vector),
+                              ("sigma", result.after.sigma)):
+            values = np.full(total, np.nan)
+            at = 0
+            for d, v in zip(problem.datasets, source, strict=True):
+                chosen = coordinates(d, motion)
+                if c in chosen:
+                    values[at:at + len(d)] = v[:, chosen.index(c)] / f
+                at += len(d)
+            header.append(f"{label}_{POSE_COORDINATES[c]}")
+            columns.append(values)
+    header += ["used", "reason"]
+    columns.append(np.concatenate([k.astype(int) for k in result.fit.keep]))
+    columns.append([r.get(n, "") for r, d in zip(result.fit.reasons, problem.datasets, strict=True)
+                    for n in range(len(d))])
+    return csv_text(header, columns)

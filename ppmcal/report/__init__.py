@@ -1,0 +1,14 @@
+"""The report: what the commands wrote, read back as plain data, then HTML and JSON.
+
+``collect`` reads output folders, ``to_json`` gives plain data, ``to_html`` one page that
+needs nothing else: no network, no fonts, no script.
+"""
+
+from __future__ import annotations
+
+from ppmcal.report.collect import collect
+from ppmcal.report.data import ReportData
+from ppmcal.report.json_form import to_json
+from ppmcal.report.page import to_html
+
+__all__ = ["ReportData", "collect", "to_html", "to_json"]

@@ -1,0 +1,197 @@
+"""From output folders to plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppmcal.errors import BadInput
+from ppmcal.report.data import (
+    Array,
+    Columns,
+    Diagnosed,
+    Identified,
+    Other,
+    Record,
+    ReportData,
+    Rows,
+    Simulated,
+)
+from ppmcal.report.sources import NUMBER, TEXT, digest, read_columns, read_json
+from ppmcal.report.truth import compare
+
+_FIGURES = {"unit": TEXT, "*": NUMBER}
+_PROVENANCE = {"inputs": {"*": TEXT}}
+IDENTIFICATION = {
+    "name": TEXT, "method": TEXT, "rank": NUMBER, "iterations": NUMBER,
+    "parameters": [{"name": TEXT, "unit": TEXT, "status": TEXT, "*": NUMBER}],
+    "redundant": [{"name": TEXT, "depends_on": {"*": NUMBER}}],
+    "residual": {"*": {"*": _FIGURES}}, "holdout_note": TEXT, "noise": {"*": NUMBER},
+    "observability": {"*": NUMBER}, "findings": [None],
+    "correlations": [{"a": TEXT, "b": TEXT, "value": NUMBER}],
+    "excluded": [{"dataset": TEXT, "row": NUMBER, "reason": TEXT}],
+    "datasets": [{"name": TEXT, "source": TEXT, "kind": TEXT, "rows": NUMBER, "used": NUMBER}],
+    "units": {"*": TEXT}, "provenance": _PROVENANCE, "measured_volume": {"*": [NUMBER]},
+}
+DIAGNOSIS = {
+    "verdict": TEXT, "remainder": {"follows": TEXT, "p_value": NUMBER},
+    "effects": [{"kind": TEXT, "on": [TEXT], "parameters": {"*": {"unit": TEXT, "*": NUMBER}},
+                 "p_value": NUMBER, "survival": NUMBER, "alternatives": [None]}],
+    "gap": {"interval": [NUMBER], "*": NUMBER},
+    "localised": [{"by": TEXT, "rms_ratio": NUMBER, "p_value": NUMBER}],
+    "not_testable": [{"kind": TEXT, "missing": [TEXT]}],
+    "next_measurements": {"reason": TEXT, "file": TEXT},
+    "findings": [None], "provenance": _PROVENANCE,
+}
+LOOSE = {"findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE, "name": TEXT}
+TRUTH = {"units": {"*": TEXT}, "provenance": _PROVENANCE}
+
+KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.csv",
+         "residuals.csv", "identified.yaml", "diagnosis.json", "effects.csv", "commands.csv",
+         "commands.json", "kinematics.csv", "kinematics.json", "check.json", "poses.csv",
+         "sensitivity.csv", "sensitivity.json")
+"""Files by which a folder is recognised as a command's output."""
+
+
+def collect(dirs: Sequence[Path]) -> ReportData:
+    """Return what the folders hold.
+
+    Raises:
+        BadInput: no folder, a folder without any known file, or a broken file.
+    """
+    if not dirs:
+        raise BadInput("no folder was given", "", "Name the output folders of earlier commands")
+    found: dict[str, list[Any]] = {k: [] for k in ("identified", "diagnosed", "compensated",
+                                                   "kinematics", "simulated", "others")}
+    unique = list({Path(d).absolute(): Path(d) for d in dirs}.values())
+    for folder in unique:
+        _refuse_strange(folder)
+        for key, part in _parts(folder):
+            found[key].append(part)
+    identified = tuple(_with_positions(i, found["simulated"]) for i in found["identified"])
+    parts = {k: tuple(v) for k, v in found.items() if k != "identified"}
+    return ReportData(tuple(str(d) for d in unique), identified, **parts,
+                      comparisons=compare(identified, found["simulated"]))
+
+
+def _refuse_strange(folder: Path) -> None:
+    """Refuse a path that is no folder or holds none of the known files."""
+    if not folder.is_dir():
+        what = "is a file, not a folder" if folder.exists() else "does not exist"
+        raise BadInput(what, str(folder), "Name the output folder of an earlier command")
+    try:
+        names = {p.name for p in folder.iterdir()}
+        inner = sorted(p.name for p in folder.iterdir()
+                       if p.is_dir() and any((p / k).is_file() for k in KNOWN))
+    except OSError as error:
+        raise BadInput(f"cannot be read ({error.strerror or error})", str(folder)) from None
+    if names.isdisjoint(KNOWN):
+        mend = f"Looked for: {', '.join(KNOWN)}."
+        if inner:
+            mend += f" Did you mean its folders {', '.join(inner[:8])}?"
+        raise BadInput("holds no output of a ppmcal command", str(folder), mend)
+
+
+def _parts(folder: Path) -> list[tuple[str, Any]]:
+    """Return the pieces of one folder, each with its place in the report."""
+    name = str(folder)
+
+    def has(*files: str) -> bool:
+        return any((folder / f).is_file() for f in files)
+
+    def table(file: str) -> Columns | None:
+        return read_columns(folder / file) if has(file) else None
+
+    def record(file: str, shape: Any) -> Record:
+        return read_json(folder / file, shape) if has(file) else {}
+
+    out: list[tuple[str, Any]] = []
+    if has("truth.json", "measurements.csv"):
+        out.append(("simulated", _simulated(folder)))
+    diagnosed = has("diagnosis.json", "effects.csv")
+    if has("identification.json", "parameters.csv", "identified.yaml") or (
+            has("residuals.csv") and not diagnosed):
+        found = record("identification.json", IDENTIFICATION)
+        own = tuple(found.get("parameters") or ()) or _parameters(table("parameters.csv"))
+        out.append(("identified", Identified(name, found, own, table("residuals.csv"))))
+    if diagnosed:
+        rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
+        out.append(("diagnosed", Diagnosed(name, record("diagnosis.json", DIAGNOSIS),
+                                           table("effects.csv"), rest)))
+    for key, stem in (("compensated", "commands"), ("kinematics", "kinematics")):
+        if has(f"{stem}.csv", f"{stem}.json"):
+            out.append((key, Rows(name, stem, record(f"{stem}.json", LOOSE),
+                                  table(f"{stem}.csv"))))
+    for kind, stem in (("check", "check"), ("plan", "poses"), ("sensitivity", "sensitivity")):
+        if has(f"{stem}.csv", f"{stem}.json"):
+            out.append(("others", Other(name, kind, record(f"{stem}.json", LOOSE),
+                                        table(f"{stem}.csv"))))
+    return out
+
+
+def _simulated(folder: Path) -> Simulated:
+    file = folder / "measurements.csv"
+    truth = folder / "truth.json"
+    here = file.is_file()
+    return Simulated(str(folder), read_json(truth, TRUTH) if truth.is_file() else None,
+                     read_columns(file, whole=False) if here else None,
+                     digest(file) if here else "")
+
+
+def _parameters(table: Columns | None) -> tuple[Record, ...]:
+    """Return the rows of parameters.csv as the JSON would hold them."""
+    if table is None:
+        return ()
+    out = []
+    for i in range(table.size):
+        row: dict[str, Any] = {k: v[i] for k, v in table.text.items()}
+        row |= {k: float(v[i]) if np.isfinite(v[i]) else None for k, v in table.numbers.items()}
+        out.append(row)
+    return tuple(out)
+
+
+def _with_positions(one: Identified, simulated: Sequence[Simulated]) -> Identified:
+    """Find the measured x, y of the residual rows, in files with the check sum of the input."""
+    table = one.residuals
+    if table is None or not table.size:
+        return one
+    if "x" in table.numbers and "y" in table.numbers:
+        return _replace(one, np.column_stack([table.number("x"), table.number("y")]))
+    out = np.full((table.size, 2), np.nan)
+    datasets = one.record.get("datasets") or []
+    names = np.array(table.words("dataset"), dtype=object)
+    for entry in datasets:
+        places = _places(one, str(entry.get("source") or ""), simulated)
+        rows = table.number("row")
+        mine = (names == str(entry.get("name"))) | (len(datasets) == 1)
+        if places is None or not np.isfinite(rows[mine]).all() or not mine.any():
+            continue
+        index = rows.astype(int) - (0 if rows[mine].min() < 1 else 1)
+        mine &= (index >= 0) & (index < len(places))
+        out[mine] = places[index[mine]]
+    return _replace(one, out) if np.isfinite(out).all(axis=1).any() else one
+
+
+def _replace(one: Identified, places: Array) -> Identified:
+    return Identified(one.folder, one.record, one.parameters, one.residuals, places)
+
+
+def _places(one: Identified, source: str, simulated: Sequence[Simulated]) -> Array | None:
+    """Return x, y (N, 2) of a measurement file, if it is the very one that was fitted."""
+    inputs: dict[str, str] = (one.record.get("provenance") or {}).get("inputs") or {}
+    names = [k for k in inputs if k == source] or [
+        k for k in inputs if source and Path(k).name == Path(source).name]
+    if len(names) != 1 or not inputs[names[0]]:
+        return None
+    table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)
+    if table is None and digest(Path(names[0])) == inputs[names[0]]:
+        try:
+            table = read_columns(Path(names[0]), whole=False, wanted=lambda c: c in "xy")
+        except BadInput:
+            return None
+    if table is None or "x" not in table.numbers or "y" not in table.numbers:
+        return None
+    return np.column_stack([table.number("x"), table.number("y")])

@@ -1,0 +1,157 @@
+"""Plain data of a report: what was found in the folders, in the units of the files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A CSV with N rows: ``numbers`` (N,) by column, nan where empty; ``text`` by column."""
+
+    source: str
+    header: tuple[str, ...]
+    numbers: Mapping[str, Array]
+    text: Mapping[str, tuple[str, ...]]
+    size: int
+
+    def number(self, name: str) -> Array:
+        """Return one column of numbers (N,), all nan if it is not there."""
+        return self.numbers.get(name, np.full(self.size, np.nan))
+
+    def words(self, name: str) -> tuple[str, ...]:
+        """Return one column of text, all empty if it is not there."""
+        return self.text.get(name, ("",) * self.size)
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Output of ``identify`` (or the fit behind ``diagnose``).
+
+    Attributes:
+        folder: where it was found.
+        record: identification.json as it is; empty if it was not there.
+        parameters: the parameters of the JSON, or of parameters.csv.
+        residuals: residuals.csv.
+        positions: measured x, y (N, 2) of the residual rows, nan where unknown; None where
+            no measurement file with the right check sum was at hand.
+    """
+
+    folder: str
+    record: Record
+    parameters: tuple[Record, ...]
+    residuals: Columns | None = None
+    positions: Array | None = None
+
+    @property
+    def name(self) -> str:
+        """The mechanism's name, or the folder."""
+        return str(self.record.get("name") or self.folder)
+
+    def unit(self, quantity: str) -> str:
+        """Return the file's unit of ``length`` or ``angle``, empty if it does not say."""
+        return str((self.record.get("units") or {}).get(quantity) or "")
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Output of ``simulate``; ``digest`` is the SHA-256 of its measurements.csv."""
+
+    folder: str
+    truth: Record | None
+    measurements: Columns | None
+    digest: str = ""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A table of rows that each went well or not: commands.csv or kinematics.csv."""
+
+    folder: str
+    kind: str
+    record: Record
+    table: Columns | None
+
+    @property
+    def flagged(self) -> tuple[int, ...]:
+        """Rows (from 0) whose status is not that all went well."""
+        if self.table is None:
+            return ()
+        pairs = zip(self.table.words("status"), self.table.words("reason"), strict=True)
+        return tuple(i for i, (s, r) in enumerate(pairs)
+                     if (s.strip().lower() not in FINE if s.strip() else bool(r.strip())))
+
+
+FINE = frozenset({"ok", "done", "good", "solved", "corrected", "compensated", "1", "true"})
+"""Words by which a row's status says that there is nothing to look at."""
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """Output of ``diagnose``."""
+
+    folder: str
+    record: Record
+    effects: Columns | None
+    residuals: Columns | None = None
+
+
+@dataclass(frozen=True)
+class Other:
+    """Any further output: check, plan, sensitivity."""
+
+    folder: str
+    kind: str
+    record: Record
+    table: Columns | None = None
+
+
+@dataclass(frozen=True)
+class TruthRow:
+    """One parameter: error put in, error found, in ``unit``; z = (found - true)/sigma."""
+
+    name: str
+    unit: str
+    true: float
+    found: float
+    sigma: float | None
+    status: str
+
+    @property
+    def z(self) -> float | None:
+        """Deviation in standard deviations, None without a sigma."""
+        if self.sigma is None or not self.sigma > 0.0:
+            return None
+        return (self.found - self.true) / self.sigma
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Simulated truth against what was identified; ``note`` says what to bear in mind."""
+
+    truth: str
+    identified: str
+    rows: tuple[TruthRow, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """Everything that the folders held."""
+
+    folders: tuple[str, ...]
+    identified: tuple[Identified, ...] = ()
+    diagnosed: tuple[Diagnosed, ...] = ()
+    compensated: tuple[Rows, ...] = ()
+    kinematics: tuple[Rows, ...] = ()
+    simulated: tuple[Simulated, ...] = ()
+    others: tuple[Other, ...] = ()
+    comparisons: tuple[Comparison, ...] = field(default=())

@@ -1,0 +1,78 @@
+"""Numbers as text: sensible digits, units, probabilities, counts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+NBSP = "\u00a0"
+_SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number(value: Any) -> float | None:
+    """Return a finite number, else None."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) else None
+
+
+def sig(value: Any, digits: int = 3) -> str:
+    """Return a number with some significant digits: ``0.0123``, ``1.2·10⁻⁷``, ``–`` for none."""
+    x = number(value)
+    if x is None:
+        return "–"
+    if x == 0.0:
+        return "0"
+    power = math.floor(math.log10(abs(float(f"{x:.{digits - 1}e}"))))
+    if -5 <= power < 7:
+        return f"{x:.{max(digits - 1 - power, 0)}f}".replace("-", "−")
+    mantissa, exponent = f"{x:.{digits - 1}e}".split("e")
+    return f"{mantissa.replace('-', '−')}·10{str(int(exponent)).translate(_SUPER)}"
+
+
+def to_sigma(value: Any, sigma: Any) -> str:
+    """Return a number with as many decimals as its sigma has at two digits."""
+    x, s = number(value), number(sigma)
+    if x is None or s is None or not s > 0.0:
+        return sig(x, 5)
+    decimals = 1 - math.floor(math.log10(s))
+    if decimals > 9:
+        return sig(x, 6)
+    text = f"{x:.{max(decimals, 0)}f}".replace("-", "−")
+    return text.removeprefix("−") if not text.strip("−0.") else text
+
+
+def exact(value: Any) -> str:
+    """Return a given number as it was given, to ten digits."""
+    x = number(value)
+    return "–" if x is None else f"{x:.10g}".replace("-", "−")
+
+
+def with_unit(value: Any, unit: str, digits: int = 3) -> str:
+    """Return ``0.0123 mm``."""
+    text = sig(value, digits)
+    return f"{text}{NBSP}{unit}" if unit and text != "–" else text
+
+
+def probability(p: Any) -> str:
+    """Return ``p = 0.40`` or ``p < 0.001``."""
+    x = number(p)
+    if x is None:
+        return ""
+    if x < 1e-3:
+        power = math.floor(math.log10(x)) + 1 if x > 0.0 else -300
+        return f"p{NBSP}<{NBSP}0.001" if power >= -3 else (
+            f"p{NBSP}<{NBSP}10{str(max(power, -300)).translate(_SUPER)}")
+    return f"p{NBSP}={NBSP}{min(x, 1.0):.2g}"
+
+
+def count(n: int, one: str, many: str = "") -> str:
+    """Return ``1 row`` or ``12 rows``."""
+    return f"{n:,} {one if n == 1 else many or one + 's'}".replace(",", "\u2009")
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """Return ``a, b, c and 4 more``."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

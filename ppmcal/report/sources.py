@@ -1,0 +1,191 @@
+"""Reading what the commands wrote; every refusal names file and place.
+
+Nothing here trusts the files: they may be cut off, edited by hand or written by another
+version. A missing key is no error, a value of the wrong kind is.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppmcal.errors import BadInput
+from ppmcal.report.data import Array, Columns
+
+AGAIN = "Run the command that writes it again"
+CHUNK = 50_000
+MAX_DEPTH_MEND = "It is nested too deeply to be one of ppmcal's files"
+NUMBER = "number"
+TEXT = "text"
+
+_NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sigma", "sigma_data",
+                      "tolerance", "low", "high", "p_value", "survival", "sigma_position",
+                      "sigma_rotation"})
+_PREFIXES = ("before_", "after_", "sigma_", "error_", "q_", "cmd_", "rate_")
+
+Shape = Any
+
+
+def read_text(path: Path) -> str:
+    """Return a file's text in UTF-8."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise BadInput(f"cannot be read ({error.strerror or error})", str(path),
+                       "Check the path and its permissions") from None
+    except UnicodeDecodeError as error:
+        raise BadInput(f"is not UTF-8 text (byte {error.start})", str(path), AGAIN) from None
+
+
+def read_json(path: Path, shape: Shape) -> dict[str, Any]:
+    """Return a JSON object whose parts have the kinds that ``shape`` says.
+
+    ``shape`` is NUMBER or TEXT, None (anything), ``[shape]`` for a list, or a dict by key
+    (``"*"``: every other key). Missing keys and nulls pass.
+    """
+    try:
+        record = json.loads(read_text(path))
+        if not isinstance(record, dict):
+            raise BadInput("holds no JSON object", str(path), AGAIN)
+        check_shape(record, shape, str(path), "")
+    except json.JSONDecodeError as error:
+        raise BadInput(f"is not valid JSON ({error.msg}); it may be cut off",
+                       f"{path}: line {error.lineno}, column {error.colno}", AGAIN) from None
+    except RecursionError:
+        raise BadInput("cannot be read as JSON", str(path), MAX_DEPTH_MEND) from None
+    return record
+
+
+def check_shape(value: Any, shape: Shape, source: str, place: str) -> None:
+    """Refuse a value that is not of the kind that ``shape`` says."""
+    if value is None or shape is None:
+        return
+    if isinstance(shape, dict):
+        _expect(isinstance(value, dict), "an object", source, place)
+        for key, part in value.items():
+            inner = shape.get(key, shape.get("*"))
+            check_shape(part, inner, source, f"{place}.{key}" if place else key)
+    elif isinstance(shape, list):
+        _expect(isinstance(value, list), "a list", source, place)
+        for i, part in enumerate(value):
+            _expect(part is not None, "something, not null", source, f"{place}[{i}]")
+            check_shape(part, shape[0], source, f"{place}[{i}]")
+    elif shape == NUMBER:
+        _expect(isinstance(value, int | float) and not isinstance(value, bool), "a number",
+                source, place)
+    else:
+        _expect(isinstance(value, str), "text", source, place)
+
+
+def _expect(right: bool, kind: str, source: str, place: str) -> None:
+    if not right:
+        raise BadInput(f"should be {kind}", f"{source}: {place}", AGAIN)
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, empty if it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return ""
+
+
+def is_number_column(name: str) -> bool:
+    """Whether a column of that name holds numbers in ppmcal's own files."""
+    return name in _NUMBERS or name.startswith(_PREFIXES)
+
+
+def read_columns(path: Path, whole: bool = True,
+                 wanted: Callable[[str], bool] | None = None) -> Columns:
+    """Return a CSV as columns; numbers where ``is_number_column`` says so.
+
+    Args:
+        path: the file.
+        whole: refuse a file whose last line has no end: a written file that was cut off.
+        wanted: which columns to keep (default all).
+    """
+    source = str(path)
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            if whole:
+                _refuse_open_end(path)
+            return _read(csv.reader(stream, strict=True), source, wanted or (lambda _: True))
+    except OSError as error:
+        raise BadInput(f"cannot be read ({error.strerror or error})", source,
+                       "Check the path and its permissions") from None
+    except UnicodeDecodeError as error:
+        raise BadInput(f"is not UTF-8 text (byte {error.start})", source, AGAIN) from None
+
+
+def _refuse_open_end(path: Path) -> None:
+    with path.open("rb") as stream:
+        if stream.seek(0, 2) == 0:
+            raise BadInput("is empty", str(path), AGAIN)
+        stream.seek(-1, 2)
+        if stream.read(1) not in b"\r\n":
+            raise BadInput("is cut off: its last line has no end", f"{path}: last line", AGAIN)
+
+
+def _read(reader: Iterator[list[str]], source: str, wanted: Callable[[str], bool]) -> Columns:
+    """Read header and rows in chunks."""
+    count = 0
+    try:
+        header = tuple(c.strip() for c in next(reader, []))
+        if not any(header):
+            raise BadInput("has no header", f"{source}: line 1", AGAIN)
+        if len(set(header)) != len(header):
+            double = next(h for h in header if header.count(h) > 1)
+            raise BadInput(f"two columns are called '{double}'", f"{source}: header", AGAIN)
+        numbers: dict[str, list[Array]] = {h: [] for h in header if wanted(h)
+                                           and is_number_column(h)}
+        text: dict[str, list[str]] = {h: [] for h in header if wanted(h) and h not in numbers}
+        seen: dict[str, str] = {}
+        while rows := list(islice(reader, CHUNK)):
+            rows = _even(rows, header, source, count)
+            for name, cells in zip(header, zip(*rows, strict=True), strict=False):
+                if name in numbers:
+                    numbers[name].append(_floats(cells, f"{source}: row", count, name))
+                elif name in text:
+                    text[name].extend(seen.setdefault(c, c) for c in cells)
+            count += len(rows)
+    except csv.Error as error:
+        raise BadInput(f"cannot be read as CSV ({error})", f"{source}: after row {count}",
+                       AGAIN) from None
+    joined = {k: np.concatenate(v) if v else np.zeros(0) for k, v in numbers.items()}
+    return Columns(source, header, joined, {k: tuple(v) for k, v in text.items()}, count)
+
+
+def _even(rows: list[list[str]], header: tuple[str, ...], source: str, start: int
+          ) -> list[list[str]]:
+    """Return the rows without blank lines; refuse one of another length."""
+    rows = [r for r in rows if r]
+    for i, row in enumerate(rows):
+        if len(row) != len(header):
+            raise BadInput(f"the row has {len(row)} cells, but the header has {len(header)}",
+                           f"{source}: row {start + i + 1}", AGAIN)
+    return rows
+
+
+def _floats(cells: tuple[str, ...], where: str, start: int, name: str) -> Array:
+    """Return one column's part (N,), nan where empty; refuse what is no number."""
+    try:
+        return np.array(cells, dtype=float)
+    except ValueError:
+        out = np.full(len(cells), np.nan)
+    words = {"": np.nan, "true": 1.0, "false": 0.0}
+    for i, cell in enumerate(cells):
+        plain = cell.strip().lower()
+        try:
+            out[i] = words[plain] if plain in words else float(plain)
+        except ValueError:
+            raise BadInput(f"'{cell[:40]}' is not a number",
+                           f"{where} {start + i + 1}, column {name}", AGAIN) from None
+    return out

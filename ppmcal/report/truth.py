@@ -1,0 +1,97 @@
+"""Simulated truth against identified errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ppmcal.report.data import Comparison, Identified, Record, Simulated, TruthRow
+from ppmcal.report.numbers import number
+from ppmcal.units import ANGLES, LENGTHS
+
+
+def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
+            ) -> tuple[Comparison, ...]:
+    """Return one comparison for each identification whose measurements were simulated here.
+
+    A truth belongs to an identification that names the check sum of its measurements; a
+    single truth is also compared without one, with a note.
+    """
+    known = [s for s in simulated if s.truth is not None]
+    out = []
+    for one in identified:
+        inputs = ((one.record.get("provenance") or {}).get("inputs") or {}).values()
+        own = [s for s in known if s.digest and s.digest in inputs]
+        note = ""
+        if not own and len(known) == 1:
+            own = known
+            if inputs:
+                note = ("The identification does not name these measurements among its inputs: "
+                        "they may not belong together.")
+        for source in own:
+            rows, skipped = _rows(one, source.truth or {})
+            if skipped:
+                note = f"{note} Units do not match and are left out: {', '.join(skipped)}.".strip()
+            if rows:
+                out.append(Comparison(source.folder, one.folder, rows, note))
+    return tuple(out)
+
+
+def true_errors(truth: Record) -> dict[str, tuple[float, str]]:
+    """Return (error, unit) by parameter, from ``errors`` or ``parameters`` of truth.json."""
+    out: dict[str, tuple[float, str]] = {}
+    for part in (truth.get("parameters"), truth.get("errors")):
+        pairs = part.items() if isinstance(part, dict) else (
+            [(e.get("name"), e) for e in part if isinstance(e, dict)]
+            if isinstance(part, list) else [])
+        for name, entry in pairs:
+            unit = ""
+            if isinstance(entry, dict):
+                unit = str(entry.get("unit") or "")
+                value = number(entry.get("error"))
+                low, high = number(entry.get("nominal")), number(entry.get("value"))
+                if value is None and low is not None and high is not None:
+                    value = high - low
+            else:
+                value = number(entry) if part is truth.get("errors") else None
+            if value is not None and isinstance(name, str):
+                out[name] = (value, unit or out.get(name, (0.0, ""))[1])
+    return out
+
+
+def _rows(one: Identified, truth: Record) -> tuple[tuple[TruthRow, ...], list[str]]:
+    """Return the parameters that both know, and those whose units do not match."""
+    errors = true_errors(truth)
+    units = truth.get("units") or {}
+    rows, skipped = [], []
+    for p in one.parameters:
+        name, found = str(p.get("name") or ""), number(p.get("error"))
+        if found is None or (name not in errors and p.get("status") == "fixed"):
+            continue
+        if name not in errors and not errors:
+            continue
+        true, unit = errors.get(name, (0.0, ""))
+        own = str(p.get("unit") or "")
+        factor = _factor(unit or _same_quantity(own, units), own)
+        if factor is None:
+            skipped.append(name)
+            continue
+        rows.append(TruthRow(name, own, true * factor, found, number(p.get("sigma")),
+                             str(p.get("status") or "")))
+    return tuple(rows), skipped
+
+
+def _same_quantity(unit: str, units: Record) -> str:
+    """Return the truth file's unit of the quantity that ``unit`` measures."""
+    if unit in LENGTHS:
+        return str(units.get("length") or "")
+    return str(units.get("angle") or "") if unit in ANGLES else ""
+
+
+def _factor(of: str, to: str) -> float | None:
+    """Return what turns a number in ``of`` into one in ``to``; None if they do not match."""
+    if of == to or not of or not to:
+        return 1.0
+    for table in (LENGTHS, ANGLES):
+        if of in table and to in table:
+            return table[of] / table[to]
+    return None

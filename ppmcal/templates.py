@@ -1,0 +1,39 @@
+"""The commented mechanism files that ``ppmcal init`` hands out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ppmcal.errors import BadInput, unknown
+
+
+def folder() -> Path:
+    """Return the folder of the files: inside the package, or beside it in a checkout."""
+    here = Path(__file__).resolve().parent
+    for place in (here / "configs", here.parent / "configs"):
+        if place.is_dir():
+            return place
+    raise BadInput("the mechanism files are missing from this installation", str(here),
+                   "Install ppmcal again")
+
+
+def templates() -> dict[str, str]:
+    """Return name -> first comment line of every file."""
+    out = {}
+    for path in sorted(folder().glob("*.yaml")):
+        first = path.read_text(encoding="utf-8").split("\n", 1)[0]
+        out[path.stem] = first.lstrip("# ").rstrip()
+    return out
+
+
+def find_template(name: str) -> Path:
+    """Return the file for a kind, whatever its case.
+
+    Raises:
+        BadInput: no such kind; lists them all.
+    """
+    by_name = {n.lower(): n for n in templates()}
+    wanted = by_name.get(name.lower().removesuffix(".yaml"))
+    if wanted is None:
+        raise unknown("mechanism", name, templates(), "init")
+    return folder() / f"{wanted}.yaml"
