@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.directions import square, to_nominal, unit
+from ppmcal.files.drafts import Draft, Entry
 from ppmcal.files.mechanism_schema import DirectionFile, SlotFile
 from ppmcal.files.schema import check, show
 from ppmcal.files.slot_forms import TURNS, groups, point_parts, word
@@ -26,53 +26,6 @@ from ppmcal.units import Units
 
 Array = NDArray[np.float64]
 RODS = ("length", "proximal", "distal")
-
-
-@dataclass(frozen=True)
-class Entry:
-    """What the file says about one slot; SI, None where it says nothing.
-
-    ``default`` is the value without one; ``standing`` whether the entry is fixed at its
-    default because the file does not mention it (``lateral``).
-    """
-
-    path: str
-    place: str
-    quantity: str
-    tolerance_class: str
-    default: float | None = None
-    value: float | None = None
-    nominal: float | None = None
-    tolerance: float | None = None
-    sigma: float | None = None
-    fixed: bool | None = None
-    share: str | None = None
-    standing: bool = False
-
-
-@dataclass
-class Draft:
-    """One limb as read: entries in parameter order, and how slots follow from them.
-
-    ``direct``: slot names that take an entry's value; ``polar``: (slot x, slot y, path of
-    the radius, path of the angle). ``numbers``: lengths and angles as printed in the file.
-    """
-
-    name: str
-    kind: LimbKind
-    actuator: str
-    entries: list[Entry] = field(default_factory=list)
-    direct: list[str] = field(default_factory=list)
-    polar: list[tuple[str, str, str, str]] = field(default_factory=list)
-    constants: dict[str, Array] = field(default_factory=dict)
-    shared_directions: dict[str, str] = field(default_factory=dict)
-    branch: int | None = None
-    numbers: list[tuple[str, float]] = field(default_factory=list)
-
-    @property
-    def has_ratio(self) -> bool:
-        """Whether the file gives the limb a drive ratio."""
-        return "ratio" in self.direct
 
 
 def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files import parameter_reader as assemble
 from ppmcal.files.directions import rotation, square
+from ppmcal.files.drafts import Draft
 from ppmcal.files.exact import decimals
-from ppmcal.files.limb_reader import Draft, LimbReader, limb_kind
+from ppmcal.files.limb_reader import LimbReader, limb_kind
 from ppmcal.files.mechanism_schema import MechanismFile
 from ppmcal.files.merge import read_merged
 from ppmcal.files.pose_text import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ppmcal.errors import BadInput
-from ppmcal.files.limb_reader import Draft, Entry
+from ppmcal.files.drafts import Draft, Entry
 from ppmcal.files.schema import hint
 from ppmcal.parameters import Parameter, SlotMap, unmatched
 

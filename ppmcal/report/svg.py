@@ -43,11 +43,11 @@ class Axis:
             step = max(1, math.ceil((last - first) / most))
             tens = [10.0**k for k in range(first, math.floor(last + 1e-9) + 1, step)]
             return tens if len(tens) > 1 else [self.low, math.sqrt(self.low * self.high), self.high]
-        step = 10.0 ** math.floor(math.log10((self.high - self.low) / most))
-        step = next(s for s in (step, 2 * step, 5 * step, 10 * step)
+        ten = 10.0 ** math.floor(math.log10((self.high - self.low) / most))
+        wide = next(s for s in (ten, 2 * ten, 5 * ten, 10 * ten)
                     if (self.high - self.low) / s <= most)
-        first = math.ceil(self.low / step - 1e-9)
-        return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
+        start = math.ceil(self.low / wide - 1e-9)
+        return [k * wide for k in range(start, math.floor(self.high / wide + 1e-9) + 1)]
 
 
 def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float = 0.05) -> Axis:
@@ -62,8 +62,8 @@ def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float
         if not v.size:
             return Axis(0.1, 1.0, True)
         top = math.ceil(math.log10(float(v.max())) + 1e-9)
-        low = min(math.floor(math.log10(max(float(v.min()), 1e-12 * 10.0**top))), top - 1)
-        return Axis(10.0**low, 10.0**top, True)
+        foot = min(math.floor(math.log10(max(float(v.min()), 1e-12 * 10.0**top))), top - 1)
+        return Axis(10.0**foot, 10.0**top, True)
     low, high = (float(v.min()), float(v.max())) if v.size else (0.0, 1.0)
     if zero:
         high = max(abs(low), abs(high))

@@ -40,7 +40,8 @@ def noise_verdict(noise: Mapping[str, Any]) -> tuple[str, bool]:
         return ("what remains is larger than the stated noise explains "
                 f"({tail}): something is missing in the model, or sigma is too small"), False
     if ratio is not None and (ratio < 0.7 or (p is not None and p > 1.0 - FAILED_NOISE)):
-        return f"what remains is smaller than the stated noise ({tail}): sigma looks too large", True
+        return (f"what remains is smaller than the stated noise ({tail}): "
+                "sigma looks too large"), True
     return f"what remains agrees with the stated noise ({tail})", True
 
 

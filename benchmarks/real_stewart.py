@@ -1,0 +1,140 @@
+"""Calibrate a real six-leg platform from motion-capture data, and print how well it went.
+
+    python benchmarks/real_stewart.py --data FOLDER
+
+FOLDER holds nominal_geometry.yaml and the two campaigns of 60 and 108 poses measured on
+two days (not part of the project). The mechanism file is made from the drawing: joint
+centres good to 5 mm, mm per revolution and retracted lengths as the rig gave them, good to
+2 mm per revolution and 3 mm. Residuals are leg
+lengths: what a leg's closure misses at the measured pose.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from ppmcal.analysis import closure_lengths, register_only, split
+from ppmcal.files import read_campaign, read_mechanism
+from ppmcal.identify import Options, identify
+from ppmcal.mechanism import Mechanism
+from ppmcal.problem import Problem
+
+SPLITS, FOLDS = 10, 5
+SETS = {"60": "poses60_2025-02-12.csv", "108": "poses108_2025-02-13.csv"}
+LIMITS = {("fit", "60"): 0.250, ("fit", "108"): 0.410, ("5-fold", "60"): 0.29,
+          ("5-fold", "108"): 0.47, ("60 -> 108", ""): 0.62, ("108 -> 60", ""): 0.37}
+
+
+def mechanism_text(data: Path) -> str:
+    """Return the mechanism file of the rig."""
+    g = yaml.safe_load((data / "nominal_geometry.yaml").read_text())
+    limbs = [{"name": f"leg{i + 1}", "kind": "U(P)S", "base": {"point": g["base_joints"][i]},
+              "platform": {"point": g["platform_joints"][i]},
+              "ratio": {"value": g["mm_per_rev_linear_scale_rig"][i], "tolerance": 2.0},
+              "offset": g["retracted_lengths_measured_on_rig"][i]} for i in range(6)]
+    return yaml.safe_dump({
+        "format": "ppmcal/mechanism/1", "name": "six-leg rig",
+        "units": {"length": "mm", "angle": "deg"}, "motion": "spatial", "limbs": limbs,
+        "home": {"pose": {"x": 0, "y": 0, "z": 700, "rx": 0, "ry": 0, "rz": 0}},
+        "tolerances": {"point": 5.0, "offset": 3.0, "length": 5.0, "angle": 1.0}})
+
+
+def sidecar(name: str) -> str:
+    """Return the sidecar of one campaign: motion capture, noise mostly in the spools."""
+    return yaml.safe_dump({
+        "format": "ppmcal/dataset/1", "name": name, "units": {"length": "mm", "angle": "deg"},
+        "instrument": {"kind": "pose",
+                       "sigma": {"position": 0.01, "rotation": 0.001, "actuator": 0.0025}},
+        "frame": "unknown", "target": "known"})
+
+
+def leg_rms(problem: Problem, state: object) -> float:
+    """Root mean square leg residual over all rows of a problem, mm."""
+    gaps = np.concatenate([closure_lengths(problem, state, i)
+                           for i in range(len(problem.datasets))])
+    return float(1e3 * np.sqrt(np.nanmean(gaps**2)))
+
+
+def cross_validated(problem: Problem, options: Options) -> float:
+    """5-fold held-out leg residual, mean of ten seeded splits, mm."""
+    rms = []
+    data = problem.datasets[0]
+    for seed in range(SPLITS):
+        order = np.random.default_rng(seed).permutation(len(data))
+        gaps = []
+        for fold in range(FOLDS):
+            out = np.zeros(len(data), dtype=bool)
+            out[order[fold::FOLDS]] = True
+            fit = identify(replace(problem, datasets=(data.take(~out),)), options)
+            gaps.append(closure_lengths(replace(problem, datasets=(data.take(out),)),
+                                        fit.state, 0))
+        rms.append(1e3 * np.sqrt(np.nanmean(np.concatenate(gaps) ** 2)))
+    return float(np.mean(rms))
+
+
+def across(mechanism: Mechanism, train: object, test: object, options: Options
+           ) -> tuple[float, float]:
+    """Fit on one day, test on the other: frame as it was, and frame registered anew, mm."""
+    fit = identify(Problem(mechanism, (train,), mechanism.free), options)
+    fixed = mechanism.with_values(fit.state.g)
+    problem = Problem(fixed, (test,), ())
+    anew = register_only(problem)
+    kept = replace(anew.state, stations=fit.state.stations)
+    return leg_rms(problem, kept), leg_rms(problem, anew.state)
+
+
+def main() -> int:
+    """Print the figures; exit 1 where one misses its limit."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data/stewart-jugglebot"))
+    folder = parser.parse_args().data
+    if not folder.is_dir():
+        print(f"skipped: the measurements are not here ({folder})")
+        return 0
+    options = Options(robust=False)
+    with tempfile.TemporaryDirectory() as scratch:
+        mech = Path(scratch) / "rig.yaml"
+        mech.write_text(mechanism_text(folder))
+        paths = []
+        for key, name in SETS.items():
+            path = Path(scratch) / f"day{key}.csv"
+            path.write_bytes((folder / name).read_bytes())
+            path.with_suffix(".yaml").write_text(sidecar(f"day{key}"))
+            paths.append(path)
+        mechanism = read_mechanism(mech)
+        days = dict(zip(SETS, read_campaign(paths, mechanism), strict=True))
+    missed = 0
+
+    def line(what: str, key: str, value: float) -> None:
+        nonlocal missed
+        limit = LIMITS.get((what, key))
+        verdict = "" if limit is None else f"  (wanted <= {limit:.3f})"
+        if limit is not None and value > limit:
+            verdict += "  MISSED"
+            missed += 1
+        print(f"{what:34} {key:4} {value:7.3f} mm rms{verdict}", flush=True)
+
+    for key, day in days.items():
+        problem = Problem(mechanism, (day,), mechanism.free)
+        fit = identify(problem, options)
+        line("fit", key, leg_rms(problem, fit.state))
+        line("5-fold", key, cross_validated(problem, options))
+    for a, b in (("60", "108"), ("108", "60")):
+        same, anew = across(mechanism, days[a], days[b], options)
+        line(f"{a} -> {b}, frame as it was", "", same)
+        line(f"{a} -> {b}", "", anew)
+    both = Problem(mechanism, tuple(days.values()), mechanism.free)
+    fit = identify(both, options)
+    line("both days, shared geometry", "", leg_rms(both, fit.state))
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,110 @@
+"""``ppmcal compensate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    command_line,
+    finish,
+    json_option,
+    leave,
+    number,
+    out_option,
+    quiet_option,
+)
+
+if TYPE_CHECKING:
+    from ppmcal.compensate import Knowledge
+    from ppmcal.mechanism import Mechanism, Registration
+
+
+@click.command("compensate")
+@click.argument("model", type=FILE)
+@click.argument("targets", type=FILE)
+@out_option("compensated")
+@click.option("--frame", metavar="NAME", default=None,
+              help="Data set whose measuring frame the targets are in, or 'base' for platform "
+              "poses in the base frame  [default: the model's only data set].")
+@click.option("--knowledge", type=FILE, default=None,
+              help="identification.json of MODEL  [default: beside it].")
+@quiet_option
+@json_option
+def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge: Path | None,
+            quiet: bool, as_json: bool) -> None:
+    """Turn the wanted poses TARGETS into corrected commands of the identified MODEL.
+
+    Rows outside limits, across singularities or far outside the measured volume are refused,
+    each with its reason. Writes commands.csv and commands.json.
+    """
+    import numpy as np
+
+    from ppmcal.compensate import compensate
+    from ppmcal.files import Output, provenance, read_mechanism, read_poses, read_table
+    from ppmcal.outputs.knowledge import read_knowledge
+    from ppmcal.outputs.tables import command_files
+
+    console = Console(quiet, as_json)
+    mechanism = read_mechanism(model)
+    registration, name = _frame(mechanism, frame)
+    path = knowledge or model.with_name("identification.json")
+    known: Knowledge | None = None
+    notes = list(mechanism.findings)
+    if knowledge is not None or path.exists():
+        known = read_knowledge(path, mechanism)
+    else:
+        notes.append(f"{path} is not there: uncertainties and the measured volume are unknown, "
+                     "so poses far outside it are not refused")
+    poses = read_poses(targets, mechanism)
+    result = compensate(mechanism, poses.poses, registration, known, name)
+    raw = read_table(targets, loose=lambda _: True)
+    columns = [raw.numbers[h] if h in raw.numbers else list(raw.text[h]) for h in raw.header]
+    source = provenance([model, targets, *([path] if known else [])], command_line(), None)
+    with Output(out) as output:
+        for file, text in command_files(mechanism, result, raw.header, columns, source,
+                                        notes).items():
+            output.add(file, text)
+    refused = [(n + 1, r) for n, (s, r) in enumerate(zip(result.status, result.reason, strict=True))
+               if s != "ok"]
+    total = len(result.status)
+    factor, unit = mechanism.units.factor("length"), mechanism.units.length
+    console.say(f"{mechanism.name}: {total - len(refused)} of {total} targets have commands, in "
+                f"the frame of {name or 'the base'}.")
+    good = np.isfinite(result.q).all(axis=1)
+    if good.any():
+        before = float(np.sqrt(np.nanmean(result.position_before[good] ** 2))) / factor
+        sigma = result.sigma_position[good]
+        after = float(np.sqrt(np.mean(sigma**2))) / factor if np.isfinite(sigma).all() else None
+        console.say(f"Position error predicted: {number(before)} {unit} rms uncorrected, "
+                    f"{number(after)} {unit} rms left after correction.")
+    console.warn([*notes, *(f"row {n} refused: {r}" for n, r in refused[:10])])
+    if len(refused) > 10:
+        console.say(f"... and {len(refused) - 10} more rows, see status and reason.")
+    finish(out, list(output.files), console)
+    console.summary({"format": "ppmcal/commands/1", "rows": total, "refused": len(refused),
+                     "notes": notes, "provenance": source})
+    leave(bool(refused))
+
+
+def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration | None, str]:
+    """Return the registration that the targets are in, and its name."""
+    from ppmcal.errors import BadInput, unknown
+
+    names = list(mechanism.registrations)
+    if frame == "base":
+        return None, ""
+    if frame is None:
+        if len(names) == 1:
+            return mechanism.registrations[names[0]], names[0]
+        what = f"the model knows {len(names)} measuring frames" if names else (
+            "the model knows no measuring frame: it was not identified")
+        raise BadInput(what, f"{mechanism.source}: measurement.datasets",
+                       f"Choose with --frame: {', '.join([*names, 'base'])}")
+    if frame not in names:
+        raise unknown("data set", frame, [*names, "base"], "--frame")
+    return mechanism.registrations[frame], frame

@@ -1,0 +1,114 @@
+"""``ppmcal kinematics inverse|forward|velocity``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    command_line,
+    finish,
+    json_option,
+    leave,
+    out_option,
+    quiet_option,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ppmcal.kinematics import Table
+    from ppmcal.mechanism import Mechanism
+
+
+@click.command("kinematics")
+@click.argument("which", type=click.Choice(["inverse", "forward", "velocity"]))
+@click.argument("mech", type=FILE)
+@click.argument("table", type=FILE)
+@out_option("kinematics")
+@click.option("--dataset", metavar="NAME", default=None,
+              help="forward: the pose as this instrument of the model file would measure it.")
+@quiet_option
+@json_option
+def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None, quiet: bool,
+            as_json: bool) -> None:
+    """Kinematics of every row of TABLE (poses, joints, or poses with velocities).
+
+    Rows are a path in their order: singularities crossed and assembly modes changed on the
+    way are marked. Writes kinematics.csv and kinematics.json.
+    """
+    from ppmcal.files import Output, provenance, read_mechanism, read_table
+    from ppmcal.outputs.tables import kinematics_files
+
+    console = Console(quiet, as_json)
+    mechanism = read_mechanism(mech)
+    result = _solve(which, mechanism, table)
+    seen = None
+    if dataset is not None:
+        if which != "forward":
+            raise click.UsageError("--dataset goes with forward.")
+        seen = _as_measured(mechanism, dataset, result)
+    raw = read_table(table, loose=lambda name: True)
+    columns = [raw.numbers[h] if h in raw.numbers else list(raw.text[h]) for h in raw.header]
+    source = provenance([mech, table], command_line(), None)
+    with Output(out) as output:
+        for name, text in kinematics_files(mechanism, result, raw.header, columns, which, source,
+                                           seen).items():
+            output.add(name, text)
+    bad = [(n + 1, s, r) for n, (s, r) in enumerate(zip(result.status, result.reason, strict=True))
+           if s != "ok"]
+    console.say(f"{mechanism.name}: {which} kinematics of {len(result.status)} rows, "
+                f"{len(result.status) - len(bad)} ok.")
+    console.warn([*mechanism.findings, *(f"row {n}: {s}: {r}" for n, s, r in bad[:10])])
+    if len(bad) > 10:
+        console.say(f"... and {len(bad) - 10} more rows, see status and reason.")
+    finish(out, list(output.files), console)
+    console.summary({"format": "ppmcal/kinematics/1", "rows": len(result.status),
+                     "not_ok": len(bad), "provenance": source})
+    if bad and len(bad) == len(result.status):
+        raise click.exceptions.Exit(3)
+    leave(bool(bad))
+
+
+def _solve(which: str, mechanism: Mechanism, table: Path) -> Table:
+    from ppmcal.errors import BadInput
+    from ppmcal.files import read_joints, read_poses, twists
+    from ppmcal.kinematics import forward_table, inverse_table, velocity_table
+    from ppmcal.mechanism import Model
+
+    model = Model(mechanism)
+    if which == "forward":
+        return forward_table(model, read_joints(table, mechanism).q)
+    poses = read_poses(table, mechanism)
+    if which == "inverse":
+        return inverse_table(model, poses.poses)
+    motion = twists(poses.extra, mechanism)
+    if motion is None:
+        raise BadInput("no velocity columns", str(table),
+                       "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
+    return velocity_table(model, poses.poses, motion)
+
+
+def _as_measured(mechanism: Mechanism, dataset: str, result: Table) -> NDArray[Any]:
+    import numpy as np
+
+    from ppmcal import algebra as cga
+    from ppmcal.compensate import station_of
+    from ppmcal.errors import unknown
+    from ppmcal.kinematics import pose_motor
+    from ppmcal.observation import predict
+
+    if dataset not in mechanism.registrations:
+        raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "
+                      "measurement.datasets")
+    station = station_of(mechanism.registrations[dataset], len(mechanism.actuators))
+    seen = np.full_like(result.pose, np.nan)
+    good = np.isfinite(result.pose).all(axis=1)
+    point, turn = predict(station, pose_motor(result.pose[good]))
+    rotation = cga.rotation_vector(cga.motor_from_matrix(turn, np.zeros(3)))
+    seen[good] = np.concatenate([point, rotation], axis=1)
+    return seen

@@ -1,0 +1,95 @@
+"""measurements.csv, measurements.yaml and truth.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ppmcal.files import csv_text, json_text
+from ppmcal.files.scenario import Scenario
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.outputs.tables import joint_columns
+from ppmcal.simulate import Campaign
+from ppmcal.units import Units
+
+ZERO_CELSIUS = 273.15
+
+
+def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,
+          provenance: Mapping[str, Any]) -> dict[str, str]:
+    """Return file name -> text of everything that simulate writes, in the machine's units."""
+    units = mechanism.units
+    header: dict[str, Any] = {"pose": campaign.pose}
+    header |= joint_columns(mechanism, campaign.q, "q_{}")
+    for c in measured_coordinates(mechanism, scenario):
+        part = campaign.position[:, c] if c < 3 else campaign.rotation[:, c - 3]
+        header[POSE_COORDINATES[c]] = part / units.factor("length" if c < 3 else "angle")
+    header |= {f"dir_{a}": campaign.direction[:, i].astype(int)
+               for i, a in enumerate(mechanism.actuators)}
+    if campaign.payload is not None:
+        header["payload"] = campaign.payload
+    if campaign.temperature is not None:
+        header["temperature"] = campaign.temperature - ZERO_CELSIUS
+    header["time"] = campaign.time
+    return {"measurements.csv": csv_text(list(header), list(header.values())),
+            "measurements.yaml": sidecar(mechanism, scenario, name),
+            "truth.json": json_text(truth(mechanism, scenario, campaign, provenance))}
+
+
+def measured_coordinates(mechanism: Mechanism, scenario: Scenario) -> tuple[int, ...]:
+    """Return which of (x, y, z, rx, ry, rz) the instrument gives."""
+    if mechanism.motion == "planar":
+        return (0, 1, 5) if scenario.kind == "pose" else (0, 1)
+    pose = scenario.kind == "pose" and mechanism.motion == "spatial"
+    return (0, 1, 2, 3, 4, 5) if pose else (0, 1, 2)
+
+
+def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
+    """Return measurements.yaml: what a user would know, not what is true."""
+    units = mechanism.units
+    length, angle = units.factor("length"), units.factor("angle")
+    sigma: dict[str, Any] = {"position": _sigma(scenario.sigma_position, length)}
+    if scenario.kind == "pose":
+        sigma["rotation"] = _sigma(scenario.sigma_rotation, angle)
+    if np.any(scenario.sigma_actuator > 0.0):
+        shown = joint_columns(mechanism, scenario.sigma_actuator[None], "{}")
+        sigma["actuator"] = {k: float(v[0]) for k, v in shown.items()}
+    content: dict[str, Any] = {
+        "format": "ppmcal/dataset/1", "name": name,
+        "units": {"length": units.length, "angle": units.angle},
+        "instrument": {"kind": scenario.kind, "sigma": sigma},
+        "frame": "known" if scenario.frame_known else "unknown",
+        "target": "known" if scenario.target_known else "unknown",
+        "target_rotation": "known" if scenario.target_rotation_known else "unknown",
+        "approach": "columns"}
+    return str(yaml.safe_dump(content, sort_keys=False))
+
+
+def _sigma(value: float, factor: float) -> float:
+    """A sidecar's sigma must be above 0: without noise it says how exact the numbers are."""
+    return value / factor if value > 0.0 else 1e-9 / factor
+
+
+def truth(mechanism: Mechanism, scenario: Scenario, campaign: Campaign,
+          provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return truth.json, in the machine's units."""
+    units: Units = mechanism.units
+    errors, values = {}, {}
+    for p, true, nominal in zip(mechanism.parameters, campaign.g, mechanism.nominals, strict=True):
+        f = units.factor(p.quantity)
+        values[p.name] = float(true / f)
+        if true != nominal:
+            errors[p.name] = float((true - nominal) / f)
+    length, angle = units.factor("length"), units.factor("angle")
+    scale = np.array([length] * 3 + [angle] * 3)
+    return {"format": "ppmcal/truth/1", "errors": errors, "parameters": values,
+            "frame": dict(zip(POSE_COORDINATES, (scenario.frame / scale).tolist(), strict=True)),
+            "target": (scenario.target / length).tolist(),
+            "target_rotation": (scenario.target_rotation / angle).tolist(),
+            "outliers": (np.flatnonzero(campaign.outlier) + 1).tolist(), "effects": [],
+            "left_out": list(campaign.left_out),
+            "units": {"length": units.length, "angle": units.angle},
+            "provenance": dict(provenance)}

@@ -1,0 +1,223 @@
+"""Sections about diagnosis, compensation, kinematics, checks and simulated truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ppmcal.report.data import Columns, Comparison, Diagnosed, Identified, Other, Rows, Simulated
+from ppmcal.report.figures import command_figure, residual_figures, truth_figures
+from ppmcal.report.numbers import count, number, probability, sig, to_sigma
+from ppmcal.report.tables import (
+    MAX_ROWS,
+    Cell,
+    amount,
+    bullets,
+    definitions,
+    given,
+    paragraph,
+    table,
+    words,
+)
+from ppmcal.report.text import finding_text
+
+SHOWN = 30
+"""Rows of commands.csv that are shown; the file holds them all."""
+
+VERDICTS = {
+    "none": "No effect beyond the geometry was found.",
+    "weak": "Something may be left, too weak to be named.",
+    "named": "The data are consistent with the effect below.",
+    "named-set": "The data are consistent with one of several effects that they cannot tell apart.",
+    "partial": "An effect was named, but something else is left.",
+    "unnamed": "Something is missing in the model, but nothing in the library explains it.",
+}
+
+
+def diagnosis_section(d: Diagnosed) -> str:
+    """Return verdict, effects, gap and what to measure next."""
+    r = d.record
+    verdict = str(r.get("verdict") or "")
+    gap = r.get("gap") or {}
+    interval = [sig(v) for v in gap.get("interval") or []]
+    rest, wanted = r.get("remainder") or {}, r.get("next_measurements") or {}
+    facts = [(k, sig(gap.get(n))) for k, n in (("Gap before, in noise units", "before"),
+                                               ("Gap after", "after"), ("Part closed", "closed"))
+             if number(gap.get(n)) is not None]
+    if interval:
+        facts.append(("95 % interval of that", " … ".join(interval)))
+    out = ["<h2>Diagnosis</h2>", paragraph(f"Verdict: {verdict}. {VERDICTS.get(verdict, '')}"
+                                           if verdict else ""), definitions(facts), _effects(d)]
+    where = [[words(e.get("by")), words(e.get("value")), amount(e.get("rms_ratio")),
+              amount(e.get("p_value"), probability(e.get("p_value")))]
+             for e in r.get("localised") or []]
+    out.append(table("Where the residuals are larger than elsewhere",
+                     ["by", "value", "rms ratio", "p"], where))
+    lines = []
+    if rest.get("follows"):
+        p = probability(rest.get("p_value"))
+        lines.append(f"What is left follows {rest['follows']}" + (f" ({p})." if p else "."))
+    lines += [f"{e.get('kind')} cannot be tested: missing {', '.join(e.get('missing') or [])}."
+              for e in r.get("not_testable") or []]
+    if wanted.get("reason") or wanted.get("file"):
+        lines.append(f"Measure next: {wanted.get('reason') or ''} ({wanted.get('file') or ''})"
+                     .replace(" ()", ""))
+    if d.residuals is not None:
+        units = Identified(d.folder, r, (), d.residuals)
+        out.append(f'<div class="plots">{"".join(residual_figures(units))}</div>')
+    return "".join([*out, bullets(lines)])
+
+
+def _effects(d: Diagnosed) -> str:
+    """Return the effects that the diagnosis names."""
+    rows = []
+    for e in d.record.get("effects") or []:
+        values = "; ".join(
+            f"{k} {to_sigma(v.get('value'), v.get('sigma'))} ± {sig(v.get('sigma'), 2)} "
+            f"{v.get('unit') or ''}".strip() for k, v in (e.get("parameters") or {}).items() if v)
+        rows.append([words(e.get("kind")), words(", ".join(e.get("on") or [])),
+                     words(values, "wrap"), amount(e.get("p_value"), probability(e.get("p_value"))),
+                     amount(e.get("survival")),
+                     words(", ".join(str(a) for a in e.get("alternatives") or []))])
+    return table("", ["effect", "on", "parameters", "p", "survival", "or else"], rows)
+
+
+def compensation_section(rows: Rows, lengths: Mapping[str, str]) -> str:
+    """Return summary, first rows and refused rows of a compensation."""
+    t = rows.table
+    out = ["<h2>Compensation</h2>", paragraph(f"From {rows.folder}.", "note")]
+    if t is None:
+        return "".join([*out, scalars(rows.record)])
+    good = np.ones(t.size, dtype=bool)
+    good[list(rows.flagged)] = False
+    out.append(paragraph(f"{int(good.sum()):,} of {count(t.size, 'target')} can be commanded."))
+    stats = []
+    for kind, quantity in (("position", "length"), ("rotation", "angle")):
+        for stage in ("before", "after"):
+            values = t.number(f"error_{kind}_{stage}")[good]
+            values = values[np.isfinite(values)]
+            if values.size:
+                stats.append([words(f"{kind}, {stage}"), amount(float(values.mean())),
+                              amount(float(np.sqrt(np.mean(values**2)))),
+                              amount(float(values.max())), words(lengths.get(quantity, ""))])
+    out.append(table("Error predicted by the identified model, accepted targets",
+                     ["error", "mean", "rms", "max", "unit"], stats))
+    figures = [command_figure(rows, k, lengths.get(q, ""))
+               for k, q in (("position", "length"), ("rotation", "angle"))]
+    out.append(f'<div class="plots">{"".join(figures)}</div>' if any(figures) else "")
+    return "".join([*out, _commands(t, np.flatnonzero(good)), refused(rows)])
+
+
+def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> str:
+    """Return the first accepted rows: what was wanted, what to send, and by how much it differs."""
+    sent = [h for h in t.header if h.startswith(("q_", "cmd_")) and not h.endswith("_nominal")]
+    errors = [h for h in t.header if h.startswith(("error_", "sigma_"))]
+    asked = [h for h in t.header if h in t.text or h in ("x", "y")]
+    asked = [h for h in asked if h not in ("status", "reason")]
+    heads = ["row", *asked]
+    for s in sent:
+        heads += [s, f"Δ {s}"] if f"{s}_nominal" in t.numbers else [s]
+    body = []
+    for i in rows[:SHOWN]:
+        cells = [amount(float(i) + 1.0, f"{i + 1}")]
+        cells += [given(t.text[h][i]) if h in t.text else amount(t.numbers[h][i],
+                                                                sig(float(t.numbers[h][i]), 6))
+                  for h in asked]
+        for s in sent:
+            value = float(t.numbers[s][i])
+            cells.append(amount(value, sig(value, 7)))
+            if f"{s}_nominal" in t.numbers:
+                cells.append(amount(value - float(t.numbers[f"{s}_nominal"][i])))
+        cells += [amount(float(t.numbers[e][i])) for e in errors]
+        body.append(cells)
+    more = (f"the first {SHOWN} of {len(rows):,} accepted targets; commands.csv has all digits"
+            if len(rows) > SHOWN else "rounded; commands.csv has all digits")
+    plain = [h.removeprefix("error_").replace("_", " ") if h.startswith("error_")
+             else h.replace("_", " ") for h in errors]
+    return table(f"Commands: {more}. Δ: change against the uncorrected command", [*heads, *plain],
+                 body)
+
+
+def refused(rows: Rows) -> str:
+    """Return the rows that were refused or have a remark."""
+    t = rows.table
+    if t is None or not rows.flagged:
+        return ""
+    status, reason = t.words("status"), t.words("reason")
+    body = [[amount(float(i + 1), f"{i + 1}"), words(status[i]), words(reason[i], "wrap")]
+            for i in rows.flagged[:MAX_ROWS]]
+    more = (f"the first {MAX_ROWS} of {len(rows.flagged):,}; {rows.kind}.csv has them all"
+            if len(rows.flagged) > MAX_ROWS else "")
+    return (f"<h3>{count(len(rows.flagged), 'row')} refused or with a remark</h3>"
+            + table(more, ["row", "status", "reason"], body, sort=True))
+
+
+def kinematics_section(rows: Rows) -> str:
+    """Return how many rows were solved, and those that were not."""
+    size = rows.table.size if rows.table is not None else 0
+    done = size - len(rows.flagged)
+    text = f"{done:,} of {count(size, 'row')} solved. From {rows.folder}." if size else rows.folder
+    return "<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record) + refused(rows)
+
+
+def other_section(other: Other) -> str:
+    """Return findings, plain facts and the size of any other output."""
+    findings = [finding_text(f) for f in other.record.get("findings") or ()]
+    clean = "findings" in other.record and not findings
+    size = f"{count(other.table.size, 'row')} in its CSV. " if other.table is not None else ""
+    return (f"<h2>{other.kind.capitalize()}</h2>"
+            + paragraph(f"{size}From {other.folder}.", "note")
+            + paragraph("Nothing was found wrong." if clean else "")
+            + bullets(findings) + scalars(other.record))
+
+
+def scalars(record: Mapping[str, Any]) -> str:
+    """Return the numbers and words of a JSON that has no section of its own."""
+    pairs = []
+    for key, value in record.items():
+        if key in ("format", "findings", "provenance"):
+            continue
+        if isinstance(value, str | int | float) and not isinstance(value, bool):
+            shown = value if isinstance(value, str) else sig(value, 6)
+            pairs.append([words(key.replace("_", " ")), words(shown, "wrap")])
+        elif isinstance(value, bool):
+            pairs.append([words(key.replace("_", " ")), words("yes" if value else "no")])
+    return table("", ["what", "value"], pairs)
+
+
+def simulation_section(s: Simulated) -> str:
+    """Return what was simulated."""
+    rows = count(s.measurements.size, "measurement") if s.measurements is not None else "no CSV"
+    seed = number((s.truth or {}).get("seed"))
+    text = f"{rows} simulated in {s.folder}" + (f", seed {seed:.0f}." if seed is not None else ".")
+    return "<h2>Simulation</h2>" + paragraph(text)
+
+
+def truth_section(c: Comparison) -> str:
+    """Return the errors put in against those found."""
+    body: list[list[Cell]] = []
+    for r in c.rows:
+        body.append([words(r.name), amount(r.true, to_sigma(r.true, r.sigma)),
+                     amount(r.found, to_sigma(r.found, r.sigma)),
+                     amount(r.found - r.true, to_sigma(r.found - r.true, r.sigma)),
+                     amount(r.sigma, sig(r.sigma, 2)), words(r.unit),
+                     amount(r.z, sig(r.z, 2), bad=abs(r.z or 0.0) > 4.0), words(r.status)])
+    z = np.array([r.z for r in c.rows if r.z is not None])
+    text = ""
+    if z.size:
+        far = int(np.sum(np.abs(z) > 2.0))
+        text = (f"{far} of {count(int(z.size), 'error')} found "
+                f"{'is' if far == 1 else 'are'} more than 2 sigma from the truth "
+                f"(about {sig(0.0455 * z.size, 2)} expected); rms of z {sig(_rms(z))}.")
+    heads = ["parameter", "error true", "error found", "found − true", "sigma", "unit", "z",
+             "status"]
+    return ("<h2>Simulated truth against identified</h2>" + paragraph(text)
+            + paragraph(c.note, "bad")
+            + table("z = (found − true) / sigma", heads, body, sort=True)
+            + f'<div class="plots">{"".join(truth_figures(c))}</div>')
+
+
+def _rms(values: np.ndarray[Any, Any]) -> float:
+    return float(np.sqrt(np.mean(values**2)))

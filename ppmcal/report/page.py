@@ -1,0 +1,154 @@
+"""The page: one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+from ppmcal import __version__
+from ppmcal.report.data import Identified, ReportData, Rows
+from ppmcal.report.more_sections import (
+    compensation_section,
+    diagnosis_section,
+    kinematics_section,
+    other_section,
+    simulation_section,
+    truth_section,
+)
+from ppmcal.report.numbers import exact, number, with_unit
+from ppmcal.report.sections import identified_section
+from ppmcal.report.style import CSS, SCRIPT
+from ppmcal.report.tables import amount, definitions, paragraph, table, words
+from ppmcal.report.text import attention, figure, headline
+
+
+def to_html(data: ReportData) -> str:
+    """Return the report as one self-contained page."""
+    body = [f"<header><h1>{escape(title(data))}</h1>", _lead(data), "</header>", _look(data)]
+    many = len(data.identified) > 1
+    for one in data.identified:
+        if many:
+            body.append(f'<h2>{escape(one.name)} <span class="soft">({escape(one.folder)})'
+                        "</span></h2>" + _tiles(one))
+        body.append(identified_section(one))
+    body += [diagnosis_section(d) for d in data.diagnosed]
+    body += [compensation_section(r, units_of(r, data)) for r in data.compensated]
+    body += [kinematics_section(r) for r in data.kinematics]
+    body += [other_section(o) for o in data.others]
+    compared = {c.truth for c in data.comparisons}
+    body += [truth_section(c) for c in data.comparisons]
+    body += [simulation_section(s) for s in data.simulated if s.folder not in compared]
+    body.append(_provenance(data))
+    return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width,initial-scale=1">'
+            f"<title>{escape(title(data))}</title><style>{CSS}</style></head>\n<body><main>"
+            + "\n".join(p for p in body if p)
+            + f"\n</main><script>{SCRIPT}</script></body></html>\n")
+
+
+def title(data: ReportData) -> str:
+    """Return the page's title."""
+    names = list(dict.fromkeys(i.name for i in data.identified))
+    return f"Calibration report: {', '.join(names)}" if names else "ppmcal report"
+
+
+def summary(data: ReportData) -> list[str]:
+    """Return the headline's sentences."""
+    out = [s for one in data.identified for s in headline(one)]
+    if not out:
+        parts = [(len(data.simulated), "simulation"), (len(data.diagnosed), "diagnosis"),
+                 (len(data.compensated), "compensation"), (len(data.kinematics), "kinematics"),
+                 (len(data.others), "further output")]
+        held = ", ".join(f"{n} × {name}" if n > 1 else name for n, name in parts if n)
+        out.append(f"Results found: {held}. No identification is among them.")
+    return out
+
+
+def _lead(data: ReportData) -> str:
+    lines = [" ".join(headline(one)) for one in data.identified] or summary(data)
+    text = "".join(paragraph(t) for t in lines)
+    tiles = _tiles(data.identified[0]) if len(data.identified) == 1 else ""
+    return f'<div class="lead">{text}</div>{tiles}'
+
+
+def _tiles(one: Identified) -> str:
+    """Return the key figures: rms before, after and held out of each kind of error."""
+    residual = one.record.get("residual") or {}
+    out = []
+    for kind in residual.get("after") or {}:
+        stages = [figure(one, s, kind) for s in ("before", "after")]
+        unit = str(stages[1].get("unit") or "")
+        flow = '<i>→</i>'.join(escape(with_unit(s.get("rms"), unit)) for s in stages
+                               if number(s.get("rms")) is not None)
+        held = figure(one, "holdout", kind)
+        more = [f"{name} {with_unit(part.get(key), unit)}" for name, part, key in
+                (("held out", held, "rms"), ("largest after", stages[1], "max"))
+                if number(part.get(key)) is not None]
+        if flow:
+            out.append(f'<div class="tile"><div class="what">{escape(kind.capitalize())}, rms '
+                       f'before → after</div><div class="flow">{flow}</div>'
+                       f'<div class="more">{escape(" · ".join(more))}</div></div>')
+    return f'<div class="tiles">{"".join(out)}</div>' if out else ""
+
+
+def _look(data: ReportData) -> str:
+    """Return what the user must look at, or that there is nothing."""
+    items = attention(data)
+    if not items:
+        return '<section class="fine"><h2>Nothing needs a closer look</h2></section>'
+    several = len({where for where, _ in items}) > 1
+    lines = "".join(f"<li>{escape(f'{where}: {text}' if several else text)}</li>"
+                    for where, text in items[:60])
+    if len(items) > 60:
+        lines += f"<li>and {len(items) - 60} more, in the JSON files</li>"
+    return f'<section class="look"><h2>Look at</h2><ul>{lines}</ul></section>'
+
+
+def units_of(rows: Rows, data: ReportData) -> Mapping[str, str]:
+    """Return the units of a CSV: its JSON's, else those on which all identifications agree."""
+    own = rows.record.get("units")
+    if own:
+        return {str(k): str(v) for k, v in own.items()}
+    found = [i.record.get("units") or {} for i in data.identified]
+    return found[0] if found and all(f == found[0] for f in found) else {}
+
+
+def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
+    """Return every JSON that was read, as (folder: kind, record)."""
+    out = [(f"{i.folder}: identify", i.record) for i in data.identified]
+    out += [(f"{d.folder}: diagnose", d.record) for d in data.diagnosed]
+    out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record)
+            for r in (*data.compensated, *data.kinematics)]
+    out += [(f"{o.folder}: {o.kind}", o.record) for o in data.others]
+    out += [(f"{s.folder}: simulate", s.truth or {}) for s in data.simulated]
+    return out
+
+
+def _datasets(record: Mapping[str, Any]) -> str:
+    """Return the data sets of a fit."""
+    rows = [[words(d.get("name")), words(d.get("kind")), words(d.get("source")),
+             amount(d.get("rows"), exact(d.get("rows"))),
+             amount(d.get("used"), exact(d.get("used")))]
+            for d in record.get("datasets") or () if isinstance(d, Mapping)]
+    return table("", ["data set", "instrument", "file", "rows", "used"], rows)
+
+
+def _provenance(data: ReportData) -> str:
+    """Return versions, commands, seeds and the check sums of all inputs."""
+    out = ["<h2>Where this comes from</h2>"]
+    for name, record in records(data):
+        p = record.get("provenance") or {}
+        facts = [("Command", str(p.get("command") or ""))]
+        facts += [(k.capitalize(), str(p[k])) for k in
+                  ("version", "seed", "numpy", "scipy", "python") if p.get(k) is not None]
+        facts.append(("Method", str(record.get("method") or "")))
+        inputs = [[words(f), words(h, "hash")] for f, h in (p.get("inputs") or {}).items()]
+        sums = table("", ["input", "SHA-256"], inputs)
+        if sums or any(v for _, v in facts):
+            out.append(f"<h3>{escape(name)}</h3>" + definitions(facts, "Command")
+                       + _datasets(record) + sums)
+    out.append(f"<footer>Written by ppmcal {escape(__version__)} from "
+               f"{escape(', '.join(data.folders))}. Every number is in the CSV and JSON files "
+               "there with all its digits.</footer>")
+    return "".join(out)

@@ -1,0 +1,113 @@
+"""The page's look, and the one small script that sorts tables (the page works without it)."""
+
+from __future__ import annotations
+
+CSS = """
+:root{color-scheme:light dark;--page:#f6f7f8;--card:#fff;--ink:#1c2227;--soft:#5a6670;
+--line:#dde2e6;--head:#eef1f3;--before:#b3692a;--after:#1f62a6;--out:#c2293a;--ok:#23744a;
+--warn:#8f5a00;--warnbg:#fff6e3;--band:#1f62a61f}
+@media(prefers-color-scheme:dark){:root{--page:#14181b;--card:#1b2125;--ink:#e4e9ec;
+--soft:#9fabb4;--line:#323b42;--head:#232b30;--before:#e0a063;--after:#6fb0f2;--out:#ff7f8a;
+--ok:#6cc796;--warn:#f0bf63;--warnbg:#2d2717;--band:#6fb0f22b}}
+*{box-sizing:border-box}
+html{-webkit-text-size-adjust:100%}
+body{margin:0;background:var(--page);color:var(--ink);
+font:15px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",sans-serif}
+main{max-width:1240px;margin:0 auto;padding:20px 16px 48px}
+h1{font-size:14px;font-weight:600;color:var(--soft);margin:0 0 6px}
+h2{font-size:20px;line-height:1.3;margin:36px 0 4px}
+h3{font-size:15px;margin:22px 0 6px}
+p{margin:6px 0;max-width:78ch}
+.lead p{font-size:18px;line-height:1.45;margin:0 0 8px}
+.soft,.note{color:var(--soft)}.note{font-size:13.5px}
+code{font:13px/1.4 ui-monospace,SFMono-Regular,Menlo,Consolas,"DejaVu Sans Mono",monospace;
+overflow-wrap:anywhere}
+.tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,300px),1fr));gap:12px;
+margin:14px 0}
+.tile{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:10px 14px}
+.tile .what{font-size:13px;color:var(--soft)}
+.tile .flow{font-size:18px;font-weight:600;font-variant-numeric:tabular-nums}
+.tile .flow i{font-style:normal;font-weight:400;color:var(--soft);padding:0 5px}
+.tile .more{font-size:13px;color:var(--soft)}
+.look{background:var(--warnbg);border-left:4px solid var(--warn);border-radius:4px;
+padding:10px 16px;margin:14px 0}
+.look h2,.fine h2{font-size:15px;margin:0 0 4px}
+.look ul{margin:0;padding-left:20px}.look li{margin:3px 0;overflow-wrap:anywhere}
+.fine{border-left:4px solid var(--ok);padding:8px 16px;margin:14px 0;background:var(--card);
+border-radius:4px}
+.scroll{overflow-x:auto;background:var(--card);border:1px solid var(--line);border-radius:8px;
+margin:8px 0;max-width:100%;width:fit-content}
+table{border-collapse:collapse;font-size:13.5px;line-height:1.35}
+caption{text-align:left;color:var(--soft);padding:8px 10px 4px;font-size:13px}
+th,td{padding:5px 10px;border-top:1px solid var(--line);text-align:left;vertical-align:top;
+white-space:nowrap}
+td.wrap{white-space:normal;min-width:16em;max-width:60em}
+thead th{background:var(--head);font-weight:600;border-top:0;vertical-align:bottom}
+tbody th{font-weight:500;position:sticky;left:0;background:var(--card);overflow-wrap:anywhere;
+white-space:normal;min-width:8.5em;max-width:19em}
+td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
+td.bad,.bad{color:var(--out);font-weight:600}.good{color:var(--ok)}
+th button{font:inherit;color:inherit;background:none;border:0;padding:0;cursor:pointer;
+text-align:inherit}
+th button:after{content:" \\2195";color:var(--soft);font-weight:400}
+th[aria-sort=ascending] button:after{content:" \\2191"}
+th[aria-sort=descending] button:after{content:" \\2193"}
+.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,340px),1fr));gap:14px;
+margin:10px 0}
+figure{margin:0;background:var(--card);border:1px solid var(--line);border-radius:8px;
+padding:10px 8px 8px;max-width:600px}
+figcaption{font-size:13px;color:var(--soft);padding:2px 8px 0}
+.legend{white-space:nowrap;color:var(--ink)}
+.key{display:inline-block;width:9px;height:9px;border-radius:50%;margin:0 4px 0 2px;
+background:currentColor}
+.key+.key{margin-left:8px}
+.key.before{color:var(--before)}.key.after{color:var(--after)}
+.key.out{color:var(--out);border-radius:0;transform:rotate(45deg) scale(.75)}
+svg.plot{display:block;width:100%;height:auto}
+svg text{font:11px system-ui,-apple-system,"Segoe UI",Roboto,sans-serif;fill:var(--soft)}
+svg text.name{fill:var(--ink);font-size:11.5px}svg text.small{font-size:9.5px}
+.grid{stroke:var(--line);stroke-width:1;fill:none}
+.axis,.mark{stroke:var(--soft);stroke-width:1;fill:none}.mark{stroke-dasharray:3 3;opacity:.7}
+.dot{stroke-width:4;stroke-linecap:round;fill:none}.dot.before{stroke-width:3.4}
+.stroke{stroke-width:1.5;fill:none}.stroke.thin{stroke-width:1}
+.line{fill:none;stroke-width:1.2;stroke-linejoin:round}
+path.before,polyline.before{stroke:var(--before)}path.after,polyline.after{stroke:var(--after)}
+path.out{stroke:var(--out);stroke-width:1.6}
+path.ink,polyline.ink{stroke:var(--ink)}polyline.faint{stroke:var(--soft);opacity:.5}
+path.area.after{fill:var(--after);stroke:none;opacity:.75}
+.area.band{fill:var(--band);stroke:none}
+svg.bar{width:130px;height:18px;display:block}
+.bar .zone{fill:var(--band)}.bar .zero{stroke:var(--soft);stroke-width:1}
+.bar .err{fill:var(--after)}.bar .err.far{fill:var(--out)}
+.bar .ci{stroke:var(--ink);stroke-width:1.5;fill:none}
+dl{display:grid;grid-template-columns:max-content 1fr;gap:2px 16px;margin:8px 0;font-size:14px}
+dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere;min-width:0}
+ul.plain{padding-left:20px;margin:6px 0}ul.plain li{margin:2px 0;overflow-wrap:anywhere}
+footer{margin-top:40px;color:var(--soft);font-size:13px}
+@media(max-width:520px){.lead p{font-size:16.5px}dl{grid-template-columns:1fr}dd{margin-bottom:6px}
+th,td{padding:5px 8px}tbody th{min-width:7em;max-width:9em}td.wrap{min-width:12em}}
+@media print{:root{--page:#fff;--card:#fff;--ink:#000;--soft:#444;--line:#bbb;--head:#eee;
+--before:#b3692a;--after:#1f62a6;--out:#c2293a;--warnbg:#fff;--warn:#8f5a00;--ok:#23744a;
+--band:#1f62a61f}
+body{font-size:10.5pt}main{max-width:none;padding:0}.scroll{overflow:visible;border:0}
+table{font-size:8.5pt}th button:after{content:""}figure,tr,.tile{break-inside:avoid}
+h2,h3{break-after:avoid}th,td{padding:3px 6px;white-space:normal}tbody th{position:static}
+.plots{grid-template-columns:1fr 1fr}svg.bar{width:90px}}
+"""
+
+SCRIPT = """
+document.querySelectorAll('table.sort').forEach(function(t){
+t.querySelectorAll('thead th').forEach(function(h,i){
+if(!h.textContent)return;
+var b=document.createElement('button');b.type='button';b.title='Sort';
+while(h.firstChild)b.appendChild(h.firstChild);h.appendChild(b);
+b.onclick=function(){var up=h.getAttribute('aria-sort')!=='ascending';
+t.querySelectorAll('thead th').forEach(function(o){o.removeAttribute('aria-sort')});
+h.setAttribute('aria-sort',up?'ascending':'descending');
+var k=function(r){var c=r.cells[i];return c.dataset.v!==undefined?+c.dataset.v:c.textContent};
+var rows=Array.from(t.tBodies[0].rows);
+rows.sort(function(p,q){var a=k(p),b=k(q),na=typeof a==='number',nb=typeof b==='number';
+if(na!==nb)return na?-1:1;
+var d=na?a-b:String(a).localeCompare(String(b),'en',{numeric:true});return up?d:-d});
+rows.forEach(function(r){t.tBodies[0].appendChild(r)})}})});
+"""

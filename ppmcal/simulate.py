@@ -1,0 +1,232 @@
+"""Simulated measurements of a machine whose true geometry differs from the drawing.
+
+The controller turns wanted poses into joints with the nominal machine; the true machine
+goes where its own closure puts it; the instrument sees that pose from its frame, at its
+target, with noise. What was true is kept apart, in truth.json.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.files.scenario import Circle, Grid, Helix, Listed, Random, Scenario
+from ppmcal.forward import forward
+from ppmcal.kinematics import inverse_table, pose_motor
+from ppmcal.mechanism import Mechanism, Model
+from ppmcal.observation import Station, predict
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SECONDS_PER_ROW = 60.0
+OUTLIER_SIGMAS = 20.0
+MOST_TRIALS = 200
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A simulated campaign of N rows, SI.
+
+    ``pose`` labels (N,); ``q`` as the controller believes it (N, k); ``position`` (N, 3) and
+    ``rotation`` vector (N, 3) as measured; ``direction`` of approach by joint (N, k);
+    ``payload`` kg, ``temperature`` K, ``time`` s (N,); ``outlier`` rows; ``g`` the true
+    parameters (P,); ``left_out`` reasons for poses that could not be measured.
+    """
+
+    pose: Ints
+    q: Array
+    position: Array
+    rotation: Array
+    direction: Array
+    payload: Array | None
+    temperature: Array | None
+    time: Array
+    outlier: NDArray[np.bool_]
+    g: Array
+    left_out: tuple[str, ...]
+
+
+def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) -> Campaign:
+    """Return a simulated campaign.
+
+    Args:
+        mechanism: the machine as the controller knows it (its nominals).
+        scenario: what to measure and with what.
+        seed: in place of the scenario's.
+
+    Raises:
+        BadInput: an instrument that is not simulated, or no pose inside the workspace.
+        NoResult: the true machine cannot reach any pose.
+    """
+    if scenario.kind not in ("pose", "position"):
+        raise BadInput(f"instrument '{scenario.kind}' cannot be simulated yet",
+                       f"{scenario.source}: instrument.kind", "Use pose or position")
+    rng = np.random.default_rng(scenario.seed if seed is None else seed)
+    drawing = mechanism.nominal()
+    q, left_out = commands(drawing, scenario, rng)
+    g = true_parameters(mechanism, scenario, rng)
+    order, direction, payload = _visits(q, scenario, rng)
+    real = forward(Model(mechanism, g), q)
+    if not real.converged.any():
+        raise NoResult("the machine with these errors cannot reach any of the poses",
+                       scenario.source, "Inject smaller errors or choose other poses")
+    lost = np.flatnonzero(~real.converged)
+    left_out += [f"pose {n}: the machine with its errors cannot go there" for n in lost]
+    keep = np.isin(order, np.flatnonzero(real.converged))
+    order, direction = order[keep], direction[keep]
+    payload = payload[keep] if payload is not None else None
+    n = order.size
+    time = SECONDS_PER_ROW * np.arange(1, n + 1)
+    station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
+                      np.zeros(q.shape[1]))
+    actual = real.pose[order]
+    if np.any(scenario.sigma_actuator > 0.0):
+        shaken = q[order] + rng.normal(size=(n, q.shape[1])) * scenario.sigma_actuator
+        actual = forward(Model(mechanism, g), shaken, start=actual, start_q=q[order]).pose
+    position, turn = predict(station, actual)
+    position, rotation, outlier = _noisy(position, turn, scenario, mechanism, rng)
+    return Campaign(order, q[order], position, rotation, direction, payload,
+                    _temperature(scenario, time), time, outlier, g, tuple(left_out))
+
+
+def true_parameters(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator) -> Array:
+    """Return the true parameters (P,): nominal, named errors, errors drawn from tolerances."""
+    g = mechanism.nominals.copy()
+    if scenario.error_scale is not None:
+        drawn = rng.normal(size=len(mechanism.parameters))
+        for p in mechanism.free:
+            tau = mechanism.parameters[p].tolerance
+            if tau is not None and np.isfinite(tau):
+                g[p] += scenario.error_scale * tau * drawn[p]
+    place = {name: i for i, name in enumerate(mechanism.names)}
+    for name, error in scenario.errors.items():
+        g[place[name]] += error
+    return g
+
+
+def commands(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
+             ) -> tuple[Array, list[str]]:
+    """Return the joint values (N, k) of the wanted poses, and why others were left out.
+
+    Random poses are drawn until there are enough that can be measured; of the other
+    patterns, poses outside limits or near singularities are left out.
+    """
+    shape = scenario.poses
+    model = Model(mechanism)
+    if isinstance(shape, Random):
+        return _random_commands(model, shape, scenario, rng), []
+    wanted = pose_list(shape)
+    table = inverse_table(model, wanted)
+    good = np.array([s == "ok" for s in table.status])
+    if not good.any():
+        raise BadInput(f"none of the {len(wanted)} poses can be measured: {table.reason[0]}",
+                       f"{scenario.source}: poses", "Move the center or make the range smaller")
+    left_out = [f"pose {n}: {table.reason[n]}" for n in np.flatnonzero(~good)]
+    return table.q[good], left_out
+
+
+def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.random.Generator
+                     ) -> Array:
+    found: list[Array] = []
+    count = 0
+    for _ in range(MOST_TRIALS):
+        wanted = shape.center + rng.uniform(-1.0, 1.0, (shape.count, 6)) * shape.half_range
+        table = inverse_table(model, wanted)
+        good = table.q[np.array([s == "ok" for s in table.status])]
+        found.append(good)
+        count += len(good)
+        if count >= shape.count:
+            return np.concatenate(found)[:shape.count]
+    raise BadInput(f"only {count} of {MOST_TRIALS * shape.count} random poses can be measured "
+                   f"(last: {next((r for r in table.reason if r), '')})",
+                   f"{scenario.source}: poses.random", "Move the center or make half_range smaller")
+
+
+def pose_list(shape: Circle | Grid | Helix | Listed) -> Array:
+    """Return the poses (N, 6) of a pattern, nan where left open."""
+    if isinstance(shape, Listed):
+        return shape.poses
+    if isinstance(shape, Grid):
+        axes = [np.linspace(-1.0, 1.0, int(c)) if c > 1 else np.zeros(1) for c in shape.counts]
+        mesh = np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")], axis=-1)
+        return np.asarray(shape.center + mesh * shape.half_range, dtype=float)
+    phase = np.arange(shape.count) / max(shape.count, 1)
+    if isinstance(shape, Circle):
+        angle = 2.0 * np.pi * phase
+        # the other coordinates go through one period, a quarter out of step with each other
+        lag = np.arange(6) * np.pi / 3.0
+        poses = shape.center + shape.swing * np.sin(angle[:, None] + lag)
+        poses[:, 0] += shape.radius * np.cos(angle)
+        poses[:, 1] += shape.radius * np.sin(angle)
+        return poses
+    angle = 2.0 * np.pi * shape.turns * np.linspace(0.0, 1.0, shape.count)
+    poses = np.tile(shape.center, (shape.count, 1))
+    poses[:, 0] += 0.5 * shape.diameter * np.cos(angle)
+    poses[:, 1] += 0.5 * shape.diameter * np.sin(angle)
+    poses[:, 2] += shape.pitch * angle / (2.0 * np.pi)
+    return poses
+
+
+def _visits(q: Array, scenario: Scenario, rng: np.random.Generator
+            ) -> tuple[Ints, Array, Array | None]:
+    """Return pose label, direction of approach (rows, k) and payload of every row."""
+    sides = (1.0, -1.0) if scenario.approach == "both" else (1.0,)
+    loads = scenario.payload or (0.0,)
+    n, k = q.shape
+    order = np.repeat(np.arange(n), scenario.repeats * len(sides) * len(loads))
+    first = rng.choice([-1.0, 1.0], size=(n, k)) if scenario.approach == "both" else np.ones((n, k))
+    side = np.tile(np.repeat(sides, scenario.repeats), n * len(loads))
+    direction = first[order] * side[:, None]
+    if scenario.approach == "sequence":
+        moves = np.sign(np.diff(q[order], axis=0, prepend=q[order][:1]))
+        direction = np.ones_like(direction)
+        for row in range(1, len(order)):
+            direction[row] = np.where(moves[row] == 0.0, direction[row - 1], moves[row])
+    load = np.tile(np.repeat(loads, scenario.repeats * len(sides)), n)
+    return order, direction, load if scenario.payload else None
+
+
+def _noisy(position: Array, turn: Array, scenario: Scenario, mechanism: Mechanism,
+           rng: np.random.Generator) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Add the instrument's noise; return position, rotation vector and which are outliers."""
+    n = position.shape[0]
+    sigma = np.concatenate([np.full(3, scenario.sigma_position),
+                            np.full(3, scenario.sigma_rotation)])
+    noise = _draw(rng, scenario.tails, (n, 6))
+    for row in range(1, n if scenario.ar else 0):
+        noise[row] = scenario.ar * noise[row - 1] + np.sqrt(1.0 - scenario.ar**2) * noise[row]
+    outlier = rng.uniform(size=n) < scenario.outliers
+    way = rng.normal(size=(n, 6))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    noise += np.where(outlier[:, None], OUTLIER_SIGMAS * np.sqrt(6.0) * way, 0.0)
+    error = noise * sigma
+    if mechanism.motion == "planar":
+        angle = np.arctan2(turn[:, 1, 0], turn[:, 0, 0]) + error[:, 5]
+        rotation = np.stack([np.zeros(n), np.zeros(n), angle], axis=1)
+    else:
+        own = cga.motor_from_matrix(turn, np.zeros(3))
+        shake = cga.motor_from_rotation_vector(error[:, 3:], np.zeros(3))
+        rotation = cga.rotation_vector(cga.compose(shake, own))
+    return position + error[:, :3], rotation, outlier
+
+
+def _draw(rng: np.random.Generator, tails: str, shape: tuple[int, int]) -> Array:
+    """Noise of unit variance; t4 has variance 2 before scaling."""
+    if tails == "t4":
+        return rng.standard_t(4, size=shape) / np.sqrt(2.0)
+    return rng.normal(size=shape)
+
+
+def _temperature(scenario: Scenario, time: Array) -> Array | None:
+    if scenario.temperature is None:
+        return None
+    mean, swing = scenario.temperature
+    return np.asarray(mean + swing * np.sin(2.0 * np.pi * time / max(time[-1], 1.0)), dtype=float)
+
+
+
