@@ -143,6 +143,7 @@ class Identification:
     columns: tuple[str, ...]
     covariance: Array
     before: Residuals
+    before_registrations: Mapping[str, Registration]
     after: Residuals
     holdout: Mapping[str, Mapping[str, float]]
     holdout_note: str
@@ -390,7 +391,7 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         prediction_covariance(fit) * inflation**2, residuals(fit.problem, before.state),
-        residuals(fit.problem, fit.state), held, note, _findings(fit, noise, inflation))
+        registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note, _findings(fit, noise, inflation))
 
 
 def _on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, float]], str]:

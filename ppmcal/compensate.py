@@ -36,13 +36,15 @@ class Knowledge:
     ``names`` (C,) columns and ``covariance`` (C, C) as in
     :class:`ppmcal.analysis.Identification`; ``volume``: coordinate -> (low, high) of the
     poses that were measured, base frame, SI. ``pivots``: the points about which the fitted
-    frames are turned, by data set (3,).
+    frames are turned, by data set (3,). ``before``: where the instrument stands if the
+    nominal geometry is believed, by data set: the frame of the uncorrected commands.
     """
 
     names: tuple[str, ...]
     covariance: Array
     volume: Mapping[str, tuple[float, float]]
     pivots: Mapping[str, Array]
+    before: Mapping[str, Registration]
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,10 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
     status = ["refused" if s != "ok" else "ok" for s in table.status]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     _outside_volume(mechanism, full, knowledge, status, reason)
-    before, q_nominal = _uncorrected(model, nominal, station, full, wanted)
+    believed = station
+    if registration is not None and knowledge is not None and dataset in knowledge.before:
+        believed = station_of(knowledge.before[dataset], k)
+    before, q_nominal = _uncorrected(model, nominal, station, believed, full, wanted)
     good = np.array([s == "ok" for s in status])
     result = _after(model, nominal, station, table.q, full, good)
     sigma = _sigma(mechanism, station, full, table.q, good, knowledge, dataset)
@@ -201,14 +206,14 @@ def _outside_volume(mechanism: Mechanism, full: Array, knowledge: Knowledge | No
                              f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
 
 
-def _uncorrected(model: Model, nominal: Model, station: Station, full: Array, wanted: Array
-                 ) -> tuple[tuple[Array, Array], Array]:
+def _uncorrected(model: Model, nominal: Model, station: Station, believed: Station, full: Array,
+                 wanted: Array) -> tuple[tuple[Array, Array], Array]:
     """Errors (N,) position and rotation of the nominal commands, and those commands (N, k).
 
-    The nominal machine is asked for the same pose; coordinates that its closure does not
-    allow are left to it.
+    The nominal machine is asked for the wanted pose in the frame in which it fits the
+    measurements best, ``believed``; what its closure does not allow is left to it.
     """
-    asked = np.where(np.isnan(wanted) & np.isfinite(full), np.nan, full)
+    asked, _ = wanted_poses(nominal, believed, wanted)
     if nominal.mechanism.conditions > len(nominal.mechanism.actuators):
         asked = named_only(nominal.mechanism, asked)
     table = inverse_table(nominal, asked)

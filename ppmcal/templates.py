@@ -7,14 +7,24 @@ from pathlib import Path
 from ppmcal.errors import BadInput, unknown
 
 
-def folder() -> Path:
-    """Return the folder of the files: inside the package, or beside it in a checkout."""
+def shipped(name: str) -> Path:
+    """Return a shipped folder: inside the package, or beside it in a checkout."""
     here = Path(__file__).resolve().parent
-    for place in (here / "configs", here.parent / "configs"):
+    for place in (here / name, here.parent / name):
         if place.is_dir():
             return place
-    raise BadInput("the mechanism files are missing from this installation", str(here),
+    raise BadInput(f"the folder {name} is missing from this installation", str(here),
                    "Install ppmcal again")
+
+
+def folder() -> Path:
+    """Return the folder of the mechanism files."""
+    return shipped("configs")
+
+
+def sample_data() -> Path:
+    """Return the folder of the sample campaign."""
+    return shipped("sample_data")
 
 
 def templates() -> dict[str, str]:

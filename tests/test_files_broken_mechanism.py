@@ -71,7 +71,7 @@ BROKEN = [
     ("too few limbs", BENCH, "  - name: leg3\n    kind: R(P)R\n    base: {point: [500, 866.025]}\n"
      "    platform: {point: [0, 138.564]}\n", "", "limbs", "2 conditions"),
     ("no limbs", BENCH, "limbs:\n  - name: leg1", "limbs: []\nfree:\n  - name: leg1", "", "limb"),
-    ("limbs is a word", RAILS, "format: ppm", "effects: [1]\nformat: ppm", "effects",
+    ("effects in front", RAILS, "format: ppm", "effects: [1]\nformat: ppm", "effects",
      "no effects yet"),
     ("no home", BENCH, "home: {pose: {x: 500, y: 260, rz: 25}, q: {leg1: 400}}\n", "", "", "home"),
     ("no pose", BENCH, "pose: {x: 500, y: 260, rz: 25}, ", "", "home", "pose"),
@@ -90,7 +90,7 @@ BROKEN = [
      "no effects yet"),
     ("free names nothing", BENCH, "effects: []", 'free: ["*.ofset"]', "free", "offset"),
     ("free is a word", BENCH, "effects: []", "free: yes", "free", ""),
-    ("key twice", BENCH, "effects: []", "name: again", ":21:", "stands twice"),
+    ("key twice", BENCH, "effects: []", "name: again", ":23:", "stands twice"),
     ("bad indentation", BENCH, "    kind: R(P)R\n    base: {point: [1000, 0]}",
      "   kind: R(P)R\n    base: {point: [1000, 0]}", ":11:", "indentation"),
     ("open bracket", BENCH, "[200, 900]}", "[200, 900", "bench.yaml:", "brackets"),

@@ -94,7 +94,8 @@ def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="")
     for i, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if i in right else "left", overflow="fold")
+        table.add_column(heading, justify="right" if i in right else "left",
+                         overflow="fold", no_wrap=i == 0)
     for row in rows:
         table.add_row(*row)
     return table

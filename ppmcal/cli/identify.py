@@ -158,7 +158,7 @@ def show_result(result: Identification, console: Console) -> None:
     if shown:
         console.table(plain_table(
             ["parameter", "nominal", "value", "+- 95 %", "unit", "status"],
-            [[p["name"], number(p["nominal"], 8), number(p["value"], 8),
+            [[p["name"], number(p["nominal"], 7), number(p["value"], 7),
               number(None if p["sigma"] is None else 1.96 * p["sigma"], 3), p["unit"],
               p["status"]] for p in shown], (1, 2, 3)))
     if len(free) > len(shown):

@@ -37,7 +37,7 @@ class Output:
 
     def add(self, name: str, content: str | bytes) -> None:
         """Add one file by its name within the folder."""
-        if not name or Path(name).name != name:
+        if name in ("", ".", "..") or Path(name).name != name:
             raise ValueError(f"'{name}' is not a plain file name")
         if name in self.files:
             raise ValueError(f"'{name}' was added already")

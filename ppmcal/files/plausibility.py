@@ -17,8 +17,7 @@ from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
-LENGTH_FACTORS = {1000.0: "mm against m", 25.4: "in against mm", 1e6: "um against m",
-                  39.37: "in against m"}
+LENGTH_FACTORS = {1000.0: "mm against m", 25.4: "in against mm", 1e6: "um against m"}
 TURN = 2.0 * np.pi
 TOO_FAR = 3.0
 TOO_LITTLE = 1e-3
@@ -59,11 +58,13 @@ def _sidecar(data: Dataset) -> str:
     return data.source.rpartition(".")[0] + ".yaml"
 
 
-def _factor(ratio: float) -> str:
-    """Name the unit factor that a ratio of sizes looks like, empty for none."""
-    size = ratio if ratio > 1.0 else 1.0 / ratio
-    near = min(LENGTH_FACTORS, key=lambda f: abs(np.log(size / f)))
-    return f" (about {near:g}: {LENGTH_FACTORS[near]})" if 0.1 < size / near < 10.0 else ""
+def _factor(ratio: float, typical: float = 0.1) -> str:
+    """Name the unit factor that brings a ratio of sizes nearest to ``typical``, or nothing."""
+    off = abs(np.log(ratio / typical))
+    near = min(LENGTH_FACTORS, key=lambda f: abs(off - np.log(f)))
+    if abs(off - np.log(near)) > np.log(15.0):
+        return ""
+    return f" (perhaps a factor {near:g}: {LENGTH_FACTORS[near]})"
 
 
 def _span(values: Array) -> float:
@@ -103,7 +104,7 @@ def _rotations(data: Dataset) -> list[str]:
     size = np.abs(data.rotation[np.isfinite(data.rotation)])
     if size.size and float(np.median(size)) > TURN:
         return [f"{data.source}: columns rx, ry, rz: rotations of {float(np.median(size)):.4g} "
-                "rad are more than a whole turn (about 57.3: deg against rad); check units.angle "
+                "rad are more than a whole turn (perhaps a factor 57.3: deg against rad); check units.angle "
                 f"in {_sidecar(data)}."]
     return []
 
@@ -127,7 +128,7 @@ def _joint(mechanism: Mechanism, data: Dataset, index: int, name: str) -> list[s
     span = float(finite.max() - finite.min())
     if mechanism.actuator_quantity[index] == "angle":
         if float(np.median(np.abs(finite))) > 2.0 * TURN and span > 2.0 * TURN:
-            return [f"{place}: the joint turns through {span:.4g} rad (about 57.3: deg against "
+            return [f"{place}: the joint turns through {span:.4g} rad (perhaps a factor 57.3: deg against "
                     f"rad); check units.angle in {_sidecar(data)}."]
         return []
     if span > 10.0 * mechanism.reach:
@@ -149,7 +150,7 @@ def _near_home(mechanism: Mechanism, q: Array, index: int, place: str) -> list[s
             and float(np.min(np.abs(q - home))) > 0.5 * abs(home)):
         ratio = abs(middle / home) if home != 0.0 and middle != 0.0 else 1.0
         return [f"{place}: values about {middle:.4g} m, but home.q is {home:.4g} m"
-                f"{_factor(ratio)}; check the units, and the order of the columns."]
+                f"{_factor(ratio, 1.0)}; check the units, and the order of the columns."]
     return []
 
 

@@ -90,7 +90,7 @@ def read_sidecar(csv_path: Path) -> tuple[SidecarFile, str]:
             return check(SidecarFile, read_yaml(path), str(path)), str(path)
     path = csv_path.with_suffix(".yaml")
     raise BadInput(f"the measurement file has no sidecar {path.name} (units, instrument, frame)",
-                   str(csv_path), f"Write {path} with your values, for example:\n{EXAMPLE}")
+                   str(csv_path), f"Write {path}, for example:\n{EXAMPLE}with your own values")
 
 
 def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:

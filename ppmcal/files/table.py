@@ -237,7 +237,8 @@ def _ragged(row: list[str], index: int, header: tuple[str, ...], source: str) ->
     if len(row) == 1 and row[0].count(";") + 1 == len(header):
         return BadInput("the cells are separated by semicolons, the header by commas", where,
                         "Save it with commas between columns and points in the numbers")
-    if len(row) > len(header) and all(re.fullmatch(r"\s*[-+]?\d*\s*", c) for c in row):
+    whole = sum(re.fullmatch(r"\s*[-+]?\d+\s*", c) is not None for c in row)
+    if len(row) > len(header) and 2 * whole > len(row):
         return BadInput(f"{what}; it looks like decimal commas", where,
                         "Save it with points in the numbers and commas between columns")
     return BadInput(what, where, "Give every row one cell for each column; leave a missing value "

@@ -134,6 +134,9 @@ def _syntax(path: Path, error: yaml.MarkedYAMLError) -> BadInput:
     mark = error.problem_mark or error.context_mark
     where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
     what = error.problem or error.context or "not YAML"
+    if "recursive" in what:
+        return BadInput("an alias refers to itself: an endless structure", where,
+                        "Remove the alias (`*name`)")
     if "stands twice" in what:
         return BadInput(what, where, "Remove one of the two")
     return BadInput(f"YAML error: {what}", where, "Check indentation, brackets and quotes there")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.analysis import Estimate, Identification
 from ppmcal.files import csv_text, json_text, write_mechanism
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.units import Units
@@ -70,7 +70,10 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
             for n, reason in sorted(reasons.items())],
         "findings": list(result.findings),
         "datasets": [{"name": d.name, "source": d.source, "kind": d.kind, "rows": len(d),
-                      "used": int(k.sum()), "frame": _pose(result, d.name)}
+                      "used": int(k.sum()),
+                      "registration": registration(result.mechanism.registrations[d.name], units),
+                      "registration_before": registration(result.before_registrations[d.name],
+                                                          units)}
                      for d, k in zip(fit.problem.datasets, fit.keep, strict=True)],
         "units": {"length": units.length, "angle": units.angle},
         "measured_volume": _volume(result),
@@ -148,11 +151,12 @@ def covariance_entry(result: Identification) -> dict[str, Any]:
                                   zip(problem.datasets, problem.opens, strict=True)}}
 
 
-def _pose(result: Identification, name: str) -> dict[str, float]:
-    r = result.mechanism.registrations[name]
-    units = result.mechanism.units
-    return {c: float(r.frame[i] / units.factor("length" if i < 3 else "angle"))
-            for i, c in enumerate(POSE_COORDINATES)}
+def registration(r: Registration, units: Units) -> dict[str, list[float]]:
+    """Return frame (6), target (3) and target rotation (3) in file units."""
+    length, angle = units.factor("length"), units.factor("angle")
+    return {"frame": [*(r.frame[:3] / length).tolist(), *(r.frame[3:] / angle).tolist()],
+            "target": (r.target / length).tolist(),
+            "target_rotation": (r.target_rotation / angle).tolist()}
 
 
 def _volume(result: Identification) -> dict[str, list[float]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.compensate import Knowledge
 from ppmcal.errors import BadInput
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.outputs.identification import column_factor
 from ppmcal.units import Units
 
@@ -32,6 +32,8 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
                   content["measured_volume"].items()}
         turn = {str(n): np.array(p, dtype=float) * units.factor("length") for n, p in
                 content["covariance"]["frames_turn_about"].items()}
+        before = {str(d["name"]): _registration(d["registration_before"], units)
+                  for d in content["datasets"]}
     except OSError as error:
         raise BadInput(f"cannot be read ({error.strerror})", str(path),
                        "Give the identification.json of this model") from None
@@ -45,7 +47,14 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     factor = np.array([column_factor(mechanism, n) for n in names])
     scaled = {c: (low * _unit(mechanism, c), high * _unit(mechanism, c))
               for c, (low, high) in volume.items()}
-    return Knowledge(names, matrix * np.outer(factor, factor), scaled, turn)
+    return Knowledge(names, matrix * np.outer(factor, factor), scaled, turn, before)
+
+
+def _registration(entry: dict[str, list[float]], units: Units) -> Registration:
+    length, angle = units.factor("length"), units.factor("angle")
+    frame = np.array(entry["frame"], dtype=float) * np.array([length] * 3 + [angle] * 3)
+    return Registration(frame, np.array(entry["target"], dtype=float) * length,
+                        np.array(entry["target_rotation"], dtype=float) * angle)
 
 
 def _unit(mechanism: Mechanism, coordinate: str) -> float:

@@ -102,8 +102,9 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     def has(*files: str) -> bool:
         return any((folder / f).is_file() for f in files)
 
-    def table(file: str) -> Columns | None:
-        return read_columns(folder / file) if has(file) else None
+    def table(file: str, only: tuple[str, ...] = ()) -> Columns | None:
+        wanted = (lambda c: c in only) if only else None
+        return read_columns(folder / file, wanted=wanted) if has(file) else None
 
     def record(file: str, shape: Any) -> Record:
         return read_json(folder / file, shape) if has(file) else {}
@@ -121,10 +122,11 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, record("diagnosis.json", DIAGNOSIS),
                                            table("effects.csv"), rest)))
-    for key, stem in (("compensated", "commands"), ("kinematics", "kinematics")):
+    for key, stem, only in (("compensated", "commands", ()),
+                            ("kinematics", "kinematics", ("status", "reason"))):
         if has(f"{stem}.csv", f"{stem}.json"):
             out.append((key, Rows(name, stem, record(f"{stem}.json", LOOSE),
-                                  table(f"{stem}.csv"))))
+                                  table(f"{stem}.csv", only))))
     for kind, stem in (("check", "check"), ("plan", "poses"), ("sensitivity", "sensitivity")):
         if has(f"{stem}.csv", f"{stem}.json"):
             out.append(("others", Other(name, kind, record(f"{stem}.json", LOOSE),
@@ -137,8 +139,12 @@ def _simulated(folder: Path) -> Simulated:
     truth = folder / "truth.json"
     here = file.is_file()
     return Simulated(str(folder), read_json(truth, TRUTH) if truth.is_file() else None,
-                     read_columns(file, whole=False) if here else None,
+                     read_columns(file, whole=False, wanted=_is_place) if here else None,
                      digest(file) if here else "")
+
+
+def _is_place(column: str) -> bool:
+    return column in ("x", "y")
 
 
 def _parameters(table: Columns | None) -> tuple[Record, ...]:
@@ -189,7 +195,7 @@ def _places(one: Identified, source: str, simulated: Sequence[Simulated]) -> Arr
     table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)
     if table is None and digest(Path(names[0])) == inputs[names[0]]:
         try:
-            table = read_columns(Path(names[0]), whole=False, wanted=lambda c: c in "xy")
+            table = read_columns(Path(names[0]), whole=False, wanted=_is_place)
         except BadInput:
             return None
     if table is None or "x" not in table.numbers or "y" not in table.numbers:

@@ -16,6 +16,7 @@ from ppmcal.report.tables import (
     amount,
     bullets,
     definitions,
+    dotted,
     given,
     paragraph,
     table,
@@ -99,11 +100,12 @@ def compensation_section(rows: Rows, lengths: Mapping[str, str]) -> str:
             values = t.number(f"error_{kind}_{stage}")[good]
             values = values[np.isfinite(values)]
             if values.size:
-                stats.append([words(f"{kind}, {stage}"), amount(float(values.mean())),
+                stats.append([words(f"{kind}, {stage}"), words(lengths.get(quantity, "")),
+                              amount(float(values.mean())),
                               amount(float(np.sqrt(np.mean(values**2)))),
-                              amount(float(values.max())), words(lengths.get(quantity, ""))])
+                              amount(float(values.max()))])
     out.append(table("Error predicted by the identified model, accepted targets",
-                     ["error", "mean", "rms", "max", "unit"], stats))
+                     ["error", "unit", "mean", "rms", "max"], stats))
     figures = [command_figure(rows, k, lengths.get(q, ""))
                for k, q in (("position", "length"), ("rotation", "angle"))]
     out.append(f'<div class="plots">{"".join(figures)}</div>' if any(figures) else "")
@@ -136,8 +138,8 @@ def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> str:
             if len(rows) > SHOWN else "rounded; commands.csv has all digits")
     plain = [h.removeprefix("error_").replace("_", " ") if h.startswith("error_")
              else h.replace("_", " ") for h in errors]
-    return table(f"Commands: {more}. Δ: change against the uncorrected command", [*heads, *plain],
-                 body)
+    return (paragraph(f"Commands: {more}. Δ: change against the uncorrected command.", "note")
+            + table("", [*heads, *plain], body))
 
 
 def refused(rows: Rows) -> str:
@@ -180,7 +182,7 @@ def scalars(record: Mapping[str, Any]) -> str:
         if key in ("format", "findings", "provenance"):
             continue
         if isinstance(value, str | int | float) and not isinstance(value, bool):
-            shown = value if isinstance(value, str) else sig(value, 6)
+            shown = sig(value, 6) if isinstance(value, float) else str(value)
             pairs.append([words(key.replace("_", " ")), words(shown, "wrap")])
         elif isinstance(value, bool):
             pairs.append([words(key.replace("_", " ")), words("yes" if value else "no")])
@@ -199,7 +201,7 @@ def truth_section(c: Comparison) -> str:
     """Return the errors put in against those found."""
     body: list[list[Cell]] = []
     for r in c.rows:
-        body.append([words(r.name), amount(r.true, to_sigma(r.true, r.sigma)),
+        body.append([dotted(r.name), amount(r.true, to_sigma(r.true, r.sigma)),
                      amount(r.found, to_sigma(r.found, r.sigma)),
                      amount(r.found - r.true, to_sigma(r.found - r.true, r.sigma)),
                      amount(r.sigma, sig(r.sigma, 2)), words(r.unit),

@@ -15,6 +15,7 @@ from ppmcal.report.tables import (
     amount,
     bullets,
     definitions,
+    dotted,
     error_bar,
     paragraph,
     table,
@@ -41,17 +42,17 @@ def accuracy(one: Identified) -> str:
         for stage, name in STAGES:
             part = figure(one, stage, kind)
             if any(number(part.get(c)) is not None for c in COLUMNS):
-                rows.append([words(f"{kind}, {name}"), *(amount(part.get(c)) for c in COLUMNS),
-                             words(part.get("unit"))])
+                rows.append([words(f"{kind}, {name}"), words(part.get("unit")),
+                             *(amount(part.get(c)) for c in COLUMNS)])
     if not rows:
         return ""
     notes = [str(one.record.get("holdout_note") or "")]
     if "closure" in kinds:
         notes.append("Closure is the limb condition at the measured poses, as a length.")
     note = " ".join(n[0].upper() + n[1:].rstrip(".") + "." for n in notes if n)
-    return ("<h2>Error before and after</h2>"
-            + table("p95: 95 % of the rows are below it", ["error", *COLUMNS, "unit"], rows)
-            + paragraph(note, "note") + _fit_facts(one))
+    return ("<h2>Error before and after</h2>" + '<div class="pair">'
+            + table("p95: 95 % of the rows are below it", ["error", "unit", *COLUMNS], rows)
+            + f"<div>{_fit_facts(one)}{paragraph(note, 'note')}</div></div>")
 
 
 def _fit_facts(one: Identified) -> str:
@@ -107,12 +108,14 @@ def parameters(one: Identified) -> str:
         return ""
     free = [p for p in one.parameters if p.get("status") != "fixed"]
     fixed = [p for p in one.parameters if p.get("status") == "fixed"]
-    heads = ["parameter", "nominal", "value", "error", "95 % interval of the value", "tolerance",
-             "sigma", "sigma, data only", "unit", "status", "error / tolerance"]
-    caption = "Bar: error against nominal; shaded: one tolerance; ends: three; line: 95 % interval"
-    out = "<h2>Parameters</h2>" + table(caption, heads, [_row(p) for p in free], sort=True)
+    heads = ["parameter", "unit", "nominal", "value", "95 % interval", "error", "tolerance",
+             "error against tolerance", "sigma", "sigma, data only", "status"]
+    note = ("Bars: error in tolerances, shaded: one to each side, ends: three; "
+            "line: 95 % interval; red tip: beyond the end.")
+    out = ("<h2>Parameters</h2>" + paragraph(note, "note")
+           + table("", heads, [_row(p) for p in free], sort=True))
     if fixed:
-        rows = [[words(p.get("name")), amount(p.get("value"), exact(p.get("value"))),
+        rows = [[dotted(p.get("name")), amount(p.get("value"), exact(p.get("value"))),
                  words(p.get("unit"))] for p in fixed]
         name = f"{count(len(fixed), 'parameter')} held fixed"
         out += (f"<details><summary>{name}</summary>"
@@ -129,13 +132,13 @@ def _row(p: Mapping[str, Any]) -> list[Cell]:
         f"{to_sigma(low, sigma)} … {to_sigma(high, sigma)}")
     away = tolerances(p)
     status = str(p.get("status") or "")
-    return [words(p.get("name")), amount(p.get("nominal"), exact(p.get("nominal"))),
-            amount(value, to_sigma(value, sigma)),
+    return [dotted(p.get("name")), words(p.get("unit")),
+            amount(p.get("nominal"), exact(p.get("nominal"))),
+            amount(value, to_sigma(value, sigma)), amount(low, interval),
             amount(p.get("error"), to_sigma(p.get("error"), sigma), bad=(away or 0.0) > 3.0),
-            amount(low, interval), amount(p.get("tolerance")), amount(sigma, sig(sigma, 2)),
-            amount(p.get("sigma_data"), sig(p.get("sigma_data"), 2)), words(p.get("unit")),
-            words(status, "bad" if status == "redundant" else ""),
-            Cell(error_bar(p), away)]
+            amount(p.get("tolerance"), exact(p.get("tolerance"))), Cell(error_bar(p), away),
+            amount(sigma, sig(sigma, 2)), amount(p.get("sigma_data"), sig(p.get("sigma_data"), 2)),
+            words(status, "warn" if status == "redundant" else "")]
 
 
 def redundant(one: Identified) -> str:
@@ -154,7 +157,7 @@ def correlations(one: Identified) -> str:
     """Return the strongest correlations."""
     found = [c for c in one.record.get("correlations") or [] if number(c.get("value")) is not None]
     found.sort(key=lambda c: -abs(c["value"]))
-    rows = [[words(c.get("a")), words(c.get("b")), amount(c["value"])] for c in found[:12]]
+    rows = [[dotted(c.get("a")), dotted(c.get("b")), amount(c["value"])] for c in found[:12]]
     more = f"the strongest 12 of {len(found)}" if len(found) > 12 else ""
     return ("<h3>Strong correlations</h3>" + table(more, ["parameter", "with", "correlation"], rows)
             if rows else "")

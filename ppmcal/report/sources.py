@@ -177,7 +177,7 @@ def _even(rows: list[list[str]], header: tuple[str, ...], source: str, start: in
 def _floats(cells: tuple[str, ...], where: str, start: int, name: str) -> Array:
     """Return one column's part (N,), nan where empty; refuse what is no number."""
     try:
-        return np.array(cells, dtype=float)
+        return np.fromiter(map(float, cells), dtype=float, count=len(cells))
     except ValueError:
         out = np.full(len(cells), np.nan)
     words = {"": np.nan, "true": 1.0, "false": 0.0}

@@ -41,19 +41,25 @@ table{border-collapse:collapse;font-size:13.5px;line-height:1.35}
 caption{text-align:left;color:var(--soft);padding:8px 10px 4px;font-size:13px}
 th,td{padding:5px 10px;border-top:1px solid var(--line);text-align:left;vertical-align:top;
 white-space:nowrap}
-td.wrap{white-space:normal;min-width:16em;max-width:60em}
-thead th{background:var(--head);font-weight:600;border-top:0;vertical-align:bottom}
-tbody th{font-weight:500;position:sticky;left:0;background:var(--card);overflow-wrap:anywhere;
-white-space:normal;min-width:8.5em;max-width:19em}
+td.wrap{white-space:normal;min-width:16em;max-width:60em}td.mid{white-space:nowrap}
+thead th{background:var(--head);font-weight:600;border-top:0;vertical-align:bottom;
+white-space:normal}
+tbody th{font-weight:500;position:sticky;left:0;background:var(--card);white-space:normal;
+max-width:19em;z-index:1}
+tbody th.n{font-weight:400;color:var(--soft)}
+.narrow tbody th:first-child{white-space:nowrap}
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
-td.bad,.bad{color:var(--out);font-weight:600}.good{color:var(--ok)}
+td.warn{color:var(--warn);font-weight:600}td.bad,.bad{color:var(--out);font-weight:600}.good{color:var(--ok)}
 th button{font:inherit;color:inherit;background:none;border:0;padding:0;cursor:pointer;
 text-align:inherit}
-th button:after{content:" \\2195";color:var(--soft);font-weight:400}
+th button:hover,th button:focus-visible{text-decoration:underline}
 th[aria-sort=ascending] button:after{content:" \\2191"}
 th[aria-sort=descending] button:after{content:" \\2193"}
-.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,340px),1fr));gap:14px;
+.plots{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,340px),1fr));gap:14px;
 margin:10px 0}
+summary{cursor:pointer}details{margin:10px 0}
+.pair{display:flex;flex-wrap:wrap;gap:4px 36px;align-items:flex-start}
+.pair>*{min-width:0}.pair>div+div{flex:1 1 380px}
 figure{margin:0;background:var(--card);border:1px solid var(--line);border-radius:8px;
 padding:10px 8px 8px;max-width:600px}
 figcaption{font-size:13px;color:var(--soft);padding:2px 8px 0}
@@ -76,7 +82,8 @@ path.out{stroke:var(--out);stroke-width:1.6}
 path.ink,polyline.ink{stroke:var(--ink)}polyline.faint{stroke:var(--soft);opacity:.5}
 path.area.after{fill:var(--after);stroke:none;opacity:.75}
 .area.band{fill:var(--band);stroke:none}
-svg.bar{width:130px;height:18px;display:block}
+svg.bar{width:116px;height:16px;display:block}
+@media(min-width:900px){tbody th{white-space:nowrap;max-width:none}}
 .bar .zone{fill:var(--band)}.bar .zero{stroke:var(--soft);stroke-width:1}
 .bar .err{fill:var(--after)}.bar .err.far{fill:var(--out)}
 .bar .ci{stroke:var(--ink);stroke-width:1.5;fill:none}
@@ -85,7 +92,8 @@ dt{color:var(--soft)}dd{margin:0;overflow-wrap:anywhere;min-width:0}
 ul.plain{padding-left:20px;margin:6px 0}ul.plain li{margin:2px 0;overflow-wrap:anywhere}
 footer{margin-top:40px;color:var(--soft);font-size:13px}
 @media(max-width:520px){.lead p{font-size:16.5px}dl{grid-template-columns:1fr}dd{margin-bottom:6px}
-th,td{padding:5px 8px}tbody th{min-width:7em;max-width:9em}td.wrap{min-width:12em}}
+th,td{padding:5px}table{font-size:13px}tbody th{max-width:9.5em}
+.pair>div+div{flex-basis:100%}td.wrap{min-width:12em}}
 @media print{:root{--page:#fff;--card:#fff;--ink:#000;--soft:#444;--line:#bbb;--head:#eee;
 --before:#b3692a;--after:#1f62a6;--out:#c2293a;--warnbg:#fff;--warn:#8f5a00;--ok:#23744a;
 --band:#1f62a61f}

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 400.0, 250.0
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 12.0, 40.0
 
 
@@ -53,7 +54,8 @@ class Axis:
 def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float = 0.05) -> Axis:
     """Return an axis that holds the finite values, with a margin.
 
-    ``log``: whole powers of ten around them; ``zero``: symmetric about 0.
+    ``log``: whole powers of ten around them, all but the lowest half percent, which is drawn
+    at the edge; ``zero``: symmetric about 0.
     """
     v = np.asarray(values, dtype=float).ravel()
     v = v[np.isfinite(v)]
@@ -62,7 +64,8 @@ def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float
         if not v.size:
             return Axis(0.1, 1.0, True)
         top = math.ceil(math.log10(float(v.max())) + 1e-9)
-        foot = min(math.floor(math.log10(max(float(v.min()), 1e-12 * 10.0**top))), top - 1)
+        least = max(float(np.quantile(v, 0.005)), 1e-12 * 10.0**top)
+        foot = min(math.floor(math.log10(least)), top - 1)
         return Axis(10.0**foot, 10.0**top, True)
     low, high = (float(v.min()), float(v.max())) if v.size else (0.0, 1.0)
     if zero:
@@ -98,8 +101,11 @@ def num(value: float) -> str:
     return f"{value:.1f}".removesuffix(".0")
 
 
-def label(value: float) -> str:
-    """Return a tick's label."""
+def label(value: float, log: bool = False) -> str:
+    """Return a tick's label; powers of ten on a logarithmic axis are written as such."""
+    power = math.log10(value) if value > 0.0 else 0.0
+    if log and abs(power) > 2.5 and abs(power - round(power)) < 1e-9:
+        return f"10{str(round(power)).translate(SUPERSCRIPT)}"
     if value != 0.0 and not 1e-4 <= abs(value) < 1e5:
         mantissa, exponent = f"{value:.6e}".split("e")
         head = mantissa.rstrip("0").rstrip(".").replace("-", "−")
@@ -182,7 +188,7 @@ def axes(frame: Frame, x_label: str, y_label: str, x_ticks: bool = True, y_ticks
     for t in frame.y.ticks() if y_ticks else []:
         y = float(frame.py(t))
         grid.append(f"M{num(left)} {num(y)}H{num(right)}")
-        out.append(text(left - 5, y + 3.5, label(t), "end"))
+        out.append(text(left - 5, y + 3.5, label(t, frame.y.log), "end"))
     for t in frame.x.ticks() if x_ticks else []:
         x = float(frame.px(t))
         grid.append(f"M{num(x)} {num(floor)}v4")

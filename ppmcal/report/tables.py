@@ -27,6 +27,11 @@ def words(text: object, kind: str = "") -> Cell:
     return Cell(escape("" if text is None else str(text)), None, kind)
 
 
+def dotted(name: object) -> Cell:
+    """Return a cell with a name that may break after its dots."""
+    return Cell(escape("" if name is None else str(name)).replace(".", ".<wbr>"))
+
+
 def amount(value: Any, text: str | None = None, bad: bool = False) -> Cell:
     """Return a cell with a number, shown as ``text`` or with three digits."""
     return Cell(escape(sig(value) if text is None else text), number(value),
@@ -39,7 +44,7 @@ def given(text: str) -> Cell:
         value = number(float(text))
     except ValueError:
         return words(text)
-    return amount(value, exact(value))
+    return amount(value, exact(value) if len(text) < 8 else sig(value, 6))
 
 
 def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[Cell]],
@@ -100,7 +105,7 @@ def error_bar(p: Mapping[str, Any]) -> str:
     half = 1.96 * (number(p.get("sigma")) or 0.0)
 
     def at(value: float) -> float:
-        return 65.0 + 20.0 * max(-3.1, min(3.1, value / tolerance))
+        return 65.0 + 20.0 * max(-2.9, min(2.9, value / tolerance))
 
     x, far = at(error), abs(error) > 3.0 * tolerance
     mark = (f'<circle class="err" cx="{x:.1f}" cy="9" r="3.5"/>' if not far else

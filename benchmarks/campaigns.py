@@ -1,0 +1,238 @@
+"""Does the fit know how well it knows? Many simulated campaigns, each with a machine of its own.
+
+    python benchmarks/campaigns.py --campaigns 200 --machine 3-RPR --machine 6-UPS
+
+A campaign draws the machine's true errors from the tolerances and the instrument's noise from
+the scenario, fits, and looks at poses that the fit had not seen. Printed per machine:
+
+    position    rms error of predicted positions on fresh poses over what the covariance promised
+    rotation    the same for rotations
+    coverage    share of the true parameters inside their 95 % intervals
+    p < ...     noise check: share of campaigns with so small a p-value (nothing is wrong here)
+    dropped     share of campaigns in which a good row was taken for an outlier
+
+Exit code 1 where a ratio is outside 0.9 to 1.1 or the coverage outside 93 to 97 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.analysis import estimates, fresh_state, noise_check, rank_of
+from ppmcal.dataset import Dataset, Unknown
+from ppmcal.files import read_mechanism, read_scenario
+from ppmcal.files.scenario import Circle, Random, Scenario
+from ppmcal.identify import Fit, identify, prediction_covariance
+from ppmcal.mechanism import Mechanism
+from ppmcal.problem import Problem
+from ppmcal.simulate import Campaign, simulate
+
+Array = NDArray[np.float64]
+
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+FRESH = 40
+RATIO = (0.9, 1.1)
+COVERAGE = (0.93, 0.97)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One campaign: squared errors of fresh poses (m2, rad2) beside their promised variances."""
+
+    machine: str
+    seed: int
+    converged: bool
+    position_error: float
+    position_promised: float
+    rotation_error: float
+    rotation_promised: float
+    parameters: int
+    inside: int
+    noise_p: float
+    rows: int
+    dropped: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All campaigns of one machine; ``position`` and ``rotation`` are error over promise."""
+
+    machine: str
+    campaigns: int
+    converged: int
+    position: float
+    rotation: float
+    coverage: float
+    below_5_percent: float
+    below_1_permille: float
+    dropped: float
+    seconds: float
+
+    @property
+    def sound(self) -> bool:
+        """Whether the figures are as they must be."""
+        ratios = [r for r in (self.position, self.rotation) if np.isfinite(r)]
+        return (all(RATIO[0] <= r <= RATIO[1] for r in ratios)
+                and COVERAGE[0] <= self.coverage <= COVERAGE[1]
+                and self.converged == self.campaigns)
+
+
+@cache
+def load(machine: str) -> tuple[Mechanism, Scenario]:
+    """Read a machine of ``configs/`` and its scenario."""
+    mechanism = read_mechanism(CONFIGS / f"{machine}.yaml")
+    return mechanism, read_scenario(CONFIGS / "scenarios" / f"{machine}.yaml", mechanism)
+
+
+def dataset(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str) -> Dataset:
+    """Return a campaign as the data set that its files would read as."""
+    n = campaign.q.shape[0]
+    planar = mechanism.motion == "planar"
+    pose = scenario.kind == "pose" and mechanism.motion != "translational"
+    seen = np.array([True, True, not planar, pose and not planar, pose and not planar, pose])
+    both = np.where(seen, np.concatenate([campaign.position, campaign.rotation], axis=1), np.nan)
+    return Dataset(
+        name=name, source=name, kind=scenario.kind, rows=np.arange(1, n + 1), q=campaign.q,
+        commanded=None, position=both[:, :3], rotation=both[:, 3:], value=np.full(n, np.nan),
+        to_q=None, sigma_position=np.full((n, 3), scenario.sigma_position or 1e-9),
+        sigma_rotation=np.full((n, 3), scenario.sigma_rotation or 1e-9), sigma_value=np.ones(n),
+        sigma_actuator=scenario.sigma_actuator, groups=campaign.pose, columns={}, sessions=None,
+        frame=Unknown(not scenario.frame_known, np.zeros(6)),
+        target=Unknown(not scenario.target_known, np.zeros(3)),
+        target_rotation=Unknown(not scenario.target_rotation_known, np.zeros(3)))
+
+
+def fresh(mechanism: Mechanism, scenario: Scenario, g: Array, count: int) -> Scenario:
+    """Return a noise-free scenario of the machine with parameters ``g``: poses within the box."""
+    shape = scenario.poses
+    if isinstance(shape, Circle):
+        half = shape.swing.copy()
+        half[:2] += shape.radius / np.sqrt(2.0)
+        shape = Random(shape.center, half, count)
+    assert isinstance(shape, Random)
+    errors = dict(zip(mechanism.names, (g - mechanism.nominals).tolist(), strict=True))
+    return replace(scenario, poses=replace(shape, count=count), errors=errors, error_scale=None,
+                   sigma_position=0.0, sigma_rotation=0.0, outliers=0.0, repeats=1,
+                   approach="one", sigma_actuator=np.zeros_like(scenario.sigma_actuator))
+
+
+def fresh_errors(fit: Fit, unseen: Dataset) -> tuple[Array, Array]:
+    """Return errors on unseen rows (n, m), m and rad, and their covariances (n, m, m)."""
+    pivots = tuple(o.about for o in fit.problem.opens)
+    one = replace(unseen, sigma_position=np.ones_like(unseen.sigma_position),
+                  sigma_rotation=np.ones_like(unseen.sigma_rotation))
+    problem = replace(fit.problem, datasets=(one,), pivots=pivots)
+    rows = list(problem.rows(fresh_state(problem, fit.state)))
+    jacobian = np.concatenate([r.jacobian for r in rows])
+    return (np.concatenate([r.raw for r in rows]),
+            jacobian @ prediction_covariance(fit) @ np.swapaxes(jacobian, -1, -2))
+
+
+def run(task: tuple[str, int]) -> Outcome:
+    """Simulate, fit and judge one campaign."""
+    machine, seed = task
+    mechanism, scenario = load(machine)
+    campaign = simulate(mechanism, scenario, seed)
+    began = time.perf_counter()
+    fit = identify(Problem(mechanism, (dataset(mechanism, scenario, campaign, "a"),),
+                           mechanism.free))
+    seconds = time.perf_counter() - began
+    noise = noise_check(fit)
+    inflation = max(1.0, noise.sigma_ratio) if noise.failed else 1.0
+    found = estimates(fit, rank_of(fit)[0], inflation)
+    known = [(e, campaign.g[p]) for p, e in enumerate(found) if p in mechanism.free]
+    inside = [e.interval[0] <= true <= e.interval[1] for e, true in known if e.interval]
+    plan = fresh(mechanism, scenario, campaign.g, FRESH)
+    unseen = dataset(mechanism, plan, simulate(mechanism, plan, seed + 1_000_000), "a")
+    error, covariance = fresh_errors(fit, unseen)
+    square = np.mean(error**2, axis=0)
+    promised = np.mean(np.diagonal(covariance, axis1=-2, axis2=-1), axis=0) * inflation**2
+    places = sum(1 for c in mechanism.dof if c < 3)
+    return Outcome(
+        machine, seed, fit.converged, float(square[:places].sum()), float(promised[:places].sum()),
+        float(square[places:].sum()), float(promised[places:].sum()), len(inside), sum(inside),
+        noise.chi2_p, len(campaign.q), sum(len(r) for r in fit.reasons), seconds)
+
+
+def outcomes(machines: Sequence[str], campaigns: int, seed: int, processes: int
+             ) -> Iterable[Outcome]:
+    """Yield the outcomes of all campaigns, in order."""
+    tasks = [(m, seed + n) for m in machines for n in range(campaigns)]
+    if processes == 1:
+        yield from map(run, tasks)
+        return
+    # threads slow small matrices down; spawned processes read this before they load NumPy
+    os.environ["OPENBLAS_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        yield from pool.imap(run, tasks, chunksize=4)
+
+
+def summarise(machine: str, all_: Sequence[Outcome]) -> Summary:
+    """Return the figures of one machine."""
+    mine = [o for o in all_ if o.machine == machine]
+
+    def total(name: str) -> float:
+        return float(sum(getattr(o, name) for o in mine))
+
+    def ratio(kind: str) -> float:
+        promised = total(f"{kind}_promised")
+        return float(np.sqrt(total(f"{kind}_error") / promised)) if promised else float("nan")
+
+    count = len(mine)
+    return Summary(
+        machine, count, sum(o.converged for o in mine), ratio("position"), ratio("rotation"),
+        total("inside") / max(total("parameters"), 1.0), sum(o.noise_p < 0.05 for o in mine) / count,
+        sum(o.noise_p < 0.001 for o in mine) / count, sum(o.dropped > 0 for o in mine) / count,
+        total("seconds") / count)
+
+
+def main() -> int:
+    """Run the study; exit 1 where a figure is not as it must be."""
+    machines = sorted(p.stem for p in CONFIGS.glob("*.yaml"))
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaigns", type=int, default=200, help="campaigns per machine")
+    parser.add_argument("--machine", action="append", choices=machines, metavar="NAME",
+                        help="a machine of configs/, may be repeated; default: all")
+    parser.add_argument("--seed", type=int, default=1, help="first seed")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="CSV with one row per campaign")
+    options = parser.parse_args()
+    chosen = options.machine or machines
+    print(f"{'machine':20} {'n':>4} {'position':>8} {'rotation':>8} {'coverage':>8} {'p<.05':>6} "
+          f"{'p<.001':>6} {'dropped':>7} {'s/fit':>6}")
+    everything: list[Outcome] = []
+    sound = True
+    for machine in chosen:
+        mine = list(outcomes([machine], options.campaigns, options.seed, options.processes))
+        everything += mine
+        s = summarise(machine, mine)
+        sound &= s.sound
+        lost = s.campaigns - s.converged
+        print(f"{machine:20} {s.campaigns:4} {s.position:8.3f} {s.rotation:8.3f} {s.coverage:8.4f} "
+              f"{s.below_5_percent:6.3f} {s.below_1_permille:6.3f} {s.dropped:7.3f} "
+              f"{s.seconds:6.3f}" + (f"  {lost} not converged" if lost else "")
+              + ("" if s.sound else "  OUTSIDE"), flush=True)
+    if options.out:
+        with options.out.open("w", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow([f.name for f in fields(Outcome)])
+            writer.writerows(asdict(o).values() for o in everything)
+    return 0 if sound else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

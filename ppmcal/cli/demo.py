@@ -1,0 +1,59 @@
+"""``ppmcal demo``."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import click
+
+from ppmcal.cli.common import Console, json_option, out_option, quiet_option
+
+
+@click.command("demo")
+@out_option("demo-results")
+@quiet_option
+@json_option
+def command(out: Path, quiet: bool, as_json: bool) -> None:
+    """Run the main job once on the sample data: a table-top hexapod seen by a tracker.
+
+    Check, identify, compensate, inverse kinematics and simulation, then one report.
+    """
+    from ppmcal.templates import sample_data
+
+    console = Console(quiet, as_json)
+    folder = sample_data()
+    mech, data = folder / "hexapod.yaml", folder / "measurements.csv"
+    model = out / "identified" / "identified.yaml"
+    steps = [
+        ("Is the file the machine that it should be, and can the tracker see its parameters?",
+         ["check", mech, data]),
+        ("What are the machine's true dimensions?",
+         ["identify", mech, data, "--out", out / "identified"]),
+        ("What must be sent so that the machine goes where it is wanted?",
+         ["compensate", model, folder / "targets.csv", "--out", out / "compensated"]),
+        ("Joint values of some platform poses, with the identified machine.",
+         ["kinematics", "inverse", model, folder / "poses.csv", "--out", out / "kinematics"]),
+        ("And how would such measurements be simulated?",
+         ["simulate", mech, folder / "scenario.yaml", "--out", out / "simulated"]),
+        ("Everything on one page.",
+         ["report", out / "identified", out / "compensated", out / "kinematics",
+          out / "simulated", "--out", out / "report"]),
+    ]
+    codes = {}
+    for number, (question, step) in enumerate(steps, 1):
+        words = [str(w) for w in step]
+        console.say(f"\n[{number}/{len(steps)}] {question}")
+        console.say(f"$ ppmcal {' '.join(words)}\n")
+        codes[words[0]] = _run(words, console.speaks)
+    page = out / "report" / "report.html"
+    console.say(f"\nDone. Results are in {out}; open {page} in a browser.")
+    console.summary({"out": str(out), "report": str(page), "exit_codes": codes})
+
+
+def _run(words: list[str], speaks: bool) -> int:
+    """Run one command in this process; its findings (exit code 1) do not stop the demo."""
+    part = importlib.import_module(f"ppmcal.cli.{words[0]}").command
+    arguments = words[1:] if speaks else [*words[1:], "--quiet"]
+    code = part.main(args=arguments, prog_name=f"ppmcal {words[0]}", standalone_mode=False)
+    return code if isinstance(code, int) else 0

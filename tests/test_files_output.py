@@ -1,0 +1,133 @@
+"""Writing: CSV and JSON text, provenance, and files that appear whole or not at all."""
+
+import csv
+import io
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ppmcal.errors import BadInput
+from ppmcal.files import Output, csv_text, json_text, provenance
+
+
+def test_output_appears_together(tmp_path):
+    target = tmp_path / "new" / "out"
+    with Output(target) as out:
+        out.add("a.csv", "x\n1\n")
+        out.add("b.bin", b"\x00")
+        assert not target.exists()
+    assert (target / "a.csv").read_text() == "x\n1\n"
+    assert (target / "b.bin").read_bytes() == b"\x00"
+    assert sorted(os.listdir(target.parent)) == ["out"]
+
+
+def test_output_keeps_other_files_and_replaces_its_own(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("keep")
+    (tmp_path / "out" / "a.csv").write_text("old")
+    with Output(tmp_path / "out") as out:
+        out.add("a.csv", "new")
+    assert (tmp_path / "out" / "a.csv").read_text() == "new"
+    assert (tmp_path / "out" / "mine.txt").read_text() == "keep"
+    assert os.listdir(tmp_path) == ["out"]
+
+
+def test_output_writes_nothing_after_an_error(tmp_path):
+    with pytest.raises(RuntimeError), Output(tmp_path / "out") as out:
+        out.add("a.csv", "new")
+        raise RuntimeError
+    assert os.listdir(tmp_path) == []
+
+
+def test_output_rolls_back(tmp_path, monkeypatch):
+    target = tmp_path / "out"
+    target.mkdir()
+    (target / "a.csv").write_text("old")
+    out = Output(target)
+    out.add("a.csv", "new")
+    out.add("b.csv", "new")
+    replace = Path.replace
+
+    def failing(self, other):
+        if Path(other).name == "b.csv":
+            raise OSError(28, "No space left on device")
+        return replace(self, other)
+
+    monkeypatch.setattr(Path, "replace", failing)
+    with pytest.raises(BadInput, match="No space"):
+        out.write()
+    assert (target / "a.csv").read_text() == "old"
+    assert os.listdir(target) == ["a.csv"]
+    assert os.listdir(tmp_path) == ["out"]
+
+
+def test_output_refuses_a_file_as_folder(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(BadInput, match="not a folder"):
+        Output(tmp_path / "out").write()
+    with pytest.raises(BadInput, match="cannot be written"):
+        Output(tmp_path / "out" / "deeper").write()
+
+
+def test_output_names_are_plain():
+    out = Output("x")
+    for name in ("", "a/b", ".."):
+        with pytest.raises(ValueError, match="plain"):
+            out.add(name, "")
+    out.add("a", "")
+    with pytest.raises(ValueError, match="already"):
+        out.add("a", "")
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.tuples(st.floats(allow_nan=False, allow_infinity=False), st.integers(-9, 9),
+                          st.text(st.characters(codec="utf-8", exclude_characters="\r\0"))),
+                min_size=1))
+def test_csv_reads_back(rows):
+    numbers, counts, words = zip(*rows, strict=True)
+    text = csv_text(["a", "b,c", 'd"e'], [np.array(numbers), np.array(counts), words])
+    back = list(csv.reader(io.StringIO(text, newline="")))
+    assert back[0] == ["a", "b,c", 'd"e']
+    assert [float(r[0]) for r in back[1:]] == list(numbers)
+    assert [int(r[1]) for r in back[1:]] == list(counts)
+    assert [r[2] for r in back[1:]] == list(words)
+
+
+def test_csv_details():
+    assert csv_text(["x"], [np.array([0.1, np.nan])]) == "x\n0.10000000000000001\nnan\n"
+    assert csv_text(["x", "y"], [[True, False], [None, 1.5]]) == "x,y\ntrue,\nfalse,1.5\n"
+    assert csv_text(["x"], [np.zeros(0)]) == "x\n"
+    with pytest.raises(ValueError, match="lengths"):
+        csv_text(["x", "y"], [[1], [1, 2]])
+    with pytest.raises(ValueError, match="columns"):
+        csv_text(["x", "y"], [[1]])
+
+
+def test_json_is_plain():
+    @dataclass
+    class Thing:
+        x: float
+
+    obj = {"a": np.nan, "b": np.array([1.0, np.inf]), "c": np.float64(2.5), "d": np.int64(3),
+           "e": (True, None), "f": Thing(1.5), "g": np.bool_(True), "h": Path("x"),
+           "i": {1: np.array(2.0)}}
+    assert json.loads(json_text(obj)) == {
+        "a": None, "b": [1.0, None], "c": 2.5, "d": 3, "e": [True, None], "f": {"x": 1.5},
+        "g": True, "h": "x", "i": {"1": 2.0}}
+
+
+def test_provenance(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"abc")
+    got = provenance([path], "ppmcal identify", 7)
+    assert got["inputs"] == {
+        str(path): "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"}
+    assert (got["command"], got["seed"], got["numpy"]) == ("ppmcal identify", 7, np.__version__)
+    with pytest.raises(BadInput, match="cannot be read"):
+        provenance([tmp_path / "b"], "", None)

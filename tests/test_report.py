@@ -1,0 +1,400 @@
+"""The report on small outputs written here: figures, page, escapes and refusals."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import time
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ppmcal.errors import BadInput
+from ppmcal.report import collect, to_html, to_json
+from ppmcal.report.collect import KNOWN
+from ppmcal.report.numbers import NBSP, probability, sig, to_sigma
+from ppmcal.report.residuals import envelope, spread
+from ppmcal.report.svg import Axis, span
+from ppmcal.report.text import noise_verdict, redundancy
+
+VOID = {"meta", "br", "wbr", "path", "circle", "rect", "polyline", "link", "img", "hr"}
+
+
+class Checker(HTMLParser):
+    """Checks that tags nest, and gathers text and addresses."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.text: list[str] = []
+        self.attributes: list[tuple[str, str, str]] = []
+        self.scripts = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, k, v or "") for k, v in attrs]
+        self.scripts += tag == "script"
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, k, v or "") for k, v in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-3:]}"
+        self.open.pop()
+
+    def handle_data(self, data: str) -> None:
+        if not {"script", "style"} & set(self.open):
+            self.text.append(data)
+
+
+def read(html: str) -> Checker:
+    checker = Checker()
+    checker.feed(html)
+    checker.close()
+    assert not checker.open
+    return checker
+
+
+def write_csv(path: Path, columns: dict[str, Any]) -> None:
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(str(c) for c in r) for r in rows)]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def identification(name: str = "bench", inputs: dict[str, str] | None = None) -> dict[str, Any]:
+    figures = {"mean": 0.5, "rms": 0.5121, "p95": 0.9, "max": 1.1, "unit": "mm"}
+    after = {"mean": 0.005, "rms": 0.00612, "p95": 0.01, "max": 0.013, "unit": "mm"}
+    turn = {"mean": 0.05, "rms": 0.0611, "p95": 0.1, "max": 0.12, "unit": "deg"}
+    gap = {"rms": 0.4, "max": 0.8, "unit": "mm"}
+    return {
+        "format": "ppmcal/identification/1", "name": name, "method": "prior",
+        "parameters": [
+            {"name": "leg1.base.point.x", "nominal": 10.0, "value": 10.5012, "error": 0.5012,
+             "sigma": 0.004, "sigma_data": 0.0041, "low": 10.4934, "high": 10.509,
+             "tolerance": 0.5, "unit": "mm", "status": "identified"},
+            {"name": "leg1.offset", "nominal": 0.0, "value": 2.0, "error": 2.0, "sigma": 0.3,
+             "sigma_data": None, "tolerance": 0.4, "unit": "mm", "status": "redundant"},
+            {"name": "leg1.lateral", "nominal": 0.0, "value": 0.0, "error": 0.0, "sigma": None,
+             "tolerance": None, "unit": "mm", "status": "fixed"}],
+        "rank": 4, "columns": ["a", "b", "c", "d", "e"],
+        "redundant": [{"name": "leg1.offset", "depends_on": {"leg2.offset": -0.5, "frame.x": 1.0}}],
+        "iterations": 5, "converged": True,
+        "residual": {"before": {"position": figures, "rotation": turn, "closure": gap},
+                     "after": {"position": after, "rotation": turn, "closure": gap},
+                     "holdout": {"position": {**after, "rms": 0.00655}}},
+        "noise": {"sigma_ratio": 1.02, "chi2": 50.5, "degrees": 49.0, "chi2_p": 0.4},
+        "excluded": [{"dataset": "run", "row": 3, "reason": "outlier: 7.0 times the noise"}],
+        "findings": ["run: 1 of 12 rows left out"],
+        "datasets": [{"name": "run", "source": "measurements.csv", "kind": "pose", "rows": 12,
+                      "used": 11}],
+        "units": {"length": "mm", "angle": "deg"},
+        "provenance": {"version": "0.1.0", "command": "ppmcal identify m.yaml", "seed": 4,
+                       "inputs": inputs or {}},
+    }
+
+
+def write_fit(folder: Path, record: dict[str, Any], rows: int = 12) -> Path:
+    folder.mkdir()
+    (folder / "identification.json").write_text(json.dumps(record))
+    rng = np.random.default_rng(1)
+    columns: dict[str, Any] = {"row": range(1, rows + 1), "dataset": ["run"] * rows}
+    for c in ("x", "y", "rz"):
+        columns |= {f"before_{c}": rng.normal(0.5, 0.1, rows), f"after_{c}":
+                    rng.normal(0.0, 0.005, rows), f"sigma_{c}": [0.005] * rows}
+    columns["used"] = [int(i != 2) for i in range(rows)]
+    columns["reason"] = ["outlier" if i == 2 else "" for i in range(rows)]
+    write_csv(folder / "residuals.csv", columns)
+    return folder
+
+
+def write_simulation(folder: Path, rows: int = 12) -> Path:
+    folder.mkdir()
+    t = np.linspace(0.0, 6.0, rows)
+    write_csv(folder / "measurements.csv", {"x": 500 + 80 * np.cos(t), "y": 290 + 80 * np.sin(t),
+                                            "rz": t, "q_leg1": t})
+    (folder / "truth.json").write_text(json.dumps(
+        {"errors": {"leg1.base.point.x": 0.4972, "leg1.offset": 0.002},
+         "parameters": [{"name": "leg1.offset", "unit": "m", "error": 0.002}],
+         "units": {"length": "mm", "angle": "deg"}, "seed": 7}))
+    return folder
+
+
+def write_commands(folder: Path) -> Path:
+    folder.mkdir()
+    write_csv(folder / "commands.csv", {
+        "x": [1.0, 2.0, 3.0], "q_leg1": [300.1, 301.2, "nan"],
+        "q_leg1_nominal": [300.0, 301.0, 302.0],
+        "error_position_before": [0.3, 0.4, "nan"], "error_position_after": [1e-9, 2e-9, ""],
+        "status": ["ok", "ok", "limits"], "reason": ["", "", "leg1 too long"]})
+    (folder / "commands.json").write_text(json.dumps({"units": {"length": "mm", "angle": "deg"}}))
+    return folder
+
+
+@pytest.fixture
+def everything(tmp_path: Path) -> list[Path]:
+    sim = write_simulation(tmp_path / "sim")
+    sha = hashlib.sha256((sim / "measurements.csv").read_bytes()).hexdigest()
+    fit = write_fit(tmp_path / "fit", identification(inputs={"measurements.csv": sha}))
+    check = tmp_path / "check"
+    check.mkdir()
+    (check / "check.json").write_text(json.dumps({"findings": [{"where": "m.yaml: units",
+                                                                "what": "odd unit"}]}))
+    kin = tmp_path / "kin"
+    kin.mkdir()
+    write_csv(kin / "kinematics.csv", {"x": [1, 2], "condition": [3.0, 4.0],
+                                       "status": ["ok", "singular"], "reason": ["", "at rz 0"]})
+    return [sim, fit, write_commands(tmp_path / "comp"), check, kin]
+
+
+def test_json_repeats_every_figure(everything: list[Path]) -> None:
+    out = to_json(collect(everything))
+    record = json.loads((everything[1] / "identification.json").read_text())
+    found = out["identifications"][0]
+    assert found["identification"] == record
+    assert found["parameters"] == record["parameters"]
+    assert found["residuals"]["rows"] == 12 and found["residuals"]["used"] == 11
+    assert found["residuals"]["excluded"] == record["excluded"]
+    commands = out["compensations"][0]
+    assert commands["accepted"] == 2 and commands["rows"] == 3
+    assert commands["error_position_before"] == pytest.approx(
+        {"mean": 0.35, "rms": np.sqrt(0.125), "max": 0.4})
+    assert commands["flagged"] == [{"row": 3, "status": "limits", "reason": "leg1 too long"}]
+    json.dumps(out, allow_nan=False)
+
+
+def test_truth_is_compared_in_the_units_of_the_fit(everything: list[Path]) -> None:
+    data = collect(everything)
+    rows = {r.name: r for r in data.comparisons[0].rows}
+    assert set(rows) == {"leg1.base.point.x", "leg1.offset"}
+    assert rows["leg1.base.point.x"].z == pytest.approx((0.5012 - 0.4972) / 0.004)
+    assert rows["leg1.offset"].true == pytest.approx(2.0)
+    assert data.comparisons[0].note == ""
+    (c,) = to_json(data)["truth_against_identified"]
+    assert c["parameters"][0]["z"] == rows["leg1.base.point.x"].z
+
+
+def test_truth_of_other_measurements_is_marked(tmp_path: Path) -> None:
+    sim = write_simulation(tmp_path / "sim")
+    fit = write_fit(tmp_path / "fit", identification(inputs={"other.csv": "0" * 64}))
+    data = collect([sim, fit])
+    assert "may not belong together" in data.comparisons[0].note
+    assert data.identified[0].positions is None
+    assert "may not belong together" in to_html(data)
+
+
+def test_page_says_it_all_with_units(everything: list[Path]) -> None:
+    html = to_html(collect(everything))
+    page = read(html)
+    text = "".join(page.text)
+    for piece in (f"from 0.512{NBSP}mm to 0.00612{NBSP}mm", f"is 0.00655{NBSP}mm on poses",
+                  "11 of 12 measurements", "agrees with the stated noise (ratio 1.02",
+                  "1 of 12 rows left out", "1 parameter more than 3 tolerances",
+                  "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.500 × leg2.offset",
+                  "m.yaml: units: odd unit", "at rz 0", "10.4934 … 10.5090", "10.5012",
+                  "Error vectors in the plane, after", "ppmcal identify m.yaml"):
+        assert piece in text, piece
+    order = [html.index(f"<h2>{h}") for h in (
+        "Look at", "Error before and after", "Parameters", "Residuals", "Compensation",
+        "Simulated truth", "Where this comes from")]
+    assert order == sorted(order)
+
+
+def test_page_needs_nothing_else_and_is_accessible(everything: list[Path]) -> None:
+    html = to_html(collect(everything))
+    page = read(html)
+    assert not re.search(r"https?:|//[a-z]|url\(|@import", html)
+    assert not [a for a in page.attributes if a[1] in ("src", "href", "srcset")]
+    assert html.count("<svg") == html.count("</title>") - 1
+    plots = html.count('class="plot"')
+    assert plots >= 9 and plots == html.count("<desc>")
+    assert html.count("<th ") == html.count('scope="')
+    assert "nan" not in "".join(page.text) and "NaN" not in html and "inf," not in html
+
+
+def test_names_are_escaped(tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>\"'&"
+    record = identification(evil)
+    record["parameters"][0]["name"] = evil
+    record["excluded"][0]["reason"] = record["findings"][0] = evil
+    record["redundant"] = [{"name": evil, "depends_on": {evil: 1}}]
+    record["correlations"] = [{"a": evil, "b": evil, "value": 0.99}]
+    record["provenance"] = {"command": evil, "version": evil, "inputs": {evil: evil}}
+    for kind in record["residual"]["after"].values():
+        kind["unit"] = evil
+    record["units"] = {"length": evil, "angle": evil}
+    record["holdout_note"] = record["method"] = evil
+    page = read(to_html(collect([write_fit(tmp_path / "f", record)])))
+    assert page.scripts == 1
+    assert evil in "".join(page.text)
+    assert not [a for a in page.attributes if a[1].startswith("on")]
+
+
+@pytest.mark.parametrize("drop", sorted(identification()))
+def test_any_key_may_be_missing(tmp_path: Path, drop: str) -> None:
+    record = identification()
+    del record[drop]
+    data = collect([write_fit(tmp_path / "f", record)])
+    read(to_html(data))
+    to_json(data)
+    record[drop] = None
+    (tmp_path / "f" / "identification.json").write_text(json.dumps(record))
+    read(to_html(collect([tmp_path / "f"])))
+
+
+def test_parameters_csv_alone_is_enough(tmp_path: Path) -> None:
+    write_csv(tmp_path / "parameters.csv", {
+        "name": ["leg1.offset"], "nominal": [1.0], "value": [1.25], "error": [0.25],
+        "sigma": [0.01], "sigma_data": [""], "tolerance": [0.4], "unit": ["mm"],
+        "status": ["redundant"]})
+    data = collect([tmp_path])
+    assert to_json(data)["identifications"][0]["parameters"][0]["value"] == 1.25
+    assert data.identified[0].parameters[0]["sigma_data"] is None
+    assert "1.250" in to_html(data)
+
+
+def test_diagnosis(tmp_path: Path) -> None:
+    record = {"verdict": "named", "effects": [
+        {"kind": "backlash", "on": ["leg1"], "parameters": {"width": {
+            "value": 0.0212, "sigma": 0.001, "unit": "mm"}}, "p_value": 1e-9, "survival": 0.9,
+         "alternatives": ["windup"]}],
+        "remainder": {"follows": "time", "p_value": 0.02},
+        "gap": {"before": 3.1, "after": 1.02, "closed": 0.93, "interval": [0.9, 0.95]},
+        "localised": [{"by": "actuator", "value": "leg1", "rms_ratio": 3.4, "p_value": 1e-6}],
+        "not_testable": [{"kind": "lag", "missing": ["vel_leg1"]}],
+        "next_measurements": {"reason": "both directions", "file": "next.csv"}}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(record))
+    data = collect([tmp_path])
+    text = "".join(read(to_html(data)).text)
+    for piece in ("backlash", "width 0.0212 ± 0.0010 mm", "windup", "What is left follows time",
+                  "lag cannot be tested: missing vel_leg1", "0.930", "next.csv"):
+        assert piece in text, piece
+    assert to_json(data)["diagnoses"][0]["diagnosis"] == record
+
+
+def test_unknown_folders_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no folder"):
+        collect([])
+    with pytest.raises(BadInput, match="does not exist"):
+        collect([tmp_path / "none"])
+    (tmp_path / "demo").mkdir()
+    with pytest.raises(BadInput) as refusal:
+        collect([tmp_path / "demo"])
+    assert str(tmp_path / "demo") in str(refusal.value)
+    assert all(name in str(refusal.value) for name in KNOWN)
+    write_commands(tmp_path / "demo" / "comp")
+    with pytest.raises(BadInput, match="Did you mean its folders comp"):
+        collect([tmp_path / "demo"])
+    with pytest.raises(BadInput, match="is a file"):
+        collect([tmp_path / "demo" / "comp" / "commands.csv"])
+
+
+BROKEN_JSON = {
+    '{"name": "a", "parameters": [': "line 1, column",
+    "": "line 1, column 1",
+    "[1]": "no JSON object",
+    "[" * 20000: "identification.json",
+    '{"parameters": {"a": 1}}': "parameters: should be a list",
+    '{"parameters": [3]}': r"parameters\[0\]: should be an object",
+    '{"parameters": [null]}': r"parameters\[0\]",
+    '{"parameters": [{"name": "a", "sigma": "small"}]}': r"parameters\[0\].sigma: .* number",
+    '{"residual": {"after": {"position": {"rms": [1]}}}}': "residual.after.position.rms",
+    '{"noise": 3}': "noise: should be an object",
+    '{"units": {"length": 1}}': "units.length: should be text",
+    '{"provenance": {"inputs": ["a"]}}': "provenance.inputs",
+}
+
+
+@pytest.mark.parametrize("text", BROKEN_JSON)
+def test_broken_json_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "identification.json").write_text(text)
+    with pytest.raises(BadInput, match=BROKEN_JSON[text]) as refusal:
+        collect([tmp_path])
+    assert "identification.json" in str(refusal.value)
+
+
+BROKEN_CSV = {
+    b"": "is empty",
+    b"row,before_x\n1,2": "last line",
+    b"row,before_x\n1\n": "row 1: the row has 1 cells",
+    b"row,before_x\n1,2\n2,abc\n": "row 2, column before_x",
+    b"row,row\n1,2\n": "called 'row'",
+    b"\n": "no header",
+    b"row,before_x\n1,\xff\n": "UTF-8",
+    b'row,reason\n1,"open\n': "CSV",
+}
+
+
+@pytest.mark.parametrize("content", BROKEN_CSV)
+def test_broken_csv_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "residuals.csv").write_bytes(content)
+    with pytest.raises(BadInput, match=BROKEN_CSV[content]) as refusal:
+        collect([tmp_path])
+    assert "residuals.csv" in str(refusal.value)
+
+
+def test_headers_without_rows_are_fine(tmp_path: Path) -> None:
+    for name, head in (("residuals", "row,dataset,before_x,after_x,sigma_x,used,reason"),
+                       ("commands", "x,q_leg1,status,reason"), ("kinematics", "x,status"),
+                       ("parameters", "name,value"), ("measurements", "x,y")):
+        (tmp_path / f"{name}.csv").write_text(head + "\n")
+    data = collect([tmp_path])
+    read(to_html(data))
+    to_json(data)
+
+
+def test_large_data_are_thinned(tmp_path: Path) -> None:
+    rows = 30_000
+    write_fit(tmp_path / "big", identification(), rows)
+    began = time.perf_counter()
+    html = to_html(collect([tmp_path / "big"]))
+    assert time.perf_counter() - began < 3.0
+    assert len(html) < 400_000
+    assert "Thinned: each stroke spans the lowest to the highest of about 100 rows" in html
+
+
+def test_all_missing_values_make_a_page(tmp_path: Path) -> None:
+    write_csv(tmp_path / "residuals.csv", {
+        "row": [1, 2], "dataset": ["a", "b"], "before_x": ["", "nan"], "after_x": ["", ""],
+        "sigma_x": ["", 0.0], "before_y": [1, 2], "after_y": [0.0, 0.0], "sigma_y": [1, 1]})
+    read(to_html(collect([tmp_path])))
+
+
+def test_thinning_keeps_the_extremes() -> None:
+    y = np.random.default_rng(2).normal(size=10_000)
+    y[1234], y[77] = 99.0, np.nan
+    x, low, high = envelope(y, 50)
+    assert x.size == 50 and high.max() == 99.0 and low.min() == np.nanmin(y)
+    places = np.random.default_rng(3).uniform(size=(5000, 2))
+    size = np.arange(5000.0)
+    rows = spread(places, size)
+    assert rows.size <= 22 * 22 and 4999 in rows
+
+
+def test_axes() -> None:
+    assert span([0.002, 0.7], log=True) == Axis(1e-3, 1.0, True)
+    assert [round(t, 9) for t in Axis(-0.011, 0.021).ticks()] == [-0.01, 0.0, 0.01, 0.02]
+    for values in ([], [3.0], [0.0, 0.0], [np.nan], [1e300, -1e300], [1e-300, 2e-300]):
+        for log in (False, True):
+            axis = span(values, log=log)
+            assert axis.high > axis.low and np.all(np.isfinite(axis.ticks()))
+
+
+def test_numbers_have_sensible_digits() -> None:
+    assert [sig(v) for v in (0.012345, 1234.5, 0, None, -1.23e-7, float("nan"))] == [
+        "0.0123", "1234", "0", "–", "−1.23·10⁻⁷", "–"]
+    assert sig(9.999) == "10.0"
+    assert to_sigma(10.50123, 0.0041) == "10.5012" and to_sigma(-1e-9, 0.01) == "0.000"
+    assert probability(1e-9) == f"p{NBSP}<{NBSP}10⁻⁸" and probability(0.4) == f"p{NBSP}={NBSP}0.4"
+
+
+def test_noise_verdicts() -> None:
+    assert noise_verdict({"sigma_ratio": 3.0, "chi2_p": 1e-9})[1] is False
+    assert "smaller" in noise_verdict({"sigma_ratio": 0.2, "chi2_p": 1.0})[0]
+    assert "agrees" in noise_verdict({"sigma_ratio": 1.0, "chi2_p": 0.4})[0]
+    assert noise_verdict({}) == ("", True)
+    assert redundancy({"name": "a"}) == "a has no effect on these measurements."
