@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import multiprocessing
 import os
 import sys
@@ -30,11 +31,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.analysis import estimates, fresh_state, noise_check, rank_of
+from ppmcal.analysis import Z95, estimates, noise_check, rank_of
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.files.scenario import Circle, Random, Scenario
-from ppmcal.identify import Fit, identify, prediction_covariance
+from ppmcal.fit import Fit, posterior, prediction_covariance
+from ppmcal.holdout import fresh_state
+from ppmcal.identify import identify
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem
 from ppmcal.simulate import Campaign, simulate
@@ -49,17 +52,24 @@ COVERAGE = (0.93, 0.97)
 
 @dataclass(frozen=True)
 class Outcome:
-    """One campaign: squared errors of fresh poses (m2, rad2) beside their promised variances."""
+    """One campaign.
+
+    Mean squared errors of fresh poses (m2, rad2) beside what the covariance promises, parameters
+    inside their intervals; ``..._spread``: variance of that figure if the covariance is right.
+    """
 
     machine: str
     seed: int
     converged: bool
     position_error: float
     position_promised: float
+    position_spread: float
     rotation_error: float
     rotation_promised: float
+    rotation_spread: float
     parameters: int
     inside: int
+    inside_spread: float
     noise_p: float
     rows: int
     dropped: int
@@ -129,16 +139,31 @@ def fresh(mechanism: Mechanism, scenario: Scenario, g: Array, count: int) -> Sce
                    approach="one", sigma_actuator=np.zeros_like(scenario.sigma_actuator))
 
 
-def fresh_errors(fit: Fit, unseen: Dataset) -> tuple[Array, Array]:
-    """Return errors on unseen rows (n, m), m and rad, and their covariances (n, m, m)."""
+def fresh_errors(fit: Fit, unseen: Dataset, covariance: Array) -> list[tuple[float, float, float]]:
+    """Return mean square, promise and spread of position and of rotation on unseen rows."""
     pivots = tuple(o.about for o in fit.problem.opens)
     one = replace(unseen, sigma_position=np.ones_like(unseen.sigma_position),
                   sigma_rotation=np.ones_like(unseen.sigma_rotation))
     problem = replace(fit.problem, datasets=(one,), pivots=pivots)
     rows = list(problem.rows(fresh_state(problem, fit.state)))
     jacobian = np.concatenate([r.jacobian for r in rows])
-    return (np.concatenate([r.raw for r in rows]),
-            jacobian @ prediction_covariance(fit) @ np.swapaxes(jacobian, -1, -2))
+    raw = np.concatenate([r.raw for r in rows])
+    places = sum(1 for c in fit.problem.mechanism.dof if c < 3)
+    out = []
+    for part in (slice(places), slice(places, None)):
+        flat = jacobian[:, part].reshape(-1, jacobian.shape[2]) / np.sqrt(len(raw))
+        spread = flat.T @ flat @ covariance
+        out.append((float(np.sum(raw[:, part] ** 2) / len(raw)), float(np.trace(spread)),
+                    2.0 * float(np.trace(spread @ spread))))
+    return out
+
+
+def inside_spread(covariance: Array, rng: np.random.Generator) -> float:
+    """Return the variance of the number of parameters inside their intervals, by drawing."""
+    sigma = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(sigma, sigma))
+    drawn = rng.normal(size=(2000, sigma.size)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    return float(np.var(np.sum(np.abs(drawn) < Z95, axis=1)))
 
 
 def run(task: tuple[str, int]) -> Outcome:
@@ -153,23 +178,23 @@ def run(task: tuple[str, int]) -> Outcome:
     noise = noise_check(fit)
     inflation = max(1.0, noise.sigma_ratio) if noise.failed else 1.0
     found = estimates(fit, rank_of(fit)[0], inflation)
-    known = [(e, campaign.g[p]) for p, e in enumerate(found) if p in mechanism.free]
-    inside = [e.interval[0] <= true <= e.interval[1] for e, true in known if e.interval]
+    within = [found[p].interval for p in mechanism.free]
+    inside = [low <= campaign.g[p] <= high for p, (low, high) in
+              zip(mechanism.free, within, strict=True)]
     plan = fresh(mechanism, scenario, campaign.g, FRESH)
     unseen = dataset(mechanism, plan, simulate(mechanism, plan, seed + 1_000_000), "a")
-    error, covariance = fresh_errors(fit, unseen)
-    square = np.mean(error**2, axis=0)
-    promised = np.mean(np.diagonal(covariance, axis1=-2, axis2=-1), axis=0) * inflation**2
-    places = sum(1 for c in mechanism.dof if c < 3)
+    covariance = prediction_covariance(fit) * inflation**2
+    position, rotation = fresh_errors(fit, unseen, covariance)
+    count = len(mechanism.free)
     return Outcome(
-        machine, seed, fit.converged, float(square[:places].sum()), float(promised[:places].sum()),
-        float(square[places:].sum()), float(promised[places:].sum()), len(inside), sum(inside),
+        machine, seed, fit.converged, *position, *rotation, count, sum(inside),
+        inside_spread(posterior(fit)[:count, :count], np.random.default_rng(seed)),
         noise.chi2_p, len(campaign.q), sum(len(r) for r in fit.reasons), seconds)
 
 
 def outcomes(machines: Sequence[str], campaigns: int, seed: int, processes: int
              ) -> Iterable[Outcome]:
-    """Yield the outcomes of all campaigns, in order."""
+    """Yield the outcomes of all campaigns, machine by machine."""
     tasks = [(m, seed + n) for m in machines for n in range(campaigns)]
     if processes == 1:
         yield from map(run, tasks)
@@ -180,9 +205,8 @@ def outcomes(machines: Sequence[str], campaigns: int, seed: int, processes: int
         yield from pool.imap(run, tasks, chunksize=4)
 
 
-def summarise(machine: str, all_: Sequence[Outcome]) -> Summary:
-    """Return the figures of one machine."""
-    mine = [o for o in all_ if o.machine == machine]
+def summarise(mine: Sequence[Outcome]) -> Summary:
+    """Return the figures of one machine's campaigns."""
 
     def total(name: str) -> float:
         return float(sum(getattr(o, name) for o in mine))
@@ -193,8 +217,9 @@ def summarise(machine: str, all_: Sequence[Outcome]) -> Summary:
 
     count = len(mine)
     return Summary(
-        machine, count, sum(o.converged for o in mine), ratio("position"), ratio("rotation"),
-        total("inside") / max(total("parameters"), 1.0), sum(o.noise_p < 0.05 for o in mine) / count,
+        mine[0].machine, count, sum(o.converged for o in mine), ratio("position"),
+        ratio("rotation"),
+        total("inside") / total("parameters"), sum(o.noise_p < 0.05 for o in mine) / count,
         sum(o.noise_p < 0.001 for o in mine) / count, sum(o.dropped > 0 for o in mine) / count,
         total("seconds") / count)
 
@@ -216,10 +241,11 @@ def main() -> int:
           f"{'p<.001':>6} {'dropped':>7} {'s/fit':>6}")
     everything: list[Outcome] = []
     sound = True
-    for machine in chosen:
-        mine = list(outcomes([machine], options.campaigns, options.seed, options.processes))
+    results = outcomes(chosen, options.campaigns, options.seed, options.processes)
+    for machine, group in itertools.groupby(results, lambda o: o.machine):
+        mine = list(group)
         everything += mine
-        s = summarise(machine, mine)
+        s = summarise(mine)
         sound &= s.sound
         lost = s.campaigns - s.converged
         print(f"{machine:20} {s.campaigns:4} {s.position:8.3f} {s.rotation:8.3f} {s.coverage:8.4f} "

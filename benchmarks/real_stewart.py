@@ -20,11 +20,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.analysis import closure_lengths, register_only, split
 from ppmcal.files import read_campaign, read_mechanism
-from ppmcal.identify import Options, identify
+from ppmcal.fit import Options
+from ppmcal.holdout import register_only
+from ppmcal.identify import identify
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem
+from ppmcal.residuals import closure_lengths
 
 SPLITS, FOLDS = 10, 5
 SETS = {"60": "poses60_2025-02-12.csv", "108": "poses108_2025-02-13.csv"}

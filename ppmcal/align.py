@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
 from ppmcal.observation import Station
@@ -32,9 +33,9 @@ def start_station(data: Dataset, pose: Array, actuators: int, motion: str) -> St
     planar = motion == "planar"
     position = np.where(np.isfinite(data.position), data.position, 0.0) if planar else data.position
     if planar:
-        position = np.where(np.isfinite(data.position[:, :2]).all(axis=1)[:, None], position,
+        position = np.where(known(data.position[:, :2])[:, None], position,
                             np.nan)
-    rows = np.isfinite(position).all(axis=1) & np.isfinite(pose).all(axis=1)
+    rows = known(position) & known(pose)
     if not data.frame.fitted and not data.target.fitted and not data.target_rotation.fitted:
         return station
     if rows.sum() < 3:
@@ -58,7 +59,7 @@ def _rotations(data: Dataset, rows: NDArray[np.bool_], rotation: Array, origin: 
     if planar:
         measured = measured * np.array([np.nan, np.nan, 1.0])
         measured = np.where(np.isfinite(measured[:, 2:]), np.nan_to_num(measured), np.nan)
-    whole = np.isfinite(measured).all(axis=1)
+    whole = known(measured)
     translational = bool(np.ptp(rotation, axis=0).max() < 1e-12)
     if whole.sum() < 3 or (translational and data.target_rotation.fitted) or data.kind != "pose":
         if data.frame.fitted:

@@ -15,21 +15,13 @@ from scipy.special import chdtrc
 
 from ppmcal import algebra as cga
 from ppmcal.dataset import Dataset
-from ppmcal.forward import forward
-from ppmcal.identify import (
-    Fit,
-    SOLVE_TOLERANCE,
-    Options,
-    identify,
-    parameter_scale,
-    posterior,
-    prediction_covariance,
-    prior_square,
-)
-from ppmcal.mechanism import Mechanism, Model, Registration
-from ppmcal.observation import coordinates
+from ppmcal.fit import Fit, Options, posterior, prediction_covariance
+from ppmcal.holdout import held_out, on_other, register_only
+from ppmcal.linear import SOLVE_TOLERANCE, prior_square
+from ppmcal.mechanism import Mechanism, Registration
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, Rank, analyse, observability
+from ppmcal.residuals import Residuals, residuals
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -96,40 +88,6 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Residuals:
-    """Errors row by row, by data set; nan where not measured. SI.
-
-    ``vector`` (N, m) by measured coordinate, ``sigma`` (N, m) their stated standard
-    deviations, ``position`` and ``rotation`` norms (N,), ``closure`` (N, d) limb lengths
-    at the measured poses, nan where the pose was not fully measured.
-    """
-
-    vector: tuple[Array, ...]
-    sigma: tuple[Array, ...]
-    position: tuple[Array, ...]
-    rotation: tuple[Array, ...]
-    closure: tuple[Array, ...]
-
-    def figures(self, rows: Sequence[Bools]) -> dict[str, dict[str, float]]:
-        """Return mean, rms, p95 and max of each kind of error over the given rows."""
-        out = {}
-        for name, parts in (("position", self.position), ("rotation", self.rotation)):
-            values = np.concatenate([p[k] for p, k in zip(parts, rows, strict=True)])
-            values = values[np.isfinite(values)]
-            if values.size:
-                out[name] = {"mean": float(values.mean()),
-                             "rms": float(np.sqrt(np.mean(values**2))),
-                             "p95": float(np.quantile(values, 0.95)),
-                             "max": float(values.max())}
-        gaps = np.concatenate([c[k].ravel() for c, k in zip(self.closure, rows, strict=True)])
-        gaps = gaps[np.isfinite(gaps)]
-        if gaps.size:
-            out["closure"] = {"rms": float(np.sqrt(np.mean(gaps**2))),
-                              "max": float(np.abs(gaps).max())}
-        return out
-
-
-@dataclass(frozen=True)
 class Identification:
     """Everything that identify reports."""
 
@@ -148,62 +106,6 @@ class Identification:
     holdout: Mapping[str, Mapping[str, float]]
     holdout_note: str
     findings: tuple[str, ...]
-
-
-def residuals(problem: Problem, state: State) -> Residuals:
-    """Return the errors of all rows at a state."""
-    parts: list[list[Array]] = [[], [], [], [], []]
-    motion = problem.mechanism.motion
-    for i, data in enumerate(problem.datasets):
-        chosen = coordinates(data, motion)
-        places = sum(1 for c in chosen if c < 3)
-        vector = np.full((len(data), len(chosen)), np.nan)
-        sigma = np.full_like(vector, np.nan)
-        one = replace(problem, datasets=(data,))
-        for rows in one.rows(State(state.g, (state.stations[i],), (state.poses[i],)), False):
-            vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
-            covariance = np.linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
-            sigma[rows.index] = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-        parts[0].append(vector)
-        parts[1].append(sigma)
-        parts[2].append(_norm(vector[:, :places]))
-        parts[3].append(_norm(vector[:, places:]))
-        parts[4].append(closure_lengths(problem, state, i))
-    return Residuals(*(tuple(p) for p in parts))
-
-
-def _norm(vector: Array) -> Array:
-    """Norm over the measured components, nan where none is."""
-    seen = np.isfinite(vector)
-    norm = np.sqrt(np.sum(np.where(seen, vector, 0.0) ** 2, axis=1))
-    return np.where(seen.any(axis=1), norm, np.nan)
-
-
-def closure_lengths(problem: Problem, state: State, index: int) -> Array:
-    """Return the limb conditions at the measured poses, as lengths (N, d); nan if unknown."""
-    data, station = problem.datasets[index], state.stations[index]
-    out = np.full((len(data), problem.mechanism.conditions), np.nan)
-    position, rotation = data.position.copy(), data.rotation.copy()
-    motion = problem.mechanism.motion
-    if motion == "planar":
-        position[:, 2], rotation[:, :2] = 0.0, 0.0
-    if motion == "translational":
-        rotation = np.zeros_like(rotation)
-    whole = (np.isfinite(position).all(axis=1) & np.isfinite(rotation).all(axis=1)
-             & np.isfinite(data.q).all(axis=1))
-    if (data.kind == "pose" or motion == "translational") and whole.any():
-        seen = cga.motor_from_rotation_vector(rotation[whole], position[whole])
-        if motion == "translational":
-            turn = cga.rotation_vector(station.frame)
-            seen = cga.motor_from_rotation_vector(np.broadcast_to(turn, position[whole].shape),
-                                                  position[whole])
-        body = cga.motor_from_rotation_vector(station.target_rotation, station.target)
-        if motion == "translational":
-            body = cga.translator(station.target)
-        pose = cga.compose(cga.compose(cga.reverse(station.frame), seen), cga.reverse(body))
-        joints = problem.joints(index, state)[whole]
-        out[whole] = Model(problem.mechanism, state.g).closure(joints).lengths(pose)
-    return out
 
 
 def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
@@ -277,7 +179,7 @@ def noise_check(fit: Fit) -> Noise:
 def _repeats(fit: Fit) -> tuple[float | None, int]:
     """Scatter within repeats of a pose over the stated noise, and its degrees of freedom."""
     square, degrees = 0.0, 0
-    white: list[tuple[int, Array, Array, Bools]] = []
+    white: list[tuple[int, NDArray[np.int64], Array, Bools]] = []
     for rows in fit.problem.rows(fit.state, False, fit.keep):
         groups = fit.problem.datasets[rows.dataset].groups[rows.index]
         white.append((rows.dataset, groups, rows.residual, rows.observed))
@@ -318,56 +220,6 @@ def with_estimates(fit: Fit, found: Sequence[Estimate]) -> Mechanism:
                                   **registered(fit.problem, fit.state)})
 
 
-def register_only(problem: Problem, state: State | None = None) -> Fit:
-    """Fit only open frames and targets, geometry as it is."""
-    bare = replace(problem, free=())
-    return identify(bare, Options(method="flat"), start=state)
-
-
-def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools]:
-    """Return which rows to hold out: whole commanded poses, seeded, by data set (N,)."""
-    rng = np.random.default_rng(seed)
-    out = []
-    for data in datasets:
-        labels = np.unique(data.groups)
-        chosen = rng.permutation(labels)[:int(round(fraction * labels.size))]
-        out.append(np.isin(data.groups, chosen))
-    return out
-
-
-def held_out(problem: Problem, options: Options, fraction: float, seed: int,
-             keep: Sequence[Bools]) -> tuple[dict[str, dict[str, float]], str]:
-    """Return the figures on poses that a fit of the others had not seen, and how it was done.
-
-    Rows not in ``keep`` (outliers of the fit to everything) do not count in the figures.
-    """
-    out = split(problem.datasets, fraction, seed)
-    rest = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
-               for o, d in zip(out, problem.datasets, strict=True))
-    if sum(int(o.sum()) for o in out) == 0 or rest < 1.2 * len(problem.columns):
-        return {}, "too few poses to hold any out"
-    part = replace(problem, datasets=tuple(d.take(~o) for d, o in
-                                           zip(problem.datasets, out, strict=True)))
-    fit = identify(part, options)
-    fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
-                                            zip(problem.datasets, out, strict=True)))
-    state = fresh_state(fresh, fit.state)
-    rows = [np.isfinite(p).all(axis=1) & k[o] for p, k, o in
-            zip(state.poses, keep, out, strict=True)]
-    figures = residuals(fresh, state).figures(rows)
-    return figures, (f"{fraction:.0%} of the poses (seed {seed}) kept out of a fit of the others; "
-                     "the final fit uses all")
-
-
-def fresh_state(problem: Problem, fitted: State) -> State:
-    """Return a state with fitted parameters and stations, poses solved for other rows."""
-
-
-    poses = tuple(forward(Model(problem.mechanism, fitted.g), d.q + s.homing).pose
-                  for d, s in zip(problem.datasets, fitted.stations, strict=True))
-    return State(fitted.g, fitted.stations, poses)
-
-
 def report(fit: Fit, options: Options, holdout: float, seed: int,
            other: Sequence[Dataset] = ()) -> Identification:
     """Return everything that there is to say about a fit.
@@ -382,7 +234,7 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
     mechanism = with_estimates(fit, found)
     before = register_only(fit.problem)
     if other:
-        held, note = _on_other(fit, other)
+        held, note = on_other(fit, other)
     else:
         held, note = held_out(
             fit.problem, options, holdout, seed, fit.keep) if holdout > 0 else (
@@ -391,31 +243,8 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         prediction_covariance(fit) * inflation**2, residuals(fit.problem, before.state),
-        registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note, _findings(fit, noise, inflation))
-
-
-def _on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, float]], str]:
-    names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.stations, strict=True)}
-    known = tuple(_with_known(d, names) for d in other)
-    problem = Problem(fit.problem.mechanism.with_values(fit.state.g), known, ())
-    registered_fit = register_only(problem)
-    figures = residuals(problem, registered_fit.state).figures(
-        [np.isfinite(p).all(axis=1) for p in registered_fit.state.poses])
-    anew = [d.name for d in known if d.frame.fitted]
-    how = f"; frame registered anew on {', '.join(anew)}" if anew else ""
-    return figures, f"on {', '.join(d.name for d in other)}, which the fit had not seen{how}"
-
-
-def _with_known(data: Dataset, stations: Mapping[str, object]) -> Dataset:
-    """Give a held-out data set the frame of the fitted one that it names."""
-    if data.frame.same_as is None or data.frame.same_as not in stations:
-        return data
-    s = stations[data.frame.same_as]
-    frame = np.concatenate([cga.translation(s.frame), cga.rotation_vector(s.frame)])
-    return replace(data, frame=replace(data.frame, fitted=False, same_as=None, value=frame),
-                   target=replace(data.target, fitted=False, value=s.target),
-                   target_rotation=replace(data.target_rotation, fitted=False,
-                                           value=s.target_rotation))
+        registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note,
+        _findings(fit, noise, inflation))
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float) -> tuple[str, ...]:
@@ -431,7 +260,3 @@ def _findings(fit: Fit, noise: Noise, inflation: float) -> tuple[str, ...]:
     if not fit.converged:
         out.append(f"the fit had not converged after {fit.iterations} iterations")
     return tuple(out)
-
-
-__all__ = ["Estimate", "Identification", "Noise", "Residuals", "held_out", "noise_check",
-           "parameter_scale", "rank_of", "register_only", "report", "residuals", "split"]

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import known
 from ppmcal.dataset import Dataset, Unknown
-from ppmcal.identify import column_scale, reduce_rows
 from ppmcal.inverse import home_state
 from ppmcal.kinematics import home_conditioning, inverse_table
+from ppmcal.linear import column_scale, reduce_rows
 from ppmcal.mechanism import Mechanism, Model
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, analyse
@@ -89,7 +90,9 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         findings.append(f"the machine is close to a singularity at home: smallest singular value "
                         f"{value:.2g} (a sound machine has 0.1 to 1). Choose another home pose.")
     notes: list[str] = []
-    rank, columns, unseen, redundant = 0, 0, (), ()
+    rank, columns = 0, 0
+    unseen: tuple[str, ...] = ()
+    redundant: tuple[str, ...] = ()
     if mechanism.free and value >= SINGULAR_HOME:
         used = tuple(datasets) or (trial_dataset(mechanism),)
         rank, columns, unseen, redundant, lost = visibility(mechanism, used)
@@ -170,7 +173,7 @@ def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]
     """
     problem = Problem(mechanism, tuple(datasets), mechanism.free)
     state: State = problem.start()
-    keep = [np.isfinite(p).all(axis=1) for p in state.poses]
+    keep = [known(p) for p in state.poses]
     lost = sum(int((~k).sum()) for k in keep)
     reduced = reduce_rows(problem, state, keep)
     count = len(problem.free)

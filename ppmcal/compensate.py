@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import known
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.forward import forward, moved
 from ppmcal.inverse import home_state, solve_rows
@@ -146,8 +147,8 @@ def _carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Arra
     return cga.compose(cga.compose(back, pose_motor(filled)), cga.reverse(body))
 
 
-def _solve_named(model: Model, station: Station, wanted: Array, open_: Array
-                 ) -> tuple[Array, NDArray[np.bool_]]:
+def _solve_named(model: Model, station: Station, wanted: Array,
+                 open_: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Newton on platform pose and joints: closure and named measured coordinates."""
     mechanism = model.mechanism
     state = home_state(mechanism)
@@ -179,7 +180,7 @@ def _solve_named(model: Model, station: Station, wanted: Array, open_: Array
                            np.concatenate([gap, miss], axis=1))
         solved = (np.max(np.abs(gap), axis=1) < 1e-12 * mechanism.reach) & (
             np.max(np.abs(miss), axis=1) < 1e-11)
-        if solved.all() or not np.isfinite(step).all(axis=1).any():
+        if solved.all() or not known(step).any():
             break
         step = np.where(np.isfinite(step), step, 0.0)
         move = np.zeros((n, 6))
@@ -222,8 +223,9 @@ def _uncorrected(model: Model, nominal: Model, station: Station, believed: Stati
 
 
 def named_only(mechanism: Mechanism, asked: Array) -> Array:
-    """Leave open what a constrained machine's own closure decides (full poses are on the
-    identified surface, not on the nominal one).
+    """Leave open what a constrained machine's own closure decides.
+
+    Full poses lie on the identified machine's surface, not on the nominal one's.
     """
     out = asked.copy()
     short = mechanism.conditions - len(mechanism.actuators)
@@ -236,7 +238,7 @@ def named_only(mechanism: Mechanism, asked: Array) -> Array:
     scale = np.where(np.array(mechanism.dof) < 3, mechanism.length_scale, 1.0)
     strength = np.linalg.norm(mobility / scale[:, None], axis=1)
     weakest = [mechanism.dof[i] for i in np.argsort(strength, kind="stable")[:short]]
-    full = np.isfinite(out[:, mechanism.dof]).all(axis=1)
+    full = known(out[:, mechanism.dof])
     out[np.ix_(full, weakest)] = np.nan
     return out
 

@@ -53,6 +53,8 @@ class Dataset:
         homing: ``shared`` or ``per-file``.
         approach: ``columns``, ``sequence`` or ``unknown``.
         findings: warnings that reading gave, each naming the row or column.
+        dropped: rows of the CSV that hold nothing usable: (row number, reason).
+        extra: what only one kind of instrument has.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Dataset:
     homing: str = "shared"
     approach: str = "unknown"
     findings: tuple[str, ...] = ()
+    dropped: tuple[tuple[int, str], ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
 
     def __len__(self) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import known
 from ppmcal.inverse import home_state, solve_rows
 from ppmcal.mechanism import Closure, Model
 
@@ -58,7 +59,7 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
     pose = np.array(np.broadcast_to(model.mechanism.home if start is None else start,
                                     (q.shape[0], 8)))
     origin = np.array(np.broadcast_to(home.q if start_q is None else start_q, q.shape))
-    usable = np.isfinite(q).all(axis=1) & np.isfinite(pose).all(axis=1)
+    usable = known(q) & known(pose)
     progress = np.zeros(q.shape[0])
     result = np.full_like(pose, np.nan)
     rows = np.flatnonzero(usable)

@@ -244,6 +244,7 @@ def inverse_partial(model: Model, coordinates: Array, iterations: int = 40) -> I
         model: the machine at its parameters.
         coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
             name all coordinates of the motion or as many as there are actuators.
+        iterations: at most, for the open coordinates.
     """
     mechanism = model.mechanism
     coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))

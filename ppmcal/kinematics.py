@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.forward import conditioning, forward
 from ppmcal.inverse import home_state, inverse_partial, solve_rows
@@ -112,7 +113,7 @@ def with_joints(mechanism: Mechanism, data: Dataset) -> Dataset:
     """
     if data.commanded is None:
         return data
-    missing = ~np.isfinite(data.q).all(axis=1)
+    missing = ~known(data.q)
     q = data.q.copy()
     found = inverse_partial(Model(mechanism.nominal()), data.commanded[missing])
     q[missing] = found.q
@@ -142,7 +143,7 @@ def _judged(model: Model, q: Array, pose: Array, status: list[str], reason: list
                 if over:
                     status[n], reason[n] = "limits", over
     vector = np.full((q.shape[0], 6), np.nan)
-    good = np.isfinite(pose).all(axis=1)
+    good = known(pose)
     vector[good] = pose_vector(pose[good])
     return Table(q, vector, np.full_like(q, np.nan), condition, tuple(status), tuple(reason))
 
@@ -243,5 +244,12 @@ def _triad(points: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
-__all__ = ["SINGULAR", "Table", "forward_table", "intersection_pose", "limb_ends", "inverse_table",
-           "velocity_table"]
+__all__ = [
+    "SINGULAR",
+    "Table",
+    "forward_table",
+    "intersection_pose",
+    "inverse_table",
+    "limb_ends",
+    "velocity_table",
+]

@@ -12,9 +12,10 @@ the twist of each joint and slot.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,7 +206,7 @@ class Model:
         return self.mechanism.values if self.g is None else self.g
 
     @cached_property
-    def limb_values(self) -> tuple[dict[str, object], ...]:
+    def limb_values(self) -> tuple[dict[str, Any], ...]:
         """Slots and directions of each limb."""
         return tuple({**limb.slots.values(self.parameters), **limb.constants}
                      for limb in self.mechanism.limbs)
@@ -359,12 +360,14 @@ def _slot_columns(body: Body, lines: Array, pose: Array, slots: Sequence[str],
     ``offset`` moves the joint coordinate u itself, ``ratio`` moves it by q.
     """
     n, k = lines.shape[:2]
-    chains = (("base", -1.0, body.base, lambda: lines),
-              ("middle", -1.0, body.middle, lambda: body.middle_lines),
-              ("platform", 1.0, body.platform, lambda: cga.move_line(
-                  cga.reverse(np.atleast_2d(pose))[:, None, :], lines)))
+    def on_platform() -> Array:
+        return cga.move_line(cga.reverse(np.atleast_2d(pose))[:, None, :], lines)
+
+    chains: tuple[tuple[float, dict[str, Array], Callable[[], Array]], ...] = (
+        (-1.0, body.base, lambda: lines), (-1.0, body.middle, lambda: body.middle_lines),
+        (1.0, body.platform, on_platform))
     out = np.zeros((n, k, len(slots)))
-    for _, sign, twists, line in chains:
+    for sign, twists, line in chains:
         names = {s: U if s in ("offset", "ratio") else s for s in slots}
         mine = [i for i, s in enumerate(slots) if names[s] in twists]
         if not mine:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
 
@@ -114,7 +115,7 @@ def _rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:
         difference = measured[:, 2] - angle
         out[:, 2] = difference - 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
         return out
-    whole = np.isfinite(measured).all(axis=1)
+    whole = known(measured)
     filled = np.where(whole[:, None], measured, 0.0)
     turn = cga.rotation_matrix(cga.motor_from_rotation_vector(filled, np.zeros(3)))
     motor = cga.motor_from_matrix(turn @ np.swapaxes(predicted, -1, -2), np.zeros(3))

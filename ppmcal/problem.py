@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.align import start_station
+from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.forward import forward, newton
 from ppmcal.mechanism import Mechanism, Model
@@ -183,7 +184,7 @@ class Problem:
         Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
         """
         for i, data in enumerate(self.datasets):
-            usable = np.isfinite(state.poses[i]).all(axis=1)
+            usable = known(state.poses[i])
             if keep is not None:
                 usable &= keep[i]
             index = np.flatnonzero(usable)
@@ -285,12 +286,12 @@ def turned_about(frame: Array, step: Array, about: Array) -> Array:
 def _poses(model: Model, q: Array, warm: Array) -> Array:
     """Solve poses from warm ones; rows that fail are led from home. Unknown ones stay nan."""
     pose = np.full_like(warm, np.nan)
-    known = np.isfinite(warm).all(axis=1) & np.isfinite(q).all(axis=1)
-    rows = np.flatnonzero(known)
+    started = known(warm) & known(q)
+    rows = np.flatnonzero(started)
     if rows.size:
         solved, converged, _ = newton(model.closure(q[rows]), warm[rows])
         pose[rows[converged]] = solved[converged]
-    lost = np.flatnonzero(known & ~np.isfinite(pose).all(axis=1))
+    lost = np.flatnonzero(started & ~known(pose))
     if lost.size:
         pose[lost] = forward(model, q[lost]).pose
     return pose

@@ -47,6 +47,7 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
         triangle: R of the whitened Jacobian (C, C) or taller.
         geometry: number of parameter columns F; the rest are open frames and targets.
         scale: one tolerance of each parameter (F,), SI.
+        tolerance: columns below this part of the largest are dependent.
     """
     block = triangle[:, :geometry] * scale
     nuisance = triangle[:, geometry:]
@@ -54,10 +55,14 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
         q, size = _range(nuisance, tolerance)
         block = block - q[:, :size] @ (q[:, :size].T @ block)
         block = block - q[:, :size] @ (q[:, :size].T @ block)
-    singular = np.linalg.svd(block, compute_uv=False) if geometry else np.zeros(0)
+    singular = np.zeros(0)
+    if geometry:
+        singular = np.asarray(np.linalg.svd(block, compute_uv=False), dtype=np.float64)
     kept, dropped, r = pivoted(block, tolerance)
     size = len(kept)
-    combination = np.linalg.solve(r[:size, :size], r[:size, size:]) if size else np.zeros((0, 0))
+    combination = np.zeros((0, len(dropped)))
+    if size:
+        combination = np.asarray(np.linalg.solve(r[:size, :size], r[:size, size:]))
     return Rank(tuple(kept), tuple(dropped), combination, r[:size, :size], singular)
 
 

@@ -22,8 +22,10 @@ REJECT = 0.05
 
 @dataclass(frozen=True)
 class Distances:
-    """Squared white distance per row, by data set (N,), nan where there is no pose, and the
-    number of coordinates behind it (N,).
+    """How far rows are from the fit, by data set.
+
+    ``square``: squared white distance (N,), nan where there is no pose; ``size``: number of
+    coordinates behind it (N,).
     """
 
     square: tuple[Array, ...]

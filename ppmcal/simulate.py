@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.files.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 from ppmcal.forward import forward
 from ppmcal.kinematics import inverse_table, pose_motor
 from ppmcal.mechanism import Mechanism, Model
 from ppmcal.observation import Station, predict
+from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -81,7 +81,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     order, direction = order[keep], direction[keep]
     payload = payload[keep] if payload is not None else None
     n = order.size
-    time = SECONDS_PER_ROW * np.arange(1, n + 1)
+    time = SECONDS_PER_ROW * np.arange(1, n + 1, dtype=np.float64)
     station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
                       np.zeros(q.shape[1]))
     actual = real.pose[order]
@@ -200,7 +200,7 @@ def _noisy(position: Array, turn: Array, scenario: Scenario, mechanism: Mechanis
     noise = _draw(rng, scenario.tails, (n, 6))
     for row in range(1, n if scenario.ar else 0):
         noise[row] = scenario.ar * noise[row - 1] + np.sqrt(1.0 - scenario.ar**2) * noise[row]
-    outlier = rng.uniform(size=n) < scenario.outliers
+    outlier = np.asarray(rng.uniform(size=n) < scenario.outliers, dtype=np.bool_)
     way = rng.normal(size=(n, 6))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     noise += np.where(outlier[:, None], OUTLIER_SIGMAS * np.sqrt(6.0) * way, 0.0)
@@ -218,7 +218,7 @@ def _noisy(position: Array, turn: Array, scenario: Scenario, mechanism: Mechanis
 def _draw(rng: np.random.Generator, tails: str, shape: tuple[int, int]) -> Array:
     """Noise of unit variance; t4 has variance 2 before scaling."""
     if tails == "t4":
-        return rng.standard_t(4, size=shape) / np.sqrt(2.0)
+        return np.asarray(rng.standard_t(4, size=shape) / np.sqrt(2.0), dtype=np.float64)
     return rng.normal(size=shape)
 
 

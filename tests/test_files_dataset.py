@@ -73,7 +73,7 @@ def test_rows_that_cannot_be_used(tmp_path):
                           "1,2,3,,5,6\n")
     np.testing.assert_array_equal(d.rows, [1, 4])
     np.testing.assert_array_equal(d.groups, [0, 3])
-    assert d.extra["dropped"] == ((2, "a joint value is missing"), (3, "nothing was measured"))
+    assert d.dropped == ((2, "a joint value is missing"), (3, "nothing was measured"))
     assert "row 2" in d.findings[-2] and "row 3" in d.findings[-1]
     assert d.approach == "unknown"
     assert d.sessions is None

@@ -21,7 +21,7 @@ from ppmcal.files.yaml_text import dump_yaml, number_text, read_yaml
 from ppmcal.limbs import kinds
 
 GOOD = Path(__file__).parent / "broken"
-SETTINGS = settings(max_examples=1500, deadline=None,
+SETTINGS = settings(max_examples=30, deadline=None,
                     suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -261,7 +261,7 @@ junk = st.one_of(st.binary(max_size=4), st.sampled_from(
      b"9" * 400, b"share", b"value", b"\r", b"%", b"|", b"_"]))
 
 
-@settings(max_examples=6000, deadline=None,
+@settings(max_examples=200, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=st.sampled_from(sorted(TEXTS)), data=st.data())
 def test_no_bytes_give_a_traceback(tmp_path, name, data):
@@ -287,7 +287,7 @@ def test_no_bytes_give_a_traceback(tmp_path, name, data):
         assert refused.mend
 
 
-@settings(max_examples=3000, deadline=None,
+@settings(max_examples=60, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(content=st.binary(max_size=300))
 def test_random_bytes_give_no_traceback(tmp_path, content):

@@ -367,7 +367,8 @@ def test_all_missing_values_make_a_page(tmp_path: Path) -> None:
 def test_thinning_keeps_the_extremes() -> None:
     y = np.random.default_rng(2).normal(size=10_000)
     y[1234], y[77] = 99.0, np.nan
-    x, low, high = envelope(y, 50)
+    x, low, below, above, high = envelope(y, 50)
+    assert np.all(low < below) and np.all(above < high)
     assert x.size == 50 and high.max() == 99.0 and low.min() == np.nanmin(y)
     places = np.random.default_rng(3).uniform(size=(5000, 2))
     size = np.arange(5000.0)

@@ -56,7 +56,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     """
     from ppmcal.analysis import report
     from ppmcal.files import Output, provenance
-    from ppmcal.identify import Options, identify
+    from ppmcal.fit import Options
+    from ppmcal.identify import identify
     from ppmcal.outputs.identification import files, summary
     from ppmcal.problem import Problem
 
@@ -157,8 +158,8 @@ def show_result(result: Identification, console: Console) -> None:
     shown = sorted(free, key=lambda p: -abs(p["error"]) / (p["tolerance"] or 1.0))[:12]
     if shown:
         console.table(plain_table(
-            ["parameter", "nominal", "value", "+- 95 %", "unit", "status"],
-            [[p["name"], number(p["nominal"], 7), number(p["value"], 7),
+            ["parameter", "nominal", "error", "+- 95 %", "unit", "status"],
+            [[p["name"], number(p["nominal"], 7), number(p["error"]),
               number(None if p["sigma"] is None else 1.96 * p["sigma"], 3), p["unit"],
               p["status"]] for p in shown], (1, 2, 3)))
     if len(free) > len(shown):

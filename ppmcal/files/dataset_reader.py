@@ -37,7 +37,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
         mechanism: the machine, for actuator names, their units, and the motion.
 
     Rows that hold no joint values or nothing measured cannot be used; they are left out,
-    named in ``findings``, and listed in ``extra["dropped"]`` as (row, reason). With
+    named in ``findings``, and listed in ``dropped`` as (row, reason). With
     instrument ``distance``, ``extra["point"]`` is the fixed point as ``Unknown``, or None
     where distances are between two platform positions. Temperatures are in K.
 
@@ -267,4 +267,4 @@ def _usable(data: Dataset, seen: Measured) -> Dataset:
         raise BadInput("no row has both joint values and a measurement", data.source,
                        "Fill in the empty cells")
     return replace(data.take(keep), findings=tuple(findings),
-                   extra={**data.extra, "dropped": tuple(sorted(dropped))})
+                   dropped=tuple(sorted(dropped)))

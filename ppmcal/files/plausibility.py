@@ -104,8 +104,8 @@ def _rotations(data: Dataset) -> list[str]:
     size = np.abs(data.rotation[np.isfinite(data.rotation)])
     if size.size and float(np.median(size)) > TURN:
         return [f"{data.source}: columns rx, ry, rz: rotations of {float(np.median(size)):.4g} "
-                "rad are more than a whole turn (perhaps a factor 57.3: deg against rad); check units.angle "
-                f"in {_sidecar(data)}."]
+                "rad are more than a whole turn (perhaps a factor 57.3: deg against rad); check "
+                f"units.angle in {_sidecar(data)}."]
     return []
 
 
@@ -128,8 +128,8 @@ def _joint(mechanism: Mechanism, data: Dataset, index: int, name: str) -> list[s
     span = float(finite.max() - finite.min())
     if mechanism.actuator_quantity[index] == "angle":
         if float(np.median(np.abs(finite))) > 2.0 * TURN and span > 2.0 * TURN:
-            return [f"{place}: the joint turns through {span:.4g} rad (perhaps a factor 57.3: deg against "
-                    f"rad); check units.angle in {_sidecar(data)}."]
+            return [f"{place}: the joint turns through {span:.4g} rad (perhaps a factor 57.3: "
+                    f"deg against rad); check units.angle in {_sidecar(data)}."]
         return []
     if span > 10.0 * mechanism.reach:
         return [f"{place}: the joint moves through {span:.4g} m, but the machine reaches "

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,110 +20,10 @@ from ppmcal.files.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.files.yaml_text import read_yaml
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import Parameter
+from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 from ppmcal.units import Units
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Circle:
-    """``count`` poses on a circle in the x-y plane; the rest goes through one period.
-
-    ``center`` (6,), nan where left to be solved for; ``swing`` (6,) amplitudes; ``radius`` m.
-    """
-
-    center: Array
-    radius: float
-    count: int
-    swing: Array
-
-
-@dataclass(frozen=True)
-class Grid:
-    """All combinations of ``counts`` (6,) values over center ± half_range, (6,) each."""
-
-    center: Array
-    half_range: Array
-    counts: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Random:
-    """``count`` poses drawn evenly from center ± half_range, (6,) each."""
-
-    center: Array
-    half_range: Array
-    count: int
-
-
-@dataclass(frozen=True)
-class Helix:
-    """``count`` poses on a helix about z through ``center`` (6,); diameter, pitch in m."""
-
-    center: Array
-    diameter: float
-    pitch: float
-    turns: float
-    count: int
-
-
-@dataclass(frozen=True)
-class Listed:
-    """Poses of a file, (N, 6), nan where left empty."""
-
-    poses: Array
-    path: str
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """A scenario in SI.
-
-    Attributes:
-        source: path of the file; units: its units, in which measurements are written.
-        poses: where to measure.
-        errors: parameter name -> difference from its present value, SI.
-        error_scale: draw errors from the tolerances times this, or None.
-        kind: ``pose``, ``position``, ``plane`` or ``distance``.
-        sigma_position, sigma_rotation: noise of the instrument, 0 where none, m and rad.
-        sigma_value: noise of a height or distance, m.
-        sigma_actuator: noise of the joints (k,), unit of q.
-        point: the fixed point of a distance instrument (3,).
-        frame: the base's pose in the measuring frame (6,); frame_known: left at the default.
-        target, target_rotation: (3,) each; target_known, target_rotation_known likewise.
-        ar, outliers, tails: correlation of successive noise, share of outliers, ``normal`` or
-            ``t4``.
-        repeats: measurements per pose; approach: ``both``, ``sequence`` or ``one``.
-        payload: kg, the loads to go through, or empty.
-        temperature: (mean in K, swing in K) or None.
-        seed: of the generator.
-    """
-
-    source: str
-    units: Units
-    poses: Circle | Grid | Random | Helix | Listed
-    errors: Mapping[str, float]
-    error_scale: float | None
-    kind: str
-    sigma_position: float
-    sigma_rotation: float
-    sigma_value: float
-    sigma_actuator: Array
-    point: Array
-    frame: Array
-    frame_known: bool
-    target: Array
-    target_known: bool
-    target_rotation: Array
-    target_rotation_known: bool
-    ar: float
-    outliers: float
-    tails: str
-    repeats: int
-    approach: str
-    payload: tuple[float, ...]
-    temperature: tuple[float, float] | None
-    seed: int
 
 
 def read_scenario(path: str | os.PathLike[str], mechanism: Mechanism) -> Scenario:
@@ -259,3 +157,6 @@ def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, pat
                        "Use circle, grid or random")
     return Helix(center(h.center, "poses.helix.center"), h.diameter * length, h.pitch * length,
                  h.turns, h.count)
+
+
+__all__ = ["Circle", "Grid", "Helix", "Listed", "Random", "Scenario", "read_scenario"]

@@ -201,7 +201,8 @@ def left_jacobian(rotation_vector: Array) -> Array:
     a = np.where(small, 0.5 - t2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
     b = np.where(small, 1.0 / 6.0 - t2 / 120.0, (safe - np.sin(safe)) / safe**3)
     k = cross_matrix(r)
-    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+    out: Array = np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+    return out
 
 
 def cross_matrix(v: Array) -> Array:

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ppmcal import algebra as cga
 from ppmcal.errors import unknown
 from ppmcal.limbs.chain import Array, Chain, SlotSpec, Step, Values
 

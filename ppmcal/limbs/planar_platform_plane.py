@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ppmcal.limbs.chain import U, Chain, joint, shift, slide, turn
+from ppmcal.limbs.chain import Chain, U, joint, shift, slide, turn
 from ppmcal.limbs.kind import LimbKind, register
 from ppmcal.limbs.surfaces import PLATFORM_PLANE
 

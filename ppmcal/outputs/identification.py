@@ -67,7 +67,9 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
         "excluded": [
             {"dataset": d.name, "row": int(d.rows[n]), "reason": reason}
             for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
-            for n, reason in sorted(reasons.items())],
+            for n, reason in sorted(reasons.items())] + [
+            {"dataset": d.name, "row": row, "reason": reason}
+            for d in fit.problem.datasets for row, reason in d.dropped],
         "findings": list(result.findings),
         "datasets": [{"name": d.name, "source": d.source, "kind": d.kind, "rows": len(d),
                       "used": int(k.sum()),
@@ -134,8 +136,8 @@ def correlations(result: Identification) -> list[dict[str, Any]]:
     sigma = np.sqrt(np.maximum(np.diagonal(c), 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
         r = np.triu(c / np.outer(sigma, sigma), 1)
-    pairs = np.argwhere(np.abs(np.nan_to_num(r)) > CORRELATED)
-    pairs = sorted(pairs.tolist(), key=lambda p: -abs(r[p[0], p[1]]))[:50]
+    strong = np.argwhere(np.abs(np.nan_to_num(r)) > CORRELATED).tolist()
+    pairs = sorted(strong, key=lambda p: -abs(r[p[0], p[1]]))[:50]
     return [{"a": result.columns[i], "b": result.columns[j], "value": float(r[i, j])}
             for i, j in pairs]
 
@@ -181,14 +183,19 @@ def parameters_csv(result: Identification) -> str:
 
 
 def residuals_csv(result: Identification) -> str:
-    """Return residuals.csv: one line per input row, all data sets below each other."""
+    """Return residuals.csv: one line per input row, data set by data set.
+
+    Rows that held nothing usable come last, with their reason.
+    """
     problem: Problem = result.fit.problem
     units, motion = result.mechanism.units, problem.mechanism.motion
     used_coordinates = sorted({c for d in problem.datasets for c in coordinates(d, motion)})
-    total = sum(len(d) for d in problem.datasets)
+    dropped = [(d.name, row, reason) for d in problem.datasets for row, reason in d.dropped]
+    total = sum(len(d) for d in problem.datasets) + len(dropped)
     header = ["row", "dataset"]
-    columns: list[Any] = [np.concatenate([d.rows for d in problem.datasets]),
-                          [d.name for d in problem.datasets for _ in range(len(d))]]
+    columns: list[Any] = [
+        [*(int(n) for d in problem.datasets for n in d.rows), *(row for _, row, _ in dropped)],
+        [*(d.name for d in problem.datasets for _ in range(len(d))), *(n for n, _, _ in dropped)]]
     for c in used_coordinates:
         f = units.factor("length" if c < 3 else "angle")
         for label, source in (("before", result.before.vector), ("after", result.after.vector),
@@ -203,7 +210,8 @@ def residuals_csv(result: Identification) -> str:
             header.append(f"{label}_{POSE_COORDINATES[c]}")
             columns.append(values)
     header += ["used", "reason"]
-    columns.append(np.concatenate([k.astype(int) for k in result.fit.keep]))
-    columns.append([r.get(n, "") for r, d in zip(result.fit.reasons, problem.datasets, strict=True)
-                    for n in range(len(d))])
+    columns.append([*(int(u) for k in result.fit.keep for u in k), *(0 for _ in dropped)])
+    columns.append([*(r.get(n, "") for r, d in
+                      zip(result.fit.reasons, problem.datasets, strict=True)
+                      for n in range(len(d))), *(reason for _, _, reason in dropped)])
     return csv_text(header, columns)

@@ -9,9 +9,9 @@ import numpy as np
 import yaml
 
 from ppmcal.files import csv_text, json_text
-from ppmcal.files.scenario import Scenario
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.tables import joint_columns
+from ppmcal.scenario import Scenario
 from ppmcal.simulate import Campaign
 from ppmcal.units import Units
 

@@ -171,11 +171,11 @@ def _with_positions(one: Identified, simulated: Sequence[Simulated]) -> Identifi
     names = np.array(table.words("dataset"), dtype=object)
     for entry in datasets:
         places = _places(one, str(entry.get("source") or ""), simulated)
-        rows = table.number("row")
+        rows = np.clip(table.number("row"), -1.0, 1e9)
         mine = (names == str(entry.get("name"))) | (len(datasets) == 1)
         if places is None or not np.isfinite(rows[mine]).all() or not mine.any():
             continue
-        index = rows.astype(int) - (0 if rows[mine].min() < 1 else 1)
+        index = np.nan_to_num(rows, nan=-1.0).astype(int) - (0 if rows[mine].min() < 1 else 1)
         mine &= (index >= 0) & (index < len(places))
         out[mine] = places[index[mine]]
     return _replace(one, out) if np.isfinite(out).all(axis=1).any() else one

@@ -9,10 +9,11 @@ import numpy as np
 
 from ppmcal.report import svg
 from ppmcal.report.data import Array, Columns, Comparison, Identified, Rows
-from ppmcal.report.numbers import count, sig, with_unit
+from ppmcal.report.numbers import count, sig, whole, with_unit
 from ppmcal.report.residuals import (
     BINS,
     POINTS,
+    Bools,
     Group,
     boundaries,
     coordinates,
@@ -24,6 +25,8 @@ from ppmcal.report.residuals import (
     white,
 )
 
+CROSSES = 100
+"""At most so many of the rows left out are drawn."""
 BEFORE_AFTER = '<i class="key before"></i>before <i class="key after"></i>after'
 LEFT_OUT = ' <i class="key out"></i>left out'
 
@@ -91,9 +94,9 @@ def by_row(table: Columns, group: Group, unit: str) -> str:
         parts.append(series(frame, np.where(keep, values, np.nan), kind))
     parts.append(_left_out(frame, positive[1], keep))
     title = f"Error of {group.name} by row, before and after"
+    note = thinned(table.size) + few(keep)
     drawing = svg.document(title, f"{table.size} rows on a logarithmic scale.", parts)
-    return figure(drawing, f"{title}.{thinned(table.size)}",
-                  BEFORE_AFTER + ("" if keep.all() else LEFT_OUT))
+    return figure(drawing, f"{title}.{note}", BEFORE_AFTER + ("" if keep.all() else LEFT_OUT))
 
 
 def coordinate(table: Columns, name: str, unit: str) -> str:
@@ -116,7 +119,7 @@ def coordinate(table: Columns, name: str, unit: str) -> str:
                            f"{with_unit(float(np.sqrt(np.nanmean(inside**2))), unit)}.", parts)
     band = f" Band: ±2 sigma of the stated noise ({with_unit(two, unit)})." if two else ""
     clipped = "" if keep.all() else LEFT_OUT + " (at the edge: beyond it)"
-    return figure(drawing, f"{title}.{band}{thinned(table.size)}",
+    return figure(drawing, f"{title}.{band}{thinned(table.size)}{few(keep)}",
                   f'<i class="key after"></i>after{clipped}' if clipped else "")
 
 
@@ -124,8 +127,9 @@ def series(frame: svg.Frame, values: Array, kind: str) -> str:
     """Return dots, or strokes from lowest to highest where there are too many."""
     if values.size <= POINTS:
         return svg.points(frame, np.arange(values.size) + 1.0, values, kind)
-    x, low, high = envelope(values)
-    return svg.strokes(frame, x + 1.0, low, high, kind)
+    x, low, below, above, high = envelope(values)
+    return (svg.strokes(frame, x + 1.0, low, high, f"light {kind}")
+            + svg.strokes(frame, x + 1.0, below, above, kind))
 
 
 def thinned(size: int) -> str:
@@ -133,7 +137,7 @@ def thinned(size: int) -> str:
     if size <= POINTS:
         return ""
     return (f" Thinned: each stroke spans the lowest to the highest of about "
-            f"{round(size / BINS):,} rows.")
+            f"{whole(round(size / BINS))} rows, its dark part the middle two thirds.")
 
 
 def _starts(frame: svg.Frame, table: Columns) -> str:
@@ -150,10 +154,15 @@ def _starts(frame: svg.Frame, table: Columns) -> str:
     return "".join(parts)
 
 
-def _left_out(frame: svg.Frame, values: Array, keep: object) -> str:
-    rows = np.flatnonzero(~np.asarray(keep, dtype=bool) & np.isfinite(values))
-    if rows.size > 300:
-        rows = rows[np.linspace(0, rows.size - 1, 300).astype(int)]
+def few(keep: Bools) -> str:
+    """Return the note that not all rows left out are drawn, empty if they are."""
+    return f" {CROSSES} of the rows left out are drawn." if int((~keep).sum()) > CROSSES else ""
+
+
+def _left_out(frame: svg.Frame, values: Array, keep: Bools) -> str:
+    rows = np.flatnonzero(~keep & np.isfinite(values))
+    if rows.size > CROSSES:
+        rows = rows[np.linspace(0, rows.size - 1, CROSSES).astype(int)]
     return svg.crosses(frame, rows + 1.0, values[rows], "out")
 
 
@@ -206,7 +215,7 @@ def arrows(places: Array, vector: Array, stage: str, unit: str) -> str:
     drawing = svg.document(title, f"{rows.size} vectors; the longest is "
                            f"{with_unit(largest, unit)}.", parts)
     total = int(np.sum(np.isfinite(size)))
-    note = (f" Thinned: the largest of each cell, {rows.size} of {total:,} rows."
+    note = (f" Thinned: the largest of each cell, {rows.size} of {whole(total)} rows."
             if rows.size < total else "")
     return figure(drawing, f"{title}; each plot has its own scale (arrow at the top right).{note}",
                   f'<i class="key {stage}"></i>{stage}')
@@ -227,7 +236,7 @@ def scatter(vector: Array, unit: str) -> str:
                             svg.line(frame, [0.0, 0.0], [frame.y.low, frame.y.high], "faint"),
                             svg.line(frame, [frame.x.low, frame.x.high], [0.0, 0.0], "faint"),
                             svg.points(frame, v[:, 0], v[:, 1], "after")])
-    note = (f" Thinned: {rows.size:,} of {total:,} rows, with the 200 largest."
+    note = (f" Thinned: {whole(rows.size)} of {whole(total)} rows, with the 200 largest."
             if rows.size < total else "")
     return figure(drawing, f"{title}; a round cloud about 0 is what noise gives.{note}")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.report.data import Columns, Comparison, Diagnosed, Identified, Other, Rows, Simulated
 from ppmcal.report.figures import command_figure, residual_figures, truth_figures
-from ppmcal.report.numbers import count, number, probability, sig, to_sigma
+from ppmcal.report.numbers import count, number, probability, sig, to_sigma, whole
 from ppmcal.report.tables import (
     MAX_ROWS,
     Cell,
@@ -93,7 +93,8 @@ def compensation_section(rows: Rows, lengths: Mapping[str, str]) -> str:
         return "".join([*out, scalars(rows.record)])
     good = np.ones(t.size, dtype=bool)
     good[list(rows.flagged)] = False
-    out.append(paragraph(f"{int(good.sum()):,} of {count(t.size, 'target')} can be commanded."))
+    done = whole(int(good.sum()))
+    out.append(paragraph(f"{done} of {count(t.size, 'target')} can be commanded."))
     stats = []
     for kind, quantity in (("position", "length"), ("rotation", "angle")):
         for stage in ("before", "after"):
@@ -134,7 +135,7 @@ def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> str:
                 cells.append(amount(value - float(t.numbers[f"{s}_nominal"][i])))
         cells += [amount(float(t.numbers[e][i])) for e in errors]
         body.append(cells)
-    more = (f"the first {SHOWN} of {len(rows):,} accepted targets; commands.csv has all digits"
+    more = (f"the first {SHOWN} of {whole(len(rows))} accepted targets; commands.csv has all digits"
             if len(rows) > SHOWN else "rounded; commands.csv has all digits")
     plain = [h.removeprefix("error_").replace("_", " ") if h.startswith("error_")
              else h.replace("_", " ") for h in errors]
@@ -150,7 +151,7 @@ def refused(rows: Rows) -> str:
     status, reason = t.words("status"), t.words("reason")
     body = [[amount(float(i + 1), f"{i + 1}"), words(status[i]), words(reason[i], "wrap")]
             for i in rows.flagged[:MAX_ROWS]]
-    more = (f"the first {MAX_ROWS} of {len(rows.flagged):,}; {rows.kind}.csv has them all"
+    more = (f"the first {MAX_ROWS} of {whole(len(rows.flagged))}; {rows.kind}.csv has them all"
             if len(rows.flagged) > MAX_ROWS else "")
     return (f"<h3>{count(len(rows.flagged), 'row')} refused or with a remark</h3>"
             + table(more, ["row", "status", "reason"], body, sort=True))
@@ -160,7 +161,8 @@ def kinematics_section(rows: Rows) -> str:
     """Return how many rows were solved, and those that were not."""
     size = rows.table.size if rows.table is not None else 0
     done = size - len(rows.flagged)
-    text = f"{done:,} of {count(size, 'row')} solved. From {rows.folder}." if size else rows.folder
+    text = f"{whole(done)} of {count(size, 'row')} solved. " if size else ""
+    text += f"From {rows.folder}."
     return "<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record) + refused(rows)
 
 

@@ -14,7 +14,10 @@ def number(value: Any) -> float | None:
     """Return a finite number, else None."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    return float(value) if math.isfinite(value) else None
+    try:
+        return float(value) if math.isfinite(value) else None
+    except OverflowError:
+        return None
 
 
 def sig(value: Any, digits: int = 3) -> str:
@@ -69,7 +72,12 @@ def probability(p: Any) -> str:
 
 def count(n: int, one: str, many: str = "") -> str:
     """Return ``1 row`` or ``12 rows``."""
-    return f"{n:,} {one if n == 1 else many or one + 's'}".replace(",", "\u2009")
+    return f"{whole(n)} {one if n == 1 else many or one + 's'}"
+
+
+def whole(n: int) -> str:
+    """Return a whole number with thin spaces between its thousands."""
+    return f"{n:,}".replace(",", "\u2009")
 
 
 def listed(names: Sequence[str], most: int = 6) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,14 +82,17 @@ def white(table: Columns) -> Array:
     return np.concatenate(out) if out else np.zeros(0)
 
 
-def envelope(y: Array, bins: int = BINS) -> tuple[Array, Array, Array]:
-    """Return bin centres, lowest and highest finite values of rows in ``bins`` bins."""
+def envelope(y: Array, bins: int = BINS) -> tuple[Array, Array, Array, Array, Array]:
+    """Return bin centres and the 0, 1/6, 5/6 and 1 quantiles of the finite values in each bin."""
     edges = np.linspace(0, y.size, bins + 1).astype(int)
-    starts = edges[:-1]
-    low = np.minimum.reduceat(np.where(np.isfinite(y), y, np.inf), starts)
-    high = np.maximum.reduceat(np.where(np.isfinite(y), y, -np.inf), starts)
-    some = np.isfinite(low)
-    return (((edges[:-1] + edges[1:] - 1) / 2.0)[some], low[some], high[some])
+    out = []
+    for start, stop in pairwise(edges.tolist()):
+        part = y[start:stop]
+        part = part[np.isfinite(part)]
+        if part.size:
+            out.append([(start + stop - 1) / 2.0, *np.quantile(part, [0.0, 1 / 6, 5 / 6, 1.0])])
+    centres, low, below, above, high = np.array(out).reshape(-1, 5).T
+    return centres, low, below, above, high
 
 
 def spread(places: Array, size: Array, cells: int = 22) -> NDArray[np.intp]:

@@ -7,7 +7,17 @@ from typing import Any
 
 from ppmcal.report.data import Identified
 from ppmcal.report.figures import residual_figures
-from ppmcal.report.numbers import NBSP, count, exact, number, probability, sig, to_sigma, with_unit
+from ppmcal.report.numbers import (
+    NBSP,
+    count,
+    exact,
+    number,
+    probability,
+    sig,
+    to_sigma,
+    whole,
+    with_unit,
+)
 from ppmcal.report.residuals import quantity_of, used
 from ppmcal.report.tables import (
     MAX_ROWS,
@@ -169,8 +179,9 @@ def plots(one: Identified) -> str:
     if not drawings or one.residuals is None:
         return ""
     keep = used(one.residuals)
-    note = (f"{count(one.residuals.size, 'row')}"
-            + ("." if keep.all() else f", {int((~keep).sum()):,} of them left out of the fit."))
+    out = whole(int((~keep).sum()))
+    note = (count(one.residuals.size, "row")
+            + ("." if keep.all() else f", {out} of them left out of the fit."))
     return ("<h2>Residuals</h2>" + paragraph(note, "note")
             + f'<div class="plots">{"".join(drawings)}</div>')
 
@@ -182,7 +193,7 @@ def excluded(one: Identified) -> str:
         return ""
     rows = [[words(e["dataset"]), amount(e["row"], exact(e["row"])), words(e["reason"], "wrap")]
             for e in entries[:MAX_ROWS]]
-    more = (f"the first {MAX_ROWS} of {len(entries):,}; residuals.csv has them all"
+    more = (f"the first {MAX_ROWS} of {whole(len(entries))}; residuals.csv has them all"
             if len(entries) > MAX_ROWS else "")
     return (f"<h3>{count(len(entries), 'row')} left out of the fit</h3>"
             + table(more, ["data set", "row", "reason"], rows, sort=True))

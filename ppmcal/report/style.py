@@ -19,7 +19,7 @@ h2{font-size:20px;line-height:1.3;margin:36px 0 4px}
 h3{font-size:15px;margin:22px 0 6px}
 p{margin:6px 0;max-width:78ch}
 .lead p{font-size:18px;line-height:1.45;margin:0 0 8px}
-.soft,.note{color:var(--soft)}.note{font-size:13.5px}
+.soft,.note{color:var(--soft)}.note{font-size:13.5px;max-width:120ch}
 code{font:13px/1.4 ui-monospace,SFMono-Regular,Menlo,Consolas,"DejaVu Sans Mono",monospace;
 overflow-wrap:anywhere}
 .tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,300px),1fr));gap:12px;
@@ -75,7 +75,7 @@ svg text.name{fill:var(--ink);font-size:11.5px}svg text.small{font-size:9.5px}
 .grid{stroke:var(--line);stroke-width:1;fill:none}
 .axis,.mark{stroke:var(--soft);stroke-width:1;fill:none}.mark{stroke-dasharray:3 3;opacity:.7}
 .dot{stroke-width:4;stroke-linecap:round;fill:none}.dot.before{stroke-width:3.4}
-.stroke{stroke-width:1.5;fill:none}.stroke.thin{stroke-width:1}
+.stroke{stroke-width:1.5;fill:none}.stroke.light{opacity:.35}.stroke.thin{stroke-width:1}
 .line{fill:none;stroke-width:1.2;stroke-linejoin:round}
 path.before,polyline.before{stroke:var(--before)}path.after,polyline.after{stroke:var(--after)}
 path.out{stroke:var(--out);stroke-width:1.6}
@@ -83,7 +83,8 @@ path.ink,polyline.ink{stroke:var(--ink)}polyline.faint{stroke:var(--soft);opacit
 path.area.after{fill:var(--after);stroke:none;opacity:.75}
 .area.band{fill:var(--band);stroke:none}
 svg.bar{width:116px;height:16px;display:block}
-@media(min-width:900px){tbody th{white-space:nowrap;max-width:none}}
+@media(min-width:900px){tbody th{white-space:nowrap;max-width:none}
+wbr{display:none}td,th{padding:5px 9px}}
 .bar .zone{fill:var(--band)}.bar .zero{stroke:var(--soft);stroke-width:1}
 .bar .err{fill:var(--after)}.bar .err.far{fill:var(--out)}
 .bar .ci{stroke:var(--ink);stroke-width:1.5;fill:none}

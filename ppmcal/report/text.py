@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppmcal.report.data import Comparison, Identified, ReportData, Rows
-from ppmcal.report.numbers import count, listed, number, probability, sig, with_unit
+from ppmcal.report.numbers import count, listed, number, probability, sig, whole, with_unit
 
 FAILED_NOISE = 1e-3
 """The noise check fails below this p-value (and above 1 minus it)."""
@@ -50,7 +50,7 @@ def headline(one: Identified) -> list[str]:
     sets = one.record.get("datasets") or []
     rows = sum(int(number(d.get("rows")) or 0) for d in sets)
     used = sum(int(number(d.get("used")) or 0) for d in sets)
-    source = f" from {used:,} of {rows:,} measurements".replace(",", "\u2009") if rows else ""
+    source = f" from {whole(used)} of {whole(rows)} measurements" if rows else ""
     first = f"{one.name} was calibrated{source}"
     kind = main_kind(one)
     if kind:
@@ -145,8 +145,8 @@ def _of_rows(rows: Rows) -> list[str]:
     out = [finding_text(f) for f in rows.record.get("findings") or ()]
     flagged = len(rows.flagged)
     if flagged and rows.table is not None and not out:
-        out.append(f"{flagged:,} of {count(rows.table.size, 'row')} of {rows.kind}.csv refused "
-                   "or with a remark")
+        out.append(f"{whole(flagged)} of {count(rows.table.size, 'row')} of {rows.kind}.csv "
+                   "refused or with a remark")
     return out
 
 

@@ -1,0 +1,85 @@
+"""What a fit is: its options, its result, and the covariance that follows from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.linear import SOLVE_TOLERANCE, Reduced
+from ppmcal.problem import Problem, State
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to identify.
+
+    ``method``: ``prior``, ``flat`` (no prior), ``gcv`` (prior scale by generalised
+    cross-validation) or ``damped`` ([PPM] section 4.5, with ``damping`` its 0.9).
+    """
+
+    method: str = "prior"
+    damping: float = 0.9
+    robust: bool = True
+    iterations: int = 60
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A converged (or stopped) fit.
+
+    Attributes:
+        problem, state: what was fitted and where it ended.
+        reduced: the rows at the end.
+        prior: weights 1/tau of the parameter columns, 0 without prior (C,).
+        scale: one tolerance, or a unit of comparable effect, per column (C,).
+        keep: rows used, by data set.
+        iterations, converged: of the loop.
+        noise_factor: robust scale of the residuals over the stated noise, at least 1.
+        prior_scale: factor on the tolerances that generalised cross-validation chose.
+        reasons: why rows were left out, by data set: row index -> reason.
+    """
+
+    problem: Problem
+    state: State
+    reduced: Reduced
+    prior: Array
+    scale: Array
+    keep: tuple[Bools, ...]
+    iterations: int
+    converged: bool
+    noise_factor: float = 1.0
+    prior_scale: float = 1.0
+    reasons: tuple[dict[int, str], ...] = ()
+
+
+def posterior(fit: Fit) -> Array:
+    """Return the covariance of all columns (C, C), SI; inf on the diagonal where unbounded.
+
+    Directions seen neither by data nor by prior have no bound; columns that take part in one
+    get an infinite variance, and their covariances are those within the bounded part.
+    """
+    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(fit.prior * fit.scale)])
+    _, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
+    v = vt[use].T / s[use]
+    out = (v @ v.T) * np.outer(fit.scale, fit.scale)
+    free = np.sqrt(np.sum(vt[~use] ** 2, axis=0)) > 1e-6
+    out[free, free] = np.inf
+    return np.asarray(out, dtype=float)
+
+
+def prediction_covariance(fit: Fit) -> Array:
+    """Return a covariance (C, C) that is right for predictions of measured rows.
+
+    Null directions do not move what the data saw, so they are left out altogether.
+    """
+    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(fit.prior * fit.scale)])
+    _, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
+    v = vt[use].T / s[use]
+    return np.asarray((v @ v.T) * np.outer(fit.scale, fit.scale), dtype=float)

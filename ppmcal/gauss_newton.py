@@ -1,0 +1,74 @@
+"""Levenberg-Marquardt on the whitened problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.linear import Reduced, column_scale, cost, reduce_rows, solve_step
+from ppmcal.problem import Problem, State
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Progress = Callable[[int, float], None]
+
+CONVERGED = 1e-6
+"""Converged: the next step would lower chi-squared by less than this."""
+SMALLEST_DAMPING = 1e-6
+"""Damping starts here when a plain step fails, and is dropped as soon as it falls back."""
+ROUND_OFF = 1e-13
+"""Or the step is below this part of the parameters' scale."""
+
+
+def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
+                 iterations: int, weigh: Callable[[State], Sequence[Array]] | None = None,
+                 progress: Progress | None = None) -> tuple[State, Reduced, int, bool]:
+    """Levenberg-Marquardt on the whitened problem; returns state, rows, count, converged."""
+    damping = 0.0
+    for count in range(1, iterations + 1):
+        weights = weigh(state) if weigh else None
+        reduced = reduce_rows(problem, state, keep, weights)
+        before = cost(problem, state, keep, prior, weights)
+        if progress:
+            progress(count, before)
+        while True:
+            step, decrease = solve_step(problem, state, reduced, prior, damping)
+            scaled = float(np.max(np.abs(step / column_scale(problem)), initial=0.0))
+            limit = max(CONVERGED, 1e-10 * before)
+            if decrease < limit or scaled < ROUND_OFF:
+                return problem.moved(state, step) if damping == 0.0 and _better(
+                    problem, state, step, keep, prior, weights, before) else state, \
+                    reduced, count, True
+            trial = problem.moved(state, step)
+            after = cost(problem, trial, keep, prior, weights)
+            if after >= before and damping == 0.0:
+                trial, after = _second_chance(problem, trial, keep, prior, weights)
+            if after < before or (weigh is not None and after < before * (1 + 1e-9)):
+                state = trial
+                damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
+                break
+            damping = max(10.0 * damping, SMALLEST_DAMPING)
+            if damping > 1e6:
+                return state, reduced, count, bool(decrease < 1e-6 * max(before, 1.0))
+    return state, reduce_rows(problem, state, keep, None), iterations, False
+
+
+def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior: Array,
+                   weights: Sequence[Array] | None) -> tuple[State, float]:
+    """Take a second plain step from a trial that was worse, and judge after it.
+
+    Where frame and geometry turn together the data see nothing at first order and a very
+    steep wall at second order; one straight step runs into the wall, the next one off it.
+    """
+    if any(not np.isfinite(p[k]).all() for p, k in zip(trial.poses, keep, strict=True)):
+        return trial, float("inf")
+    reduced = reduce_rows(problem, trial, keep, weights)
+    trial = problem.moved(trial, solve_step(problem, trial, reduced, prior, 0.0)[0])
+    return trial, cost(problem, trial, keep, prior, weights)
+
+
+def _better(problem: Problem, state: State, step: Array, keep: Sequence[Bools], prior: Array,
+            weights: Sequence[Array] | None, before: float) -> bool:
+    return cost(problem, problem.moved(state, step), keep, prior, weights) <= before

@@ -1,0 +1,134 @@
+"""The small linear problem of one iteration: all rows as one triangle, and its step.
+
+Columns are judged in natural units (:func:`column_scale`), so that metres and radians,
+geometry and frames can be weighed against each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.problem import Problem, State
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+SOLVE_TOLERANCE = 1e-13
+"""Directions below this part of the strongest are round-off: neither data nor prior see them."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """All rows as one triangle: ``triangle`` (C, C), ``right`` (C,), and the sum of squares.
+
+    The least-squares problem of the rows is |triangle s - right|^2 + (square - |right|^2).
+    """
+
+    triangle: Array
+    right: Array
+    square: float
+    count: int
+
+
+def prior_weights(problem: Problem, method: str) -> Array:
+    """Return 1/tau per column (C,), 0 where there is no prior."""
+    weights = np.zeros(len(problem.columns))
+    if method in ("flat", "damped"):
+        return weights
+    for c, p in enumerate(problem.free):
+        tau = problem.mechanism.parameters[p].tolerance
+        weights[c] = 1.0 / tau if tau is not None and np.isfinite(tau) and tau > 0.0 else 0.0
+    return weights
+
+
+def parameter_scale(problem: Problem) -> Array:
+    """Return the unit in which each free parameter is judged (F,): its tolerance, SI.
+
+    Without a finite tolerance: a thousandth of the reach, or 1e-3 rad.
+    """
+    out = np.empty(len(problem.free))
+    for c, p in enumerate(problem.free):
+        parameter = problem.mechanism.parameters[p]
+        tau = parameter.tolerance
+        natural = 1e-3 * (problem.mechanism.reach if parameter.quantity == "length" else 1.0)
+        out[c] = tau if tau is not None and np.isfinite(tau) and tau > 0.0 else natural
+    return out
+
+
+def reduce_rows(problem: Problem, state: State, keep: Sequence[Bools],
+                weights: Sequence[Array] | None = None) -> Reduced:
+    """Accumulate all rows into one triangle by QR."""
+    size = len(problem.columns) + 1
+    stack = np.zeros((0, size))
+    count = 0
+    for rows in problem.rows(state, True, keep):
+        block = np.concatenate([rows.jacobian, rows.residual[..., None]], axis=-1)
+        if weights is not None:
+            block = block * weights[rows.dataset][rows.index][:, None, None]
+        block = block.reshape(-1, size)
+        count += int(rows.observed.sum())
+        stack = np.asarray(np.linalg.qr(np.concatenate([stack, block]), mode="r"))
+    full = np.zeros((size, size))
+    full[:min(size, stack.shape[0])] = stack[:size]
+    right = full[:-1, -1]
+    return Reduced(full[:-1, :-1], right, float(np.sum(full[:, -1] ** 2)), count)
+
+
+def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
+         weights: Sequence[Array] | None) -> float:
+    """Return chi-squared of data and prior; inf where a kept row has no pose."""
+    total = prior_square(problem, state, prior)
+    for i, k in enumerate(keep):
+        if not np.isfinite(state.poses[i][k]).all():
+            return float("inf")
+    for rows in problem.rows(state, False, keep):
+        r = rows.residual
+        if weights is not None:
+            r = r * weights[rows.dataset][rows.index][:, None]
+        total += float(np.sum(r * r))
+    return total
+
+
+def prior_square(problem: Problem, state: State, prior: Array) -> float:
+    """Return the prior's part of chi-squared."""
+    free = list(problem.free)
+    away = (state.g[free] - problem.mechanism.nominals[free]) * prior[:len(free)]
+    return float(np.sum(away**2))
+
+
+def column_scale(problem: Problem) -> Array:
+    """Return one natural unit per column (C,): tolerances; a thousandth of the reach, 1e-3 rad.
+
+    Frames and geometry must be measured with like units: in a direction that moves both
+    together the prior would else drown in the frame's larger numbers.
+    """
+    return np.concatenate([parameter_scale(problem), problem.open_scale()])
+
+
+def solve_step(problem: Problem, state: State, reduced: Reduced, prior: Array, damping: float
+               ) -> tuple[Array, float]:
+    """Return the step (C,) of the small problem and the decrease it promises.
+
+    Directions that neither data nor prior see are left where they are (minimum norm in
+    scaled units).
+    """
+    free = list(problem.free)
+    scale = column_scale(problem)
+    away = np.zeros(len(problem.columns))
+    away[:len(free)] = problem.mechanism.nominals[free] - state.g[free]
+    norms = np.linalg.norm(reduced.triangle * scale, axis=0)
+    extra = np.sqrt(damping) * np.where(norms > 0.0, norms, 1.0)
+    matrix = np.concatenate([reduced.triangle * scale, np.diag(prior * scale), np.diag(extra)])
+    right = np.concatenate([reduced.right, prior * away, np.zeros(scale.size)])
+    size = scale.size
+    u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
+    coefficient = np.where(use, (u.T @ right) / np.where(use, s, 1.0), 0.0)
+    x = vt.T @ coefficient
+    plain = matrix[:2 * size]
+    decrease = float(np.sum(right[:2 * size] ** 2) - np.sum((right[:2 * size] - plain @ x) ** 2))
+    return x * scale, decrease

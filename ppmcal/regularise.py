@@ -1,0 +1,95 @@
+"""Two other ways to regularise: one prior scale by cross-validation, and [PPM]'s damping."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.dataset import Dataset
+from ppmcal.fit import Fit, Options
+from ppmcal.gauss_newton import Progress
+from ppmcal.linear import column_scale, reduce_rows, solve_step
+from ppmcal.problem import Problem, State
+from ppmcal.rank import RANK_TOLERANCE
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+def gcv_scale(fit: Fit, base: Array) -> float:
+    """Return the factor on all tolerances that minimises n RSS / (n - tr H)^2.
+
+    Golub, Heath and Wahba (1979), on the linearised problem with open frames projected
+    out; searched on a grid of 10^-3 to 10^3, refined once.
+    """
+    count = len(fit.problem.free)
+    tau = np.where(base[:count] > 0.0, 1.0 / np.where(base[:count] > 0.0, base[:count], 1.0),
+                   fit.scale[:count])
+    away = (fit.state.g[list(fit.problem.free)]
+            - fit.problem.mechanism.nominals[list(fit.problem.free)]) / tau
+    block, nuisance = fit.reduced.triangle[:, :count] * tau, fit.reduced.triangle[:, count:]
+    right = fit.reduced.right + block @ away
+    lost = 0
+    if nuisance.shape[1]:
+        u, s, _ = np.linalg.svd(nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300),
+                                full_matrices=False)
+        u = u[:, s > RANK_TOLERANCE * s[0]]
+        lost = u.shape[1]
+        block, right = block - u @ (u.T @ block), right - u @ (u.T @ right)
+    u, s, _ = np.linalg.svd(block, full_matrices=False)
+    b = u.T @ right
+    rest = fit.reduced.square - float(np.sum(fit.reduced.right**2)) + float(
+        np.sum(right**2) - np.sum(b**2))
+
+    def score(log_scale: float) -> float:
+        f = s**2 / (s**2 + 10.0 ** (-2.0 * log_scale))
+        return float((rest + np.sum(((1 - f) * b) ** 2))
+                     / (fit.reduced.count - lost - np.sum(f)) ** 2)
+
+    grid = np.linspace(-3.0, 3.0, 121)
+    best = grid[int(np.argmin([score(x) for x in grid]))]
+    fine = np.linspace(best - 0.05, best + 0.05, 41)
+    return float(10.0 ** fine[int(np.argmin([score(x) for x in fine]))])
+
+
+def damped(problem: Problem, state: State, keep: Sequence[Bools],
+           reasons: Sequence[dict[int, str]], options: Options,
+           progress: Progress | None = None) -> Fit:
+    """The scheme of [PPM] section 4.5: step = (J^T J + lambda I)^-1 J^T r, in m and rad.
+
+    A damping, centred anew in each iteration, not a prior: where it ends depends on the
+    units and on when it stops. It is called converged when an undamped step would lower
+    the whitened chi-squared by less than 0.01.
+    """
+    unit = replace(problem, datasets=tuple(unit_noise(d) for d in problem.datasets))
+    count = len(problem.free)
+    none = np.zeros(len(problem.columns))
+    converged = False
+    reduced = reduce_rows(problem, state, keep)
+    iteration = 0
+    for iteration in range(1, 100 * options.iterations + 1):
+        plain = reduce_rows(unit, state, keep)
+        matrix = plain.triangle.T @ plain.triangle
+        matrix[:count, :count] += options.damping * np.eye(count)
+        step = np.asarray(np.linalg.lstsq(matrix, plain.triangle.T @ plain.right, rcond=1e-15)[0],
+                          dtype=np.float64)
+        state = problem.moved(state, step)
+        reduced = reduce_rows(problem, state, keep)
+        if progress:
+            progress(iteration, reduced.square)
+        if solve_step(problem, state, reduced, none, 0.0)[1] < max(0.01, 1e-9 * reduced.square):
+            converged = True
+            break
+    return Fit(problem, state, reduced, none, column_scale(problem), tuple(keep),
+               iteration, converged, reasons=tuple(reasons))
+
+
+def unit_noise(data: Dataset) -> Dataset:
+    """Return the data set with noise 1 m and 1 rad, no joint noise: the paper's weighting."""
+    return replace(data, sigma_position=np.ones_like(data.sigma_position),
+                   sigma_rotation=np.ones_like(data.sigma_rotation),
+                   sigma_value=np.ones_like(data.sigma_value),
+                   sigma_actuator=np.zeros_like(data.sigma_actuator))
