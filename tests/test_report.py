@@ -322,6 +322,7 @@ BROKEN_CSV = {
     b"row,before_x\n1,2": "last line",
     b"row,before_x\n1\n": "row 1: the row has 1 cells",
     b"row,before_x\n1,2\n2,abc\n": "row 2, column before_x",
+    b"row,before_x\n1,1e300\n": "row 1, column before_x",
     b"row,row\n1,2\n": "called 'row'",
     b"\n": "no header",
     b"row,before_x\n1,\xff\n": "UTF-8",

@@ -76,7 +76,7 @@ def white(table: Columns) -> Array:
     out = []
     for c in coordinates(table):
         sigma = table.number(f"sigma_{c}")
-        ratio = np.divide(table.number(f"after_{c}"), sigma, where=sigma > 0.0,
+        ratio = np.divide(table.number(f"after_{c}"), sigma, where=sigma > 1e-150,
                           out=np.full(table.size, np.nan))[keep]
         out.append(ratio[np.isfinite(ratio)])
     return np.concatenate(out) if out else np.zeros(0)

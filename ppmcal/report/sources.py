@@ -21,6 +21,7 @@ from ppmcal.report.data import Array, Columns
 
 AGAIN = "Run the command that writes it again"
 CHUNK = 50_000
+LARGEST = 1e140
 MAX_DEPTH_MEND = "It is nested too deeply to be one of ppmcal's files"
 NUMBER = "number"
 TEXT = "text"
@@ -152,7 +153,9 @@ def _read(reader: Iterator[list[str]], source: str, wanted: Callable[[str], bool
             rows = _even(rows, header, source, count)
             for name, cells in zip(header, zip(*rows, strict=True), strict=False):
                 if name in numbers:
-                    numbers[name].append(_floats(cells, f"{source}: row", count, name))
+                    block = _floats(cells, f"{source}: row", count, name)
+                    _refuse_absurd(block, f"{source}: row", count, name)
+                    numbers[name].append(block)
                 elif name in text:
                     text[name].extend(seen.setdefault(c, c) for c in cells)
             count += len(rows)
@@ -172,6 +175,14 @@ def _even(rows: list[list[str]], header: tuple[str, ...], source: str, start: in
             raise BadInput(f"the row has {len(row)} cells, but the header has {len(header)}",
                            f"{source}: row {start + i + 1}", AGAIN)
     return rows
+
+
+def _refuse_absurd(block: Array, where: str, start: int, name: str) -> None:
+    """Refuse finite numbers whose square would overflow."""
+    absurd = np.flatnonzero(np.isfinite(block) & (np.abs(block) > LARGEST))
+    if absurd.size:
+        raise BadInput(f"{block[absurd[0]]:g} is out of range",
+                       f"{where} {start + int(absurd[0]) + 1}, column {name}", AGAIN)
 
 
 def _floats(cells: tuple[str, ...], where: str, start: int, name: str) -> Array:
