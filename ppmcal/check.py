@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.arrays import known
+from ppmcal.closure import Model
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.inverse import home_state
 from ppmcal.kinematics import home_conditioning, inverse_table
 from ppmcal.linear import column_scale, reduce_rows
-from ppmcal.mechanism import Mechanism, Model
+from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, analyse
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import known
+from ppmcal.closure import Closure, Model
 from ppmcal.inverse import home_state, solve_rows
-from ppmcal.mechanism import Closure, Model
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

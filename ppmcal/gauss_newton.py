@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.linear import Reduced, column_scale, cost, reduce_rows, solve_step
+from ppmcal.linear import Reduced, column_scale, cost, prior_square, reduce_rows, solve_step
 from ppmcal.problem import Problem, State
 
 Array = NDArray[np.float64]
@@ -18,6 +18,9 @@ CONVERGED = 1e-6
 """Converged: the next step would lower chi-squared by less than this."""
 SMALLEST_DAMPING = 1e-6
 """Damping starts here when a plain step fails, and is dropped as soon as it falls back."""
+LARGEST_DAMPING = 1e6
+ROUGH = 1e-3
+"""A re-weighted fit is good enough when a step would gain less than this part."""
 ROUND_OFF = 1e-13
 """Or the step is below this part of the parameters' scale."""
 
@@ -25,32 +28,36 @@ ROUND_OFF = 1e-13
 def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
                  iterations: int, weigh: Callable[[State], Sequence[Array]] | None = None,
                  progress: Progress | None = None) -> tuple[State, Reduced, int, bool]:
-    """Levenberg-Marquardt on the whitened problem; returns state, rows, count, converged."""
+    """Return the state at the minimum, its rows, the number of iterations, converged or not.
+
+    With ``weigh`` rows are re-weighted in each iteration, and a rough minimum is enough: it
+    is only where the final fit starts.
+    """
     damping = 0.0
+    unit = column_scale(problem)
     for count in range(1, iterations + 1):
         weights = weigh(state) if weigh else None
         reduced = reduce_rows(problem, state, keep, weights)
-        before = cost(problem, state, keep, prior, weights)
+        before = reduced.square + prior_square(problem, state, prior)
+        limit = max(CONVERGED, (ROUGH if weigh else 1e-10) * before)
         if progress:
             progress(count, before)
         while True:
             step, decrease = solve_step(problem, state, reduced, prior, damping)
-            scaled = float(np.max(np.abs(step / column_scale(problem)), initial=0.0))
-            limit = max(CONVERGED, 1e-10 * before)
-            if decrease < limit or scaled < ROUND_OFF:
-                return problem.moved(state, step) if damping == 0.0 and _better(
-                    problem, state, step, keep, prior, weights, before) else state, \
-                    reduced, count, True
+            if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:
+                # too small to be judged by the cost: a last plain step only polishes
+                end = problem.moved(state, step) if damping == 0.0 else state
+                return end, reduced, count, True
             trial = problem.moved(state, step)
             after = cost(problem, trial, keep, prior, weights)
             if after >= before and damping == 0.0:
                 trial, after = _second_chance(problem, trial, keep, prior, weights)
-            if after < before or (weigh is not None and after < before * (1 + 1e-9)):
+            if after < before:
                 state = trial
                 damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
                 break
             damping = max(10.0 * damping, SMALLEST_DAMPING)
-            if damping > 1e6:
+            if damping > LARGEST_DAMPING:
                 return state, reduced, count, bool(decrease < 1e-6 * max(before, 1.0))
     return state, reduce_rows(problem, state, keep, None), iterations, False
 
@@ -67,8 +74,3 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     reduced = reduce_rows(problem, trial, keep, weights)
     trial = problem.moved(trial, solve_step(problem, trial, reduced, prior, 0.0)[0])
     return trial, cost(problem, trial, keep, prior, weights)
-
-
-def _better(problem: Problem, state: State, step: Array, keep: Sequence[Bools], prior: Array,
-            weights: Sequence[Array] | None, before: float) -> bool:
-    return cost(problem, problem.moved(state, step), keep, prior, weights) <= before

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import known
+from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.forward import forward
 from ppmcal.identify import identify
-from ppmcal.mechanism import Model
 from ppmcal.observation import Station, coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import residuals

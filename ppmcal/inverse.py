@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.closure import Model
 from ppmcal.errors import BadInput
-from ppmcal.limbs.chain import U, left_jacobian
-from ppmcal.mechanism import Mechanism, Model
+from ppmcal.limbs.chain import U
+from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 SURFACE_TOLERANCE = 1e-6
@@ -237,40 +238,6 @@ def inverse(model: Model, pose: Array) -> Inverse:
     return Inverse(q, pose, tuple(reasons))
 
 
-def inverse_partial(model: Model, coordinates: Array, iterations: int = 40) -> Inverse:
-    """Return joint values of poses of which only some coordinates are wanted.
-
-    Args:
-        model: the machine at its parameters.
-        coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
-            name all coordinates of the motion or as many as there are actuators.
-        iterations: at most, for the open coordinates.
-    """
-    mechanism = model.mechanism
-    coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
-    full = _fill(mechanism, coordinates)
-    open_ = np.isnan(coordinates) & np.isin(np.arange(6), mechanism.dof)
-    short = mechanism.conditions - len(mechanism.actuators)
-    count = open_.sum(axis=1)
-    reasons = ["" if c in (0, short) else
-               f"{c} coordinates are empty: this machine needs {_allowed(short)} of them empty"
-               for c in count]
-    q = np.full((full.shape[0], len(mechanism.actuators)), np.nan)
-    for pattern in np.unique(open_[count == short], axis=0) if short else []:
-        rows = np.flatnonzero((open_ == pattern).all(axis=1))
-        full[rows], q[rows], solved = _solve_open(model, full[rows], pattern, iterations)
-        for n in rows[~solved]:
-            reasons[n] = "the open coordinates could not be solved for: no such pose near home"
-    pose = cga.motor_from_rotation_vector(full[:, 3:], full[:, :3])
-    ready = np.array([not r for r in reasons])
-    done = inverse(model, pose[ready])
-    for n, reason in zip(np.flatnonzero(ready), done.reason, strict=True):
-        reasons[n] = reason
-    q[ready] = done.q
-    q[[bool(r) for r in reasons]] = np.nan
-    return Inverse(q, pose, tuple(reasons))
-
-
 def solve_rows(matrix: Array, right: Array) -> Array:
     """Solve (N, d, d) x = (N, d) row by row; a singular row gives nan instead of an error."""
     try:
@@ -281,43 +248,3 @@ def solve_rows(matrix: Array, right: Array) -> Array:
         out = np.linalg.solve(safe, right[..., None])[..., 0]
         out[bad] = np.nan
         return np.asarray(out, dtype=float)
-
-
-def _allowed(short: int) -> str:
-    return "none" if short == 0 else f"none or {short}"
-
-
-def _fill(mechanism: Mechanism, coordinates: Array) -> Array:
-    """Put home values where a coordinate is open or does not belong to the motion."""
-    own = np.isin(np.arange(6), mechanism.dof)
-    return np.where(np.isnan(coordinates) | ~own, mechanism.home_pose, coordinates)
-
-
-def _solve_open(model: Model, full: Array, open_: Array, iterations: int
-                ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Newton on open coordinates and joint values together, all rows at once."""
-    mechanism = model.mechanism
-    columns = np.flatnonzero(open_)
-    full = full.copy()
-    q = np.tile(home_state(mechanism).q, (full.shape[0], 1))
-    done = np.zeros(full.shape[0], dtype=bool)
-    scale = mechanism.reach
-    for _ in range(iterations):
-        pose = cga.motor_from_rotation_vector(full[:, 3:], full[:, :3])
-        closure = model.closure(q)
-        lines = closure.lines(pose)
-        gap = closure.gaps(pose)
-        done = np.max(np.abs(gap), axis=1) < 1e-13 * scale
-        if done.all():
-            break
-        unit = np.zeros((full.shape[0], 6, 6))
-        unit[:, :3, :3] = np.eye(3)
-        unit[:, 3:, 3:] = left_jacobian(full[:, 3:])
-        n, m = lines[..., :3], lines[..., 3:]
-        rows = np.concatenate([n, m - np.cross(cga.translation(pose)[:, None, :], n)], axis=-1)
-        jacobian = np.concatenate([(rows @ unit)[..., columns],
-                                   closure.joint_matrix(pose, lines)], axis=-1)
-        step = -solve_rows(jacobian, gap)
-        full[:, columns] += step[:, :columns.size]
-        q += step[:, columns.size:]
-    return full, q, done

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import known
+from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.forward import conditioning, forward
-from ppmcal.inverse import home_state, inverse_partial, solve_rows
-from ppmcal.mechanism import Mechanism, Model
+from ppmcal.inverse import home_state, solve_rows
+from ppmcal.mechanism import Mechanism
+from ppmcal.targets import inverse_partial, pose_motor, pose_vector
 
 Array = NDArray[np.float64]
 
@@ -43,16 +45,6 @@ class Table:
     condition: Array
     status: tuple[str, ...]
     reason: tuple[str, ...]
-
-
-def pose_vector(pose: Array) -> Array:
-    """Return (N, 6) x, y, z, rotation vector of motors (N, 8)."""
-    return np.concatenate([cga.translation(pose), cga.rotation_vector(pose)], axis=-1)
-
-
-def pose_motor(vector: Array) -> Array:
-    """Return motors (N, 8) of full poses (N, 6)."""
-    return cga.motor_from_rotation_vector(vector[..., 3:], vector[..., :3])
 
 
 def inverse_table(model: Model, coordinates: Array) -> Table:

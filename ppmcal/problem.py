@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.align import start_station
 from ppmcal.arrays import known
+from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.forward import forward, newton
-from ppmcal.mechanism import Mechanism, Model
+from ppmcal.mechanism import Mechanism
 from ppmcal.observation import (
     Station,
     View,

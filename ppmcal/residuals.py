@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import known
-from ppmcal.mechanism import Model
+from ppmcal.closure import Model
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 

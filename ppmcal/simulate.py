@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.closure import Model
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.forward import forward
-from ppmcal.kinematics import inverse_table, pose_motor
-from ppmcal.mechanism import Mechanism, Model
+from ppmcal.kinematics import inverse_table
+from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, predict
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
+from ppmcal.targets import pose_motor
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
+from ppmcal.closure import Model
 from ppmcal.files import read_mechanism
 from ppmcal.forward import forward
 from ppmcal.inverse import home_state
-from ppmcal.mechanism import Mechanism, Model
+from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 Limbs = list[dict[str, Any]]
@@ -232,8 +233,7 @@ def mixed(name: str) -> Mechanism:
     """Return a machine of limbs of different kinds, ``planar`` or ``spatial``."""
     if name == "planar":
         case = CASES["(R)RR"]
-        limbs = [case.limbs[0], {**CASES["(P)RR"].limbs[1], "name": "leg2"},
-                 {**CASES["(P)PR"].limbs[2], "name": "leg3"}]
+        limbs = [case.limbs[0], CASES["(P)RR"].limbs[1], CASES["R(P)R"].limbs[2]]
         return read_text(mechanism_text(limbs, "planar", case.home))
     case = CASES["U(P)S"]
     rail = {"name": "leg2", "kind": "(P)US", "base": {
@@ -264,7 +264,7 @@ def motors(rotation: Array, origin: Array) -> Array:
 def displaced(pose: Array, step: Array) -> Array:
     """Return motors after an origin displacement and a turn (..., 6) in base axes."""
     rotation, origin = matrices(pose)
-    step = np.broadcast_to(step, (len(origin), 6))
+    step = np.array(np.broadcast_to(step, (len(origin), 6)))
     return motors(Rotation.from_rotvec(step[:, 3:]).as_matrix() @ rotation, origin + step[:, :3])
 
 
@@ -456,13 +456,15 @@ def chain_lengths(kind: str, v: Mapping[str, float], c: Mapping[str, Array], u: 
     return (_dot(end[:, :3, 1], apart) + np.linalg.inv(link)[:, 1, 3])[:, None]
 
 
-def limb_lengths(model: Model, q: Array, pose: Array, own: Callable[..., Array] = chain_lengths
-                 ) -> Array:
-    """Return all limbs' own lengths side by side (N, d)."""
+def limb_lengths(model: Model, q: Array, pose: Array, own: Callable[..., Array] = chain_lengths,
+                 only: int | None = None) -> Array:
+    """Return all limbs' own lengths side by side (N, d), or one limb's."""
     parts = []
-    for limb, u in zip(model.mechanism.limbs, joint_coordinates(model, q), strict=True):
-        row = own(limb.kind.name, limb.slots.values(model.parameters), limb.constants, u, pose)
-        parts.append(np.broadcast_to(row, (len(q), row.shape[1])))
+    for i, (limb, u) in enumerate(zip(model.mechanism.limbs, joint_coordinates(model, q),
+                                      strict=True)):
+        if only in (None, i):
+            row = own(limb.kind.name, limb.slots.values(model.parameters), limb.constants, u, pose)
+            parts.append(np.broadcast_to(row, (len(q), row.shape[1])))
     return np.concatenate(parts, axis=1)
 
 

@@ -41,7 +41,7 @@ TABLE: dict[tuple[str, float | None], tuple[int | None, int]] = {
 }
 SYMMETRIC = {"3-PPR-1": (10, 14), "3-PPR-2": (10, 14), "3-PRR-2": (13, 17)}
 PAPER = ["*.base.point.?", "*.offset", "*.platform.point.radius", "*.joint1.rz"]
-COUNT = 60
+COUNT = 40
 
 
 @dataclass(frozen=True)
@@ -97,15 +97,15 @@ def setup(name: str, lateral: float | None = None, whole: bool = True) -> Setup:
 def symmetric(name: str) -> Setup:
     """Return the machine with its threefold symmetry to the last digit, not to the file's."""
     tree = opened(tree_of(name))
-    first = tree["limbs"][0]
-    for i, limb in enumerate(tree["limbs"]):
-        for side in ("base", "platform"):
-            x, y = first[side]["point"]
+    for side in ("base", "platform"):
+        first = tree["limbs"][0][side]
+        x, y = first["point"]
+        for i, limb in enumerate(tree["limbs"]):
             turn = 120.0 * i
-            limb[side] = {**limb[side], "point": {
-                "radius": math.hypot(x, y), "angle": math.degrees(math.atan2(y, x)) + turn}}
-            if "angle" in first[side]:
-                limb[side]["angle"] = first[side]["angle"] + turn
+            limb[side] = {"point": {"radius": math.hypot(x, y),
+                                    "angle": math.degrees(math.atan2(y, x)) + turn}}
+            if "angle" in first:
+                limb[side]["angle"] = first["angle"] + turn
     mechanism = read_tree(tree)
     return Setup(mechanism, scenario_of(name, mechanism))
 
@@ -260,7 +260,7 @@ def test_repeated_and_permuted_runs_agree(name: str) -> None:
     problem = fit_of(case, kind, True).problem
     expected = rank_of(at_start(problem))
     size = len(problem.datasets[0])
-    for seed in range(4):
+    for seed in range(3):
         order = np.random.default_rng(seed).permutation(size) if seed else np.arange(size)
         rank, total, redundant = rank_of(at_start(problem, order))
         assert total == expected[1]

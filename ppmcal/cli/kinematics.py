@@ -75,10 +75,10 @@ def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None,
 
 
 def _solve(which: str, mechanism: Mechanism, table: Path) -> Table:
+    from ppmcal.closure import Model
     from ppmcal.errors import BadInput
     from ppmcal.files import read_joints, read_poses, twists
     from ppmcal.kinematics import forward_table, inverse_table, velocity_table
-    from ppmcal.mechanism import Model
 
     model = Model(mechanism)
     if which == "forward":
@@ -99,8 +99,8 @@ def _as_measured(mechanism: Mechanism, dataset: str, result: Table) -> NDArray[A
     from ppmcal import algebra as cga
     from ppmcal.compensate import station_of
     from ppmcal.errors import unknown
-    from ppmcal.kinematics import pose_motor
     from ppmcal.observation import predict
+    from ppmcal.targets import pose_motor
 
     if dataset not in mechanism.registrations:
         raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "

@@ -177,7 +177,7 @@ def _volume(result: Identification) -> dict[str, list[float]]:
 def parameters_csv(result: Identification) -> str:
     """Return parameters.csv."""
     rows = [parameter(e, result.mechanism.units) for e in result.estimates]
-    header = ["name", "nominal", "value", "error", "sigma", "sigma_data", "low", "high",
+    header = ["name", "nominal", "value", "error", "sigma", "sigma_data",
               "tolerance", "unit", "status"]
     return csv_text(header, [[r[h] for r in rows] for h in header])
 

@@ -76,9 +76,9 @@ def white(table: Columns) -> Array:
     out = []
     for c in coordinates(table):
         sigma = table.number(f"sigma_{c}")
-        ratio = np.divide(table.number(f"after_{c}"), sigma, where=sigma > 1e-150,
+        ratio = np.divide(table.number(f"after_{c}"), sigma, where=sigma > 1e-160,
                           out=np.full(table.size, np.nan))[keep]
-        out.append(ratio[np.isfinite(ratio)])
+        out.append(np.clip(ratio[np.isfinite(ratio)], -1e100, 1e100))
     return np.concatenate(out) if out else np.zeros(0)
 
 

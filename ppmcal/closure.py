@@ -1,0 +1,219 @@
+"""Stacked closure, pose Jacobian A, joint Jacobian Jq, errors Bg.
+
+Conditions are stacked limb by limb into d rows, as many as the pose has coordinates:
+
+    c(M, q, g) = 0,    A dpose + Jq dq + Bg dg = 0,
+
+with dpose = (platform origin displacement, rotation) in base axes, restricted to the
+machine's motion. All three matrices are read off the same leg lines ([LIN] section 2.5,
+[IK] eq. 32 and 49): A is the line about the platform origin, Jq and Bg its pairing with
+the twist of each joint and slot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.limbs import Body
+from ppmcal.limbs.chain import U
+from ppmcal.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A mechanism at parameter values ``g`` (P,); default its present ones."""
+
+    mechanism: Mechanism
+    g: Array | None = None
+
+    @cached_property
+    def parameters(self) -> Array:
+        """The parameter vector in use (P,)."""
+        return self.mechanism.values if self.g is None else self.g
+
+    @cached_property
+    def limb_values(self) -> tuple[dict[str, Any], ...]:
+        """Slots and directions of each limb."""
+        return tuple({**limb.slots.values(self.parameters), **limb.constants}
+                     for limb in self.mechanism.limbs)
+
+    def joint_coordinate(self, limb: int, q: Array) -> Array:
+        """Return u = ratio q + offset of one limb, (N,); m or rad."""
+        v = self.limb_values[limb]
+        own = q[:, self.mechanism.limbs[limb].actuator]
+        return np.asarray(v.get("ratio", 1.0) * own + v.get("offset", 0.0), dtype=float)
+
+    def closure(self, q: Array, wanted: Collection[int] = ()) -> Closure:
+        """Build all KGBs for joint values ``q`` (N, k) or (k,).
+
+        ``wanted`` are the parameter indices whose columns Bg will be asked for.
+        """
+        q = np.atleast_2d(np.asarray(q, dtype=float))
+        bodies, slots, columns = [], [], []
+        for i, limb in enumerate(self.mechanism.limbs):
+            names, used = limb.slots.feeds(set(wanted))
+            values = {**self.limb_values[i], U: self.joint_coordinate(i, q)}
+            bodies.append(limb.kind.evaluate(values, {U, *names}))
+            slots.append(tuple(names))
+            columns.append(tuple(used))
+        return Closure(self, q, tuple(bodies), tuple(slots), tuple(columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """The stacked conditions of N poses with their joints locked at ``q`` (N, k)."""
+
+    model: Model
+    q: Array
+    bodies: tuple[Body, ...]
+    slots: tuple[tuple[str, ...], ...]
+    columns: tuple[tuple[int, ...], ...]
+
+    @cached_property
+    def fixed(self) -> Array:
+        """Base-side KGB vectors (N, d, 5)."""
+        return _stack([b.fixed for b in self.bodies])
+
+    @cached_property
+    def moving(self) -> Array:
+        """Platform-side KGB vectors (1 or N, d, 5)."""
+        return _stack([b.moving for b in self.bodies])
+
+    @cached_property
+    def scale(self) -> Array:
+        """Factor that makes each inner product a length (N, d)."""
+        return _stack([b.scale for b in self.bodies])
+
+    @cached_property
+    def radius(self) -> Array:
+        """Sphere radii (N, d), 0 for planes."""
+        return _stack([b.radius for b in self.bodies])
+
+    @cached_property
+    def point_moves(self) -> Array:
+        """Whether the platform carries the point (d,)."""
+        return np.array([m for b in self.bodies for m in b.point_moves])
+
+    def carried(self, pose: Array) -> Array:
+        """Platform-side vectors carried to the base frame by motors ``pose`` (N, 8)."""
+        return cga.move_vector(np.atleast_2d(pose)[:, None, :], self.moving)
+
+    def gaps(self, pose: Array) -> Array:
+        """Return c (N, d), m: the inner product scaled to a length (exact where it is 0)."""
+        return self.scale * cga.inner(self.fixed, self.carried(pose))
+
+    def lengths(self, pose: Array) -> Array:
+        """Return the conditions as true lengths (N, d), m: |x - C| - radius for spheres."""
+        gap = self.gaps(pose)
+        r = self.radius
+        return np.where(r > 0.0, np.sqrt(np.maximum(r * r + 2.0 * r * gap, 0.0)) - r, gap)
+
+    def lines(self, pose: Array) -> Array:
+        """Return the legs' lines (N, d, 6) in base axes: unit direction, moment.
+
+        A platform twist B changes c by their pairing.
+        """
+        moved = self.carried(pose)
+        here = self.point_moves[:, None]
+        point = np.where(here, moved, self.fixed)
+        surface = np.where(here, self.fixed, moved)
+        sign = np.where(self.point_moves, 1.0, -1.0)
+        return (sign * self.scale)[..., None] * cga.leg_line(point, surface)
+
+    def contacts(self, pose: Array) -> Array:
+        """Return the points at which the legs hold the platform (N, d, 3), base axes."""
+        moved = self.carried(pose)
+        return cga.coordinates(np.where(self.point_moves[:, None], moved, self.fixed))
+
+    def pose_matrix(self, pose: Array, lines: Array | None = None) -> Array:
+        """Return A (N, d, d): columns (origin displacement, rotation) of the motion."""
+        lines = self.lines(pose) if lines is None else lines
+        n, m = lines[..., :3], lines[..., 3:]
+        t = cga.translation(np.atleast_2d(pose))[:, None, :]
+        return np.concatenate([n, m - np.cross(t, n)], axis=-1)[..., self.model.mechanism.dof]
+
+    def joint_matrix(self, pose: Array, lines: Array | None = None) -> Array:
+        """Return Jq = dc/dq (N, d, k), m per unit of q."""
+        lines = self.lines(pose) if lines is None else lines
+        mechanism = self.model.mechanism
+        out = np.zeros((*lines.shape[:2], len(mechanism.actuators)))
+        row = 0
+        for i, (limb, body) in enumerate(zip(mechanism.limbs, self.bodies, strict=True)):
+            k = len(body.point_moves)
+            rows = _slot_columns(body, lines[:, row:row + k], pose, (U,))[..., 0]
+            ratio = self.model.limb_values[i].get("ratio", 1.0)
+            out[:, row:row + k, limb.actuator] = rows * ratio
+            row += k
+        return out
+
+    def error_blocks(self, pose: Array, lines: Array | None = None
+                     ) -> list[tuple[slice, tuple[int, ...], Array]]:
+        """Return Bg limb by limb: (rows, parameter indices, block (N, k, P_limb))."""
+        lines = self.lines(pose) if lines is None else lines
+        out = []
+        row = 0
+        for i, (limb, body) in enumerate(zip(self.model.mechanism.limbs, self.bodies, strict=True)):
+            rows = slice(row, row + len(body.point_moves))
+            row = rows.stop
+            if not self.columns[i]:
+                continue
+            raw = _slot_columns(body, lines[:, rows], pose, self.slots[i],
+                                self.q[:, limb.actuator])
+            chain = limb.slots.jacobian(self.model.parameters, self.slots[i], self.columns[i])
+            out.append((rows, self.columns[i], raw @ chain))
+        return out
+
+    def error_matrix(self, pose: Array, wanted: Sequence[int], lines: Array | None = None) -> Array:
+        """Return Bg (N, d, len(wanted)), dense, columns in the order of ``wanted``."""
+        place = {p: i for i, p in enumerate(wanted)}
+        blocks = self.error_blocks(pose, lines)
+        n = np.atleast_2d(pose).shape[0]
+        out = np.zeros((n, self.model.mechanism.conditions, len(place)))
+        for rows, columns, block in blocks:
+            out[:, rows, [place[c] for c in columns]] += block
+        return out
+
+
+def _stack(parts: Sequence[Array]) -> Array:
+    n = max(p.shape[0] for p in parts)
+    return np.concatenate([np.broadcast_to(p, (n, *p.shape[1:])) for p in parts], axis=1)
+
+
+def _slot_columns(body: Body, lines: Array, pose: Array, slots: Sequence[str],
+                  q: Array | None = None) -> Array:
+    """Return dc/dslot (N, k, S) of one limb: line against frame twist, chain by chain.
+
+    ``offset`` moves the joint coordinate u itself, ``ratio`` moves it by q.
+    """
+    n, k = lines.shape[:2]
+    def on_platform() -> Array:
+        return cga.move_line(cga.reverse(np.atleast_2d(pose))[:, None, :], lines)
+
+    chains: tuple[tuple[float, dict[str, Array], Callable[[], Array]], ...] = (
+        (-1.0, body.base, lambda: lines), (-1.0, body.middle, lambda: body.middle_lines),
+        (1.0, body.platform, on_platform))
+    out = np.zeros((n, k, len(slots)))
+    for sign, twists, line in chains:
+        names = {s: U if s in ("offset", "ratio") else s for s in slots}
+        mine = [i for i, s in enumerate(slots) if names[s] in twists]
+        if not mine:
+            continue
+        stacked = [np.atleast_2d(twists[names[slots[i]]]) for i in mine]
+        m = max(t.shape[0] for t in stacked)
+        generators = np.stack([np.broadcast_to(t, (m, 6)) for t in stacked], axis=-1)
+        wrench = line()
+        swapped = np.concatenate([wrench[..., 3:], wrench[..., :3]], axis=-1)
+        out[..., mine] = sign * (swapped @ generators)
+    for i, s in enumerate(slots):
+        if s == "ratio" and q is not None:
+            out[..., i] *= q[:, None]
+    return out

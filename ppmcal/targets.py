@@ -1,0 +1,138 @@
+"""Platform poses of which only some coordinates are wanted, or wanted in another frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.arrays import known
+from ppmcal.closure import Model
+from ppmcal.forward import moved
+from ppmcal.inverse import Inverse, home_state, inverse, solve_rows
+from ppmcal.limbs.chain import cross_matrix, left_jacobian
+from ppmcal.mechanism import Mechanism
+from ppmcal.observation import Station, predict
+
+Array = NDArray[np.float64]
+ITERATIONS = 50
+
+
+def pose_vector(pose: Array) -> Array:
+    """Return (N, 6) x, y, z, rotation vector of motors (N, 8)."""
+    return np.concatenate([cga.translation(pose), cga.rotation_vector(pose)], axis=-1)
+
+
+def pose_motor(vector: Array) -> Array:
+    """Return motors (N, 8) of full poses (N, 6)."""
+    return cga.motor_from_rotation_vector(vector[..., 3:], vector[..., :3])
+
+
+def base_station(actuators: int) -> Station:
+    """Return the station that measures platform poses in the base frame itself."""
+    return Station(cga.identity_motor(), np.zeros(3), np.zeros(3), np.zeros(actuators))
+
+
+def inverse_partial(model: Model, coordinates: Array) -> Inverse:
+    """Return joint values of poses of which only some coordinates are wanted.
+
+    Args:
+        model: the machine at its parameters.
+        coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
+            name all coordinates of the motion or as many as there are actuators.
+    """
+    mechanism = model.mechanism
+    coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
+    full, failed = wanted_poses(model, base_station(len(mechanism.actuators)), coordinates)
+    ready = np.array([not f for f in failed], dtype=bool)
+    pose = np.full((full.shape[0], 8), np.nan)
+    q = np.full((full.shape[0], len(mechanism.actuators)), np.nan)
+    pose[ready] = pose_motor(full[ready])
+    done = inverse(model, pose[ready])
+    q[ready] = done.q
+    for n, reason in zip(np.flatnonzero(ready), done.reason, strict=True):
+        failed[n] = reason
+    return Inverse(q, pose, tuple(failed))
+
+
+def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, list[str]]:
+    """Return platform poses (N, 6) in the base frame for wanted measured poses (N, 6).
+
+    Rows that name all coordinates are carried back in closed form. Where a machine has
+    fewer actuators than coordinates and a row leaves some open, pose and joints are solved
+    together: the closure, and the named coordinates as measured.
+    """
+    mechanism = model.mechanism
+    dof = np.isin(np.arange(6), mechanism.dof)
+    open_ = np.isnan(wanted) & dof
+    short = mechanism.conditions - len(mechanism.actuators)
+    out = np.full_like(wanted, np.nan)
+    failed = [""] * wanted.shape[0]
+    for n, count in enumerate(open_.sum(axis=1)):
+        if count not in (0, short):
+            failed[n] = (f"{count} coordinates are empty: this machine needs "
+                         f"{'none' if short == 0 else f'none or {short}'} of them empty")
+    whole = ~open_.any(axis=1)
+    if whole.any():
+        out[whole] = pose_vector(_carried_back(mechanism, station, wanted[whole]))
+    part = np.flatnonzero((open_.sum(axis=1) == short) & (short > 0))
+    if part.size:
+        out[part], solved = _solve_named(model, station, wanted[part], open_[part])
+        for n in part[~solved]:
+            failed[n] = "the open coordinates could not be solved for: no such pose near home"
+    return out, failed
+
+
+def _carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Array:
+    """frame^-1 o wanted o target^-1; in a translational machine the rotation stays."""
+    filled = np.where(np.isnan(wanted), 0.0, wanted)
+    body = cga.motor_from_rotation_vector(station.target_rotation, station.target)
+    back = cga.reverse(station.frame)
+    if mechanism.motion == "translational":
+        turn = mechanism.home_pose[3:]
+        own = cga.motor_from_rotation_vector(turn, np.zeros(3))
+        at = cga.move_point(back, filled[:, :3]) - cga.move_point(own, station.target)
+        return cga.motor_from_rotation_vector(np.broadcast_to(turn, at.shape), at)
+    return cga.compose(cga.compose(back, pose_motor(filled)), cga.reverse(body))
+
+
+def _solve_named(model: Model, station: Station, wanted: Array,
+                 open_: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Newton on platform pose and joints: closure and named measured coordinates."""
+    mechanism = model.mechanism
+    state = home_state(mechanism)
+    n = wanted.shape[0]
+    pose = np.array(np.broadcast_to(mechanism.home, (n, 8)))
+    q = np.tile(state.q, (n, 1))
+    named = ~open_ & np.isin(np.arange(6), mechanism.dof)
+    pick = np.argsort(~named, axis=1, kind="stable")[:, :int(named[0].sum())]
+    frame = cga.rotation_matrix(station.frame)
+    solved = np.zeros(n, dtype=bool)
+    for _ in range(50):
+        closure = model.closure(q)
+        lines = closure.lines(pose)
+        seen, turn = predict(station, pose)
+        measured = np.concatenate([seen, cga.rotation_vector(
+            cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)
+        arm = cga.rotation_matrix(pose) @ station.target
+        by_pose = np.zeros((n, 6, 6))
+        by_pose[:, :3, :3] = frame
+        by_pose[:, :3, 3:] = -frame @ cross_matrix(arm)
+        by_pose[:, 3:, 3:] = np.linalg.inv(left_jacobian(measured[:, 3:])) @ frame
+        miss = np.take_along_axis(measured - np.nan_to_num(wanted), pick, axis=1)
+        rows = np.take_along_axis(by_pose[..., mechanism.dof], pick[..., None], axis=1)
+        gap = closure.gaps(pose)
+        top = np.concatenate([closure.pose_matrix(pose, lines),
+                              closure.joint_matrix(pose, lines)], axis=-1)
+        bottom = np.concatenate([rows, np.zeros((*rows.shape[:2], q.shape[1]))], axis=-1)
+        step = -solve_rows(np.concatenate([top, bottom], axis=1),
+                           np.concatenate([gap, miss], axis=1))
+        solved = (np.max(np.abs(gap), axis=1) < 1e-12 * mechanism.reach) & (
+            np.max(np.abs(miss), axis=1) < 1e-11)
+        if solved.all() or not known(step).any():
+            break
+        step = np.where(np.isfinite(step), step, 0.0)
+        move = np.zeros((n, 6))
+        move[:, mechanism.dof] = step[:, :len(mechanism.dof)]
+        pose, q = moved(pose, move), q + step[:, len(mechanism.dof):]
+    return pose_vector(pose), solved
