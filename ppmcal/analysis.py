@@ -140,9 +140,7 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
 def estimates(fit: Fit, rank: Rank, inflation: float) -> tuple[Estimate, ...]:
     """Return all parameters of the machine with their uncertainties."""
     variance = np.diagonal(posterior(fit)) * inflation**2
-    size = len(rank.kept)
-    root = np.linalg.inv(rank.factor) if size else np.zeros((0, 0))
-    data_sigma = {rank.kept[j]: float(np.linalg.norm(root[j])) for j in range(size)}
+    data_sigma = from_data_alone(fit, rank)
     column = {p: c for c, p in enumerate(fit.problem.free)}
     out = []
     for p, parameter in enumerate(fit.problem.mechanism.parameters):
@@ -151,12 +149,29 @@ def estimates(fit: Fit, rank: Rank, inflation: float) -> tuple[Estimate, ...]:
         if c is not None:
             sigma = float(np.sqrt(variance[c])) if np.isfinite(variance[c]) else None
             status = "identified" if c in data_sigma else "redundant"
-            if c in data_sigma:
-                from_data = data_sigma[c] * float(fit.scale[c]) * inflation
+            from_data = data_sigma[c] * inflation if c in data_sigma else None
         out.append(Estimate(parameter.name, parameter.quantity, parameter.per_unit,
                             parameter.nominal, float(fit.state.g[p]), sigma, from_data,
                             parameter.tolerance, status))
     return tuple(out)
+
+
+def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
+    """Return the standard deviation of each identified column without its own prior, SI.
+
+    Redundant parameters must be held somehow: by their tolerance, or, where they have none,
+    at their value.
+    """
+    held = [c for c in rank.dropped if fit.prior[c] == 0.0]
+    used = [c for c in range(fit.scale.size) if c not in held]
+    prior = np.zeros(fit.scale.size)
+    prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
+    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
+    _, s, vt = np.linalg.svd(matrix[:, used], full_matrices=False)
+    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
+    sigma = np.linalg.norm(vt[use].T / s[use], axis=1) * fit.scale[used]
+    found = dict(zip(used, sigma.tolist(), strict=True))
+    return {c: found[c] for c in rank.kept}
 
 
 def noise_check(fit: Fit) -> Noise:

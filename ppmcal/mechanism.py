@@ -69,7 +69,7 @@ class Mechanism:
         registrations: frame and target of data sets that were identified, by name.
         digits: half the last printed digit of the file's numbers by quantity, SI.
         findings: warnings that reading the file gave.
-        source: path of the file, for messages.
+        source: path of the file, for messages; ``inputs``: all files it was read from.
     """
 
     name: str
@@ -88,6 +88,7 @@ class Mechanism:
     digits: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     source: str = ""
+    inputs: tuple[str, ...] = ()
 
     @property
     def dof(self) -> tuple[int, ...]:

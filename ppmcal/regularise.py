@@ -61,8 +61,8 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
     """The scheme of [PPM] section 4.5: step = (J^T J + lambda I)^-1 J^T r, in m and rad.
 
     A damping, centred anew in each iteration, not a prior: where it ends depends on the
-    units and on when it stops. It is called converged when an undamped step would lower
-    the whitened chi-squared by less than 0.01.
+    units and on when it stops. It is called converged when the undamped step that is left
+    would move the predictions by less than a tenth of the noise, all rows together.
     """
     unit = replace(problem, datasets=tuple(unit_noise(d) for d in problem.datasets))
     count = len(problem.free)
@@ -80,7 +80,8 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
         reduced = reduce_rows(problem, state, keep)
         if progress:
             progress(iteration, reduced.square)
-        if solve_step(problem, state, reduced, none, 0.0)[1] < max(0.01, 1e-9 * reduced.square):
+        left, _ = solve_step(unit, state, reduce_rows(unit, state, keep), none, 0.0)
+        if float(np.sum((reduced.triangle @ left) ** 2)) < 0.01:
             converged = True
             break
     return Fit(problem, state, reduced, none, column_scale(problem), tuple(keep),

@@ -55,10 +55,10 @@ def ppmcal(*args, cwd=None, expect=None):
     return run
 
 
-def ppmcal_process(*args, cwd=None):
+def ppmcal_process(*args, cwd=None, timeout=60):
     """Run ``ppmcal args`` as a process of its own."""
     done = subprocess.run([*EXECUTABLE, *map(str, args)], cwd=cwd, capture_output=True, text=True,
-                          timeout=60, check=False,
+                          timeout=timeout, check=False,
                           env={**os.environ, "COLUMNS": "80", "NO_COLOR": "1"})
     return Run(done.returncode, done.stdout, done.stderr)
 

@@ -232,16 +232,20 @@ def delta(actuated: str, rods: int) -> Mechanism:
 def mixed(name: str) -> Mechanism:
     """Return a machine of limbs of different kinds, ``planar`` or ``spatial``."""
     if name == "planar":
-        case = CASES["(R)RR"]
-        limbs = [case.limbs[0], CASES["(P)RR"].limbs[1], CASES["R(P)R"].limbs[2]]
-        return read_text(mechanism_text(limbs, "planar", case.home))
+        rods = [{"name": f"leg{i + 1}", "kind": "(P)RR", "base": {"point": [0.0, 5.0 * i],
+                 "angle": 1.0 * i}, "platform": {"point": [x, 3.0 * i]}, "length": 400.0 + i,
+                 "branch": -1} for i, x in enumerate((-120.0, 121.0))]
+        strut = {"name": "leg3", "kind": "R(P)R", "base": {"point": [220.0, 700.0]},
+                 "platform": {"point": [2.0, 100.0]}}
+        return read_text(mechanism_text([*rods, strut], "planar",
+                                        {"x": 500.0, "y": 250.0, "rz": 1.0}))
     case = CASES["U(P)S"]
     rail = {"name": "leg2", "kind": "(P)US", "base": {
         "point": [-171.0, 469.0, -300.0], "direction": [0.1, 0.0, 1.0]},
         "platform": case.limbs[1]["platform"], "length": 480.0, "branch": -1}
     crank = {"name": "leg4", "kind": "(R)US", "base": {
         "point": [-324.0, -386.0, 9.0], "axis": [0.7, -0.6, 0.1], "zero": [0.6, 0.7, 0.0]},
-        "platform": case.limbs[3]["platform"], "proximal": 120.0, "distal": 460.0, "branch": -1}
+        "platform": case.limbs[3]["platform"], "proximal": 200.0, "distal": 460.0, "branch": -1}
     limbs = [case.limbs[0], rail, case.limbs[2], crank, case.limbs[4], case.limbs[5]]
     return read_text(mechanism_text(limbs, "spatial", case.home))
 
@@ -275,17 +279,22 @@ def difference(after: Array, before: Array) -> Array:
         r1 @ np.swapaxes(r0, 1, 2)).as_rotvec()], axis=1)
 
 
-def spread(model: Model, count: int = 5, seed: int = 1, size: float = 1.0) -> tuple[Array, Array]:
-    """Return joint values (count, k) about home and the poses (count, 8) that belong to them."""
+def joint_steps(model: Model) -> Array:
+    """Return a moderate step of each joint value (k,): 3 % of the reach, or 0.08 rad."""
     mechanism = model.mechanism
-    rng = np.random.default_rng(seed)
-    home = home_state(mechanism).q
-    step = np.empty(home.size)
+    step = np.empty(len(mechanism.actuators))
     for limb in mechanism.limbs:
         ratio = limb.slots.values(model.parameters).get("ratio", 1.0)
         step[limb.actuator] = (0.03 * mechanism.reach if limb.kind.actuator == "length"
                                else 0.08) / abs(ratio)
-    q = home + size * step * rng.uniform(-1.0, 1.0, (count, home.size))
+    return step
+
+
+def spread(model: Model, count: int = 5, seed: int = 1, size: float = 1.0) -> tuple[Array, Array]:
+    """Return joint values (count, k) about home and the poses (count, 8) that belong to them."""
+    home = home_state(model.mechanism).q
+    part = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, home.size))
+    q = home + size * joint_steps(model) * part
     found = forward(model, q)
     assert found.converged.all()
     return q, found.pose

@@ -18,6 +18,7 @@ from machines import KINDS, delta, full, read_text, spread
 from numpy.typing import NDArray
 
 from ppmcal.analysis import estimates, rank_of, report
+from ppmcal.closure import Model
 from ppmcal.compensate import Knowledge, compensate
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_campaign, read_mechanism, read_scenario
@@ -27,7 +28,7 @@ from ppmcal.forward import forward
 from ppmcal.holdout import fresh_state
 from ppmcal.identify import identify
 from ppmcal.kinematics import pose_motor, pose_vector
-from ppmcal.mechanism import Mechanism, Model
+from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, coordinates, predict
 from ppmcal.outputs.simulation import files
 from ppmcal.problem import Problem, State

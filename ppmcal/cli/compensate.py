@@ -64,7 +64,8 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     result = compensate(mechanism, poses.poses, registration, known, name)
     raw = read_table(targets, loose=lambda _: True)
     columns = [raw.numbers[h] if h in raw.numbers else list(raw.text[h]) for h in raw.header]
-    source = provenance([model, targets, *([path] if known else [])], command_line(), None)
+    inputs = [*mechanism.inputs, str(targets), *([str(path)] if known else [])]
+    source = provenance(inputs, command_line(), None)
     with Output(out) as output:
         for file, text in command_files(mechanism, result, raw.header, columns, source,
                                         notes).items():

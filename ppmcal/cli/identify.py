@@ -74,7 +74,9 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
         fit = identify(problem, options, lambda i, c: show(f"iteration {i}, chi-squared {c:.6g}"))
         _refuse_unconverged(fit, method)
         result = report(fit, options, fraction, seed, other)
-    inputs = [mech, *data, *(p.with_suffix(".yaml") for p in data)]
+    tables = [*data, *(Path(d.source) for d in other)]
+    inputs = [*mechanism.inputs, *(str(t) for t in tables),
+              *(str(t.with_suffix(".yaml")) for t in tables)]
     source = provenance(inputs, command_line(), seed)
     with Output(out) as output:
         for name, text in files(result, source, chosen).items():

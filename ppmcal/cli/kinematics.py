@@ -54,7 +54,7 @@ def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None,
         seen = _as_measured(mechanism, dataset, result)
     raw = read_table(table, loose=lambda name: True)
     columns = [raw.numbers[h] if h in raw.numbers else list(raw.text[h]) for h in raw.header]
-    source = provenance([mech, table], command_line(), None)
+    source = provenance([*mechanism.inputs, table], command_line(), None)
     with Output(out) as output:
         for name, text in kinematics_files(mechanism, result, raw.header, columns, which, source,
                                            seen).items():
@@ -69,7 +69,7 @@ def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None,
     finish(out, list(output.files), console)
     console.summary({"format": "ppmcal/kinematics/1", "rows": len(result.status),
                      "not_ok": len(bad), "provenance": source})
-    if bad and len(bad) == len(result.status):
+    if bad and all(s in ("not converged", "singular") for s in result.status):
         raise click.exceptions.Exit(3)
     leave(bool(bad))
 

@@ -41,7 +41,8 @@ def command(mech: Path, scenario: Path, out: Path, seed: int | None, quiet: bool
     plan = read_scenario(scenario, mechanism)
     with console.progress("Simulating"):
         campaign = simulate(mechanism, plan, seed)
-    source = provenance([mech, scenario], command_line(), plan.seed if seed is None else seed)
+    seed = plan.seed if seed is None else seed
+    source = provenance([*mechanism.inputs, str(scenario)], command_line(), seed)
     with Output(out) as output:
         for name, text in files(mechanism, plan, campaign, out.name, source).items():
             output.add(name, text)

@@ -38,7 +38,7 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
         BadInput: anything wrong in the file, with file, place and mend.
     """
     source = str(path)
-    tree = read_merged(Path(path))
+    tree, inputs = read_merged(Path(path))
     file = check(MechanismFile, tree, source, lambda loc: _place(loc, tree))
     effects_refusal(file.effects, source)
     units = file.units.units()
@@ -60,7 +60,8 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
         home_q=_home_q(file, actuators, factors, source),
         limits=_limits(file, actuators, factors, source), gravity=_gravity(file, source),
         units=units, free_patterns=patterns, registrations=_registrations(file, units, source),
-        digits=_digits(file, drafts, units), findings=tuple(findings), source=source)
+        digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
+        inputs=inputs)
 
 
 def _place(location: Sequence[int | str], tree: Mapping[str, Any]) -> str:

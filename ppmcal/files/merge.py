@@ -12,8 +12,10 @@ from ppmcal.files.yaml_text import read_yaml
 MAX_FILES = 20
 
 
-def read_merged(path: Path) -> dict[str, Any]:
+def read_merged(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the mapping of a mechanism file with the files that it extends under it.
+
+    The second result names all files that were read, this one first.
 
     Maps are merged by key and limbs by name; lists and numbers are replaced. All files must
     be in the same units; one that declares none is in those of the file that it extends.
@@ -21,16 +23,18 @@ def read_merged(path: Path) -> dict[str, Any]:
     Raises:
         BadInput: a circle, differing units, or a file that cannot be read.
     """
-    return _read(path, ())
+    files: list[str] = []
+    return _read(path, (), files), tuple(files)
 
 
-def _read(path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
+def _read(path: Path, above: tuple[Path, ...], files: list[str]) -> dict[str, Any]:
     here = path.resolve()
     if here in above or len(above) >= MAX_FILES:
         names = " -> ".join(p.name for p in (*above, here))
         raise BadInput(f"the files extend each other in a circle ({names})",
                        f"{above[-1]}: extends", "Remove one `extends`")
     tree = read_yaml(path)
+    files.append(str(path))
     other = tree.get("extends")
     if other is None:
         return tree
@@ -38,7 +42,7 @@ def _read(path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
         raise BadInput(f"{show(other)} is not a file name", f"{path}: extends",
                        "Write the path of a mechanism file, relative to this one")
     try:
-        under = _read(path.parent / other, (*above, here))
+        under = _read(path.parent / other, (*above, here), files)
     except BadInput as error:
         raise BadInput(error.what, f"{path}: extends: {error.where}", error.mend) from None
     if "units" in tree and tree["units"] != under.get("units"):

@@ -70,10 +70,12 @@ def kinematics_files(mechanism: Mechanism, table: Table, header: Sequence[str],
         added |= joint_columns(mechanism, table.q, "q_{}")
         added |= joint_columns(mechanism, table.rate, "rate_{}")
     solved = _open_columns(header, columns, mechanism, table) if which == "inverse" else columns
+    own = dict(zip(header, solved, strict=True))
     added |= {"condition": table.condition, "status": list(table.status),
               "reason": list(table.reason)}
-    names = [*header, *(n for n in added if n not in header)]
-    data = [*solved, *(v for n, v in added.items() if n not in header)]
+    # what was computed stands in place of input columns of the same name
+    together = {**own, **added}
+    names, data = list(together), list(together.values())
     counts = {s: table.status.count(s) for s in sorted(set(table.status))}
     meta = {"format": "ppmcal/kinematics/1", "which": which, "rows": len(table.status),
             "status": counts, "units": unit_map(mechanism, names), "provenance": dict(provenance)}
