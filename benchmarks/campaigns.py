@@ -34,12 +34,12 @@ from numpy.typing import NDArray
 from ppmcal.analysis import Z95, estimates, noise_check, rank_of
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_mechanism, read_scenario
-from ppmcal.files.scenario import Circle, Random, Scenario
 from ppmcal.fit import Fit, posterior, prediction_covariance
 from ppmcal.holdout import fresh_state
 from ppmcal.identify import identify
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem
+from ppmcal.scenario import Circle, Random, Scenario
 from ppmcal.simulate import Campaign, simulate
 
 Array = NDArray[np.float64]

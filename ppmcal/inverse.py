@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.errors import BadInput
 from ppmcal.limbs.chain import U
@@ -68,9 +69,10 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
     samples = step * np.array([1.0, 2.0, 3.0]) if prismatic else np.array([0.0, 1.0, -1.0]) * 2.0
     f = np.stack([_condition(model, index, pose, u) for u in samples], axis=-1)
     if prismatic:
-        roots, missing = _polynomial_roots(f, step, limb.kind.branch is None)
+        roots, nearest = _polynomial_roots(f, step, limb.kind.branch is None)
     else:
-        roots, missing = _trigonometric_roots(f)
+        roots, nearest = _trigonometric_roots(f)
+    missing = np.where(known(roots), 0.0, _distance(model, index, pose, nearest))
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(2):
             roots[:, j] = _polish(model, index, pose, roots[:, j])
@@ -85,15 +87,26 @@ def _condition(model: Model, index: int, pose: Array, u: Array | float) -> Array
     return np.asarray(cga.inner(body.fixed[:, 0], carried), dtype=float)
 
 
+def _distance(model: Model, index: int, pose: Array, u: Array) -> Array:
+    """Return how far the limb ends from closing at joint coordinates ``u`` (N,), m."""
+    kind = model.mechanism.limbs[index].kind
+    body = kind.evaluate({**model.limb_values[index], U: np.where(np.isfinite(u), u, 0.0)})
+    c = cga.inner(body.fixed[:, 0], cga.move_vector(pose, body.moving[:, 0]))
+    radius = body.radius[:, 0]
+    apart = np.abs(np.sqrt(np.maximum(radius**2 - 2.0 * c, 0.0)) - radius)
+    return np.asarray(np.where(radius > 0.0, apart, np.abs(c)), dtype=float)
+
+
 def _polynomial_roots(f: Array, h: float, linear: bool) -> tuple[Array, Array]:
-    """Roots of the parabola through f(h), f(2h), f(3h)."""
+    """Roots of the parabola through f(h), f(2h), f(3h), and where it comes nearest to 0."""
     f1, f2, f3 = f[:, 0], f[:, 1], f[:, 2]
     c2 = (f1 - 2.0 * f2 + f3) / (2.0 * h * h)
     if linear:
         slope = (f3 - f1) / (2.0 * h)
         with np.errstate(divide="ignore", invalid="ignore"):
             root = 2.0 * h - f2 / slope
-        return np.stack([root, root], axis=-1), np.where(slope == 0.0, np.abs(f2), 0.0)
+        root = np.where(slope == 0.0, np.nan, root)
+        return np.stack([root, root], axis=-1), np.zeros_like(root)
     c1 = (f3 - f1) / (2.0 * h) - 4.0 * h * c2
     c0 = f2 - 2.0 * h * c1 - 4.0 * h * h * c2
     disc = c1 * c1 - 4.0 * c2 * c0
@@ -101,14 +114,12 @@ def _polynomial_roots(f: Array, h: float, linear: bool) -> tuple[Array, Array]:
     disc = np.where((disc < 0.0) & (disc > -1e-14 * (c1 * c1 + np.abs(4 * c2 * c0))), 0.0, disc)
     with np.errstate(invalid="ignore"):
         half = np.sqrt(disc) / (2.0 * np.abs(c2))
-        # for |B - A - u d| = r the shortest distance is sqrt(r^2 - disc/(4 c2^2))
-        missing = np.where(disc < 0.0, np.sqrt(np.maximum(-disc, 0.0)) / (2.0 * np.abs(c2)), 0.0)
     middle = -c1 / (2.0 * c2)
-    return np.stack([middle - half, middle + half], axis=-1), missing
+    return np.stack([middle - half, middle + half], axis=-1), middle
 
 
 def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
-    """Roots of k + a cos u + b sin u through u = 0, 2 and -2 rad."""
+    """Roots of k + a cos u + b sin u through u = 0, 2 and -2 rad, and where it is nearest to 0."""
     even, odd = (f[:, 1] + f[:, 2]) / 2.0, (f[:, 1] - f[:, 2]) / 2.0
     a = (f[:, 0] - even) / (1.0 - np.cos(2.0))
     b = odd / np.sin(2.0)
@@ -121,7 +132,7 @@ def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
         delta = np.arccos(ratio)
     middle = np.arctan2(b, a)
     return (np.stack([middle - delta, middle + delta], axis=-1),
-            np.maximum(np.abs(k) - amplitude, 0.0))
+            np.where(k > 0.0, middle + np.pi, middle))
 
 
 def _polish(model: Model, index: int, pose: Array, u: Array) -> Array:
@@ -158,8 +169,8 @@ def home_state(mechanism: Mechanism) -> HomeState:
                 f"{mechanism.source}: home", "Check the limb's points and lengths, the home "
                 "pose and the units.")
         candidates = np.array([to_joint(model, i, roots[:, j])[0] for j in range(2)])
-        candidates = _wrap(mechanism, limb.actuator, candidates, mechanism.home_q[limb.actuator])
         side = _choose(mechanism, i, candidates)
+        candidates = _wrap(mechanism, limb.actuator, candidates, mechanism.home_q[limb.actuator])
         chosen.append(1 if side else -1)
         if np.isnan(q[limb.actuator]):
             q[limb.actuator] = candidates[side]
@@ -172,11 +183,12 @@ def _choose(mechanism: Mechanism, index: int, candidates: Array) -> int:
     given = mechanism.home_q[limb.actuator]
     ratio = limb.slots.values(mechanism.values).get("ratio", 1.0)
     if limb.branch is None and np.isfinite(given):
-        return int(np.argmin(np.abs(candidates - given)))
+        near = _wrap(mechanism, limb.actuator, candidates, given)
+        return int(np.argmin(np.abs(near - given)))
     branch = (1 if limb.branch is None else limb.branch) * limb.kind.branch_sign
     if limb.kind.branch == "elbow":
         return int(branch > 0)
-    larger = int(np.argmax(candidates * np.sign(ratio)))
+    larger = int(np.argmax(_wrap(mechanism, limb.actuator, candidates, 0.0) * np.sign(ratio)))
     return larger if branch > 0 else 1 - larger
 
 

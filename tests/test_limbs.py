@@ -171,12 +171,10 @@ def test_joint_and_pose_derivatives_are_those_of_the_matrix_chain(kind: str, shi
 
 
 @each
-@at_both
-def test_error_jacobian_is_that_of_refitted_forward_kinematics(kind: str, shifted: bool) -> None:
-    """J_g = -A^-1 Bg for every slot of a limb against the poses that forward finds ([LIN])."""
-    model, q, pose = sample(kind, shifted)
-    wanted = [i for i, n in enumerate(model.mechanism.names)
-              if n.startswith("leg2.") and (shifted or ".joint" not in n)]
+def test_error_jacobian_is_that_of_refitted_forward_kinematics(kind: str) -> None:
+    """J_g = -A^-1 Bg for every slot of a limb against the poses that Newton finds ([LIN])."""
+    model, q, pose = sample(kind, True)
+    wanted = [i for i, n in enumerate(model.mechanism.names) if n.startswith("leg2.")]
     closure = model.closure(q, wanted)
     jacobian = -np.linalg.solve(closure.pose_matrix(pose), closure.error_matrix(pose, wanted))
     for column, index in enumerate(wanted):

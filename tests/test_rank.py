@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from ppmcal.analysis import rank_of
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_mechanism, read_scenario
-from ppmcal.files.scenario import Circle, Random, Scenario
 from ppmcal.fit import Fit
 from ppmcal.linear import column_scale, reduce_rows
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem
 from ppmcal.rank import analyse
+from ppmcal.scenario import Circle, Random, Scenario
 from ppmcal.simulate import simulate
 
 Array = NDArray[np.float64]
