@@ -14,9 +14,16 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
-from ppmcal.observation import Station
+from ppmcal.inverse import home_state
+from ppmcal.mechanism import Mechanism
+from ppmcal.observation import Station, predict, rotation_residual
 
 Array = NDArray[np.float64]
+
+BLUNDER = 10.0
+"""Rows that miss by more than this many medians must not decide where a fit starts."""
+SUBSET, TRIALS = 6, 60
+"""Rows per trial alignment and number of trials when there are such rows."""
 
 
 def start_station(data: Dataset, pose: Array, actuators: int, motion: str) -> Station:
@@ -30,26 +37,69 @@ def start_station(data: Dataset, pose: Array, actuators: int, motion: str) -> St
     """
     frame = cga.motor_from_rotation_vector(data.frame.value[3:], data.frame.value[:3])
     station = Station(frame, data.target.value, data.target_rotation.value, np.zeros(actuators))
-    planar = motion == "planar"
-    position = np.where(np.isfinite(data.position), data.position, 0.0) if planar else data.position
-    if planar:
-        position = np.where(known(data.position[:, :2])[:, None], position,
-                            np.nan)
-    rows = known(position) & known(pose)
     if not data.frame.fitted and not data.target.fitted and not data.target_rotation.fitted:
         return station
-    if rows.sum() < 3:
-        raise BadInput(f"only {int(rows.sum())} usable rows: an unknown frame or target needs "
-                       "at least 3", data.source, "Measure more poses.")
-    rotation = cga.rotation_matrix(pose[rows])
-    origin = cga.translation(pose[rows])
+    planar = motion == "planar"
+    position = np.where([False, False, planar], 0.0, data.position)
+    rows = np.flatnonzero(known(position) & known(pose))
+    if rows.size < 3:
+        raise BadInput(f"only {rows.size} usable rows: an unknown frame or target needs at least 3",
+                       data.source, "Measure more poses")
+    plain = _aligned(data, pose, position, rows, station, planar)
+    away = _misses(data, pose, position, rows, plain, motion)
+    if np.max(away) <= BLUNDER * np.median(away) or rows.size < 2 * SUBSET:
+        return plain
+    rng = np.random.default_rng(0)
+    trials = [_aligned(data, pose, position, rng.choice(rows, SUBSET, replace=False), station,
+                       planar) for _ in range(TRIALS)]
+    misses = [_misses(data, pose, position, rows, t, motion) for t in trials]
+    best = misses[int(np.argmin([np.median(m) for m in misses]))]
+    return _aligned(data, pose, position, rows[best <= BLUNDER * np.median(best)], station, planar)
+
+
+def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
+             station: Station, planar: bool) -> Station:
+    """Return the closed-form station of the given rows."""
+    rotation, origin = cga.rotation_matrix(pose[rows]), cga.translation(pose[rows])
     turn, body = _rotations(data, rows, rotation, origin, position[rows], station, planar)
     shift, target = _origins(data, turn, rotation, origin, position[rows], station, planar)
     return Station(cga.motor_from_matrix(turn, shift), target,
                    cga.rotation_vector(cga.motor_from_matrix(body, np.zeros(3))), station.homing)
 
 
-def _rotations(data: Dataset, rows: NDArray[np.bool_], rotation: Array, origin: Array,
+def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
+            station: Station, motion: str) -> Array:
+    """Return by how much rows miss a station (R,), m; rotations count over the data's spread."""
+    point, turn = predict(station, pose[rows])
+    away = np.linalg.norm(position[rows] - point, axis=1)
+    spread = float(np.median(np.linalg.norm(
+        position[rows] - np.median(position[rows], axis=0), axis=1)))
+    angle = np.linalg.norm(rotation_residual(data.take(rows), turn, motion), axis=1) if (
+        motion == "spatial" and data.kind == "pose") else np.zeros(rows.size)
+    return np.asarray(away + spread * np.nan_to_num(angle) + 1e-300, dtype=float)
+
+
+def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
+    """Return the refusal of a data set of which no row fits the machine."""
+    at_home = home_state(mechanism).q
+    rows = data.q[known(data.q)]
+    if not rows.size:
+        return BadInput("no row has all joint values", data.source,
+                        "Check the q columns, or the commanded poses and the home pose")
+    seen = np.median(rows, axis=0)
+    worst = int(np.argmax(np.abs(seen - at_home)))
+    ratio, quantity = mechanism.actuator_has_ratio[worst], mechanism.actuator_quantity[worst]
+    factor, unit = (1.0, "") if ratio else (mechanism.units.factor(quantity),
+                                            f" {mechanism.units.name(quantity)}")
+    name = mechanism.actuators[worst]
+    return BadInput(
+        f"none of the {len(data)} rows has a pose at its joint values: q_{name} is about "
+        f"{seen[worst] / factor:.4g}{unit}, and {at_home[worst] / factor:.4g}{unit} at home",
+        f"{data.source}: column q_{name}", "Check units in its sidecar, that no columns are "
+        "swapped, and the home pose and offsets of the mechanism file")
+
+
+def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: Array,
                position: Array, station: Station, planar: bool) -> tuple[Array, Array]:
     """Return the rotations of frame and target (3, 3)."""
     body = cga.rotation_matrix(cga.motor_from_rotation_vector(station.target_rotation,

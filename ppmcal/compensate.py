@@ -53,12 +53,14 @@ class Knowledge:
 class Compensation:
     """Commands for N wanted poses, SI; nan where refused.
 
-    ``command`` is the pose to ask of a controller that uses the nominal geometry.
+    ``command`` is the pose to ask of a controller that uses the nominal geometry; ``seen``
+    (N, 6) the wanted pose as measured, open coordinates solved for.
     """
 
     q: Array
     q_nominal: Array
     command: Array
+    seen: Array
     position_before: Array
     position_after: Array
     rotation_before: Array
@@ -102,7 +104,10 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
     result = _after(model, nominal, station, table.q, full, good)
     sigma = _sigma(mechanism, station, full, table.q, good, knowledge, dataset)
     q = np.where(good[:, None], table.q, np.nan)
-    return Compensation(q, q_nominal, result[0], before[0], result[1], before[1], result[2],
+    point, turn = predict(station, pose_motor(full))
+    seen = np.concatenate([point, cga.rotation_vector(
+        cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)
+    return Compensation(q, q_nominal, result[0], seen, before[0], result[1], before[1], result[2],
                         sigma[0], sigma[1], tuple(status), tuple(reason))
 
 

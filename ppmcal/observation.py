@@ -83,7 +83,7 @@ def view(data: Dataset, station: Station, pose: Array, motion: str, about: Array
     point, rotation = predict(station, pose)
     residual = np.full((len(data), 6), np.nan)
     residual[:, :3] = data.position - point
-    turned = _rotation_residual(data, rotation, motion)
+    turned = rotation_residual(data, rotation, motion)
     residual[:, 3:] = turned
     observed = np.isfinite(residual[:, chosen])
     frame = cga.rotation_matrix(station.frame)
@@ -106,7 +106,7 @@ def view(data: Dataset, station: Station, pose: Array, motion: str, about: Array
                 by_frame[:, pick], by_target[:, pick], by_rotation[:, pick])
 
 
-def _rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:
+def rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:
     """Return measured against predicted rotation (n, 3), nan where incomplete."""
     measured = data.rotation
     if motion == "planar":

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.align import start_station
+from ppmcal.align import no_pose, start_station
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
@@ -135,6 +135,9 @@ class Problem:
         """Return the starting state: present values, poses from home, aligned frames."""
         model = Model(self.mechanism)
         poses = tuple(forward(model, d.q).pose for d in self.datasets)
+        for d, pose in zip(self.datasets, poses, strict=True):
+            if not known(pose).any():
+                raise no_pose(self.mechanism, d)
         stations: list[Station] = []
         for d, pose in zip(self.datasets, poses, strict=True):
             stations.append(start_station(d, pose, len(self.mechanism.actuators),

@@ -69,7 +69,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
     none = np.zeros(len(problem.columns))
     converged = False
     reduced = reduce_rows(problem, state, keep)
-    iteration = 0
+    iteration, away = 0, float("inf")
     for iteration in range(1, 100 * options.iterations + 1):
         plain = reduce_rows(unit, state, keep)
         matrix = plain.triangle.T @ plain.triangle
@@ -81,11 +81,21 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
         if progress:
             progress(iteration, reduced.square)
         left, _ = solve_step(unit, state, reduce_rows(unit, state, keep), none, 0.0)
-        if float(np.sum((reduced.triangle @ left) ** 2)) < 0.01:
+        away, before = float(np.sum((reduced.triangle @ left) ** 2)), away
+        if iteration >= 20 and _hopeless(away, before, options.iterations):
+            break
+        if away < 0.01:
             converged = True
             break
     return Fit(problem, state, reduced, none, column_scale(problem), tuple(keep),
                iteration, converged, reasons=tuple(reasons))
+
+
+def _hopeless(away: float, before: float, iterations: int) -> bool:
+    """Whether the scheme contracts too slowly to arrive in 100 times ``iterations``."""
+    if away >= before:
+        return True
+    return bool(np.log(away / 0.01) / np.log(before / away) > 100 * iterations)
 
 
 def unit_noise(data: Dataset) -> Dataset:

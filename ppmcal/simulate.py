@@ -28,6 +28,7 @@ Ints = NDArray[np.int64]
 SECONDS_PER_ROW = 60.0
 OUTLIER_SIGMAS = 20.0
 MOST_TRIALS = 200
+HOPELESS_TRIALS = 10
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.ra
                      ) -> Array:
     found: list[Array] = []
     count = 0
-    for _ in range(MOST_TRIALS):
+    for trial in range(1, MOST_TRIALS + 1):
         wanted = shape.center + rng.uniform(-1.0, 1.0, (shape.count, 6)) * shape.half_range
         table = inverse_table(model, wanted)
         good = table.q[np.array([s == "ok" for s in table.status])]
@@ -144,7 +145,9 @@ def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.ra
         count += len(good)
         if count >= shape.count:
             return np.concatenate(found)[:shape.count]
-    raise BadInput(f"only {count} of {MOST_TRIALS * shape.count} random poses can be measured "
+        if count == 0 and trial >= HOPELESS_TRIALS:
+            break
+    raise BadInput(f"only {count} of {trial * shape.count} random poses can be measured "
                    f"(last: {next((r for r in table.reason if r), '')})",
                    f"{scenario.source}: poses.random", "Move the center or make half_range smaller")
 

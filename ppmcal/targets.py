@@ -70,8 +70,9 @@ def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, 
     failed = [""] * wanted.shape[0]
     for n, count in enumerate(open_.sum(axis=1)):
         if count not in (0, short):
-            failed[n] = (f"{count} coordinates are empty: this machine needs "
-                         f"{'none' if short == 0 else f'none or {short}'} of them empty")
+            failed[n] = (f"{count} coordinate{'s are' if count > 1 else ' is'} empty: this machine "
+                         f"needs {'none' if short == 0 else f'none or {short}'} of them empty")
+    wanted = _within_reason(mechanism, station, wanted, failed)
     whole = ~open_.any(axis=1)
     if whole.any():
         out[whole] = pose_vector(_carried_back(mechanism, station, wanted[whole]))
@@ -79,8 +80,22 @@ def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, 
     if part.size:
         out[part], solved = _solve_named(model, station, wanted[part], open_[part])
         for n in part[~solved]:
-            failed[n] = "the open coordinates could not be solved for: no such pose near home"
+            failed[n] = failed[n] or ("the open coordinates could not be solved for: "
+                                      "no such pose near home")
     return out, failed
+
+
+def _within_reason(mechanism: Mechanism, station: Station, wanted: Array, failed: list[str]
+                   ) -> Array:
+    """Mark poses farther away than 1000 times the reach; they would only overflow."""
+    reach = 1e3 * (mechanism.reach + float(np.linalg.norm(cga.translation(station.frame)))
+                   + float(np.linalg.norm(mechanism.home_pose[:3])))
+    with np.errstate(invalid="ignore"):
+        limit = np.array([reach] * 3 + [1e3] * 3)
+        far = np.asarray((np.abs(wanted) > limit).any(axis=1), dtype=np.bool_)
+    for n in np.flatnonzero(far):
+        failed[n] = failed[n] or "the pose is more than 1000 times the machine's reach away"
+    return np.where(far[:, None], np.where(np.isnan(wanted), np.nan, 0.0), wanted)
 
 
 def _carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Array:

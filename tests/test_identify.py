@@ -660,7 +660,8 @@ def measured(mechanism: Mechanism, station: Station, pose: Array) -> Array:
 def assert_led(made: Run, result: Any, wanted: Array, true_station: Station,
                named: Sequence[int] | None = None) -> None:
     opens = result.fit.problem.opens
-    knowledge = Knowledge(result.columns, result.covariance, {}, {"a": opens[0].about}, {})
+    knowledge = Knowledge(result.columns, result.covariance, {}, {"a": opens[0].about},
+                          result.before_registrations)
     done = compensate(result.mechanism, wanted, result.mechanism.registrations["a"], knowledge, "a")
     assert set(done.status) == {"ok"}, done.reason
     model = Model(made.mechanism, made.truth.g)

@@ -106,6 +106,11 @@ def number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
+def counted(count: int, what: str) -> str:
+    """Return ``1 row``, ``2 rows``."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def command_line() -> str:
     """Return the command as it was typed, for provenance."""
     import shlex

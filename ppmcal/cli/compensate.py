@@ -81,8 +81,9 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
         before = float(np.sqrt(np.nanmean(result.position_before[good] ** 2))) / factor
         sigma = result.sigma_position[good]
         after = float(np.sqrt(np.mean(sigma**2))) / factor if np.isfinite(sigma).all() else None
-        console.say(f"Position error predicted: {number(before)} {unit} rms uncorrected, "
-                    f"{number(after)} {unit} rms left after correction.")
+        console.say(f"Predicted position error: {number(before)} {unit} rms with uncorrected "
+                    f"commands. Corrected: {number(after)} {unit} rms, which is how well the "
+                    f"measurements know the machine in the frame of {name or 'its base'}.")
     console.warn([*notes, *(f"row {n} refused: {r}" for n, r in refused[:10])])
     if len(refused) > 10:
         console.say(f"... and {len(refused) - 10} more rows, see status and reason.")

@@ -11,6 +11,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
+    counted,
     finish,
     json_option,
     leave,
@@ -64,6 +65,9 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     console = Console(quiet, as_json)
     if method != "prior" and prior == "flat":
         raise click.UsageError(f"--prior flat goes with --method prior, not {method}.")
+    given = click.get_current_context().get_parameter_source("damping")
+    if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("--damping goes with --method damped.")
     mechanism, datasets = load(mech, data, patterns)
     other, fraction = _holdout(holdout, mechanism)
     chosen = "flat" if prior == "flat" else method
@@ -124,9 +128,11 @@ def _refuse_unconverged(fit: Any, method: str) -> None:
 
     if not fit.converged and method == "damped":
         rms = (fit.reduced.square / max(fit.reduced.count, 1)) ** 0.5
-        raise NoResult(f"the damped scheme had not converged after {fit.iterations} iterations; "
-                       f"residuals were at {rms:.3g} times the noise", "",
-                       "Use a smaller --damping, or the prior (--method prior).")
+        raise NoResult(f"the damped scheme is too slow for these parameters: after "
+                       f"{fit.iterations} iterations residuals were at {rms:.3g} times the noise "
+                       "and it was still moving", "--method damped",
+                       "Use a smaller --damping, fewer free parameters, or the prior "
+                       "(--method prior)")
 
 
 def show_result(result: Identification, console: Console) -> None:
@@ -140,7 +146,7 @@ def show_result(result: Identification, console: Console) -> None:
     open_ = len(result.columns) - len(fit.problem.free)
     more = f" and {open_} of frames and targets" if open_ else ""
     console.say(f"{result.mechanism.name}: {len(fit.problem.free)} parameters{more} from {rows} "
-                f"rows, {fit.iterations} iterations; rank {result.rank} of "
+                f"rows, {counted(fit.iterations, 'iteration')}; rank {result.rank} of "
                 f"{len(result.columns)}.")
     table = []
     for label, values in (("before", result.before.figures(fit.keep)),

@@ -35,6 +35,7 @@ def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_jso
         if place.exists() and not force:
             raise BadInput("exists already", str(place), "Give another --out, or --force")
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(path.read_bytes())
         if scenario.exists():
             second.write_bytes(scenario.read_bytes())

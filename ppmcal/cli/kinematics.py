@@ -11,6 +11,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
+    counted,
     finish,
     json_option,
     leave,
@@ -61,7 +62,7 @@ def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None,
             output.add(name, text)
     bad = [(n + 1, s, r) for n, (s, r) in enumerate(zip(result.status, result.reason, strict=True))
            if s != "ok"]
-    console.say(f"{mechanism.name}: {which} kinematics of {len(result.status)} rows, "
+    console.say(f"{mechanism.name}: {which} kinematics of {counted(len(result.status), 'row')}, "
                 f"{len(result.status) - len(bad)} ok.")
     console.warn([*mechanism.findings, *(f"row {n}: {s}: {r}" for n, s, r in bad[:10])])
     if len(bad) > 10:

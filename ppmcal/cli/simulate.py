@@ -10,6 +10,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
+    counted,
     finish,
     json_option,
     leave,
@@ -47,8 +48,9 @@ def command(mech: Path, scenario: Path, out: Path, seed: int | None, quiet: bool
         for name, text in files(mechanism, plan, campaign, out.name, source).items():
             output.add(name, text)
     rows, poses = len(campaign.time), len(set(campaign.pose.tolist()))
-    console.say(f"{mechanism.name}: {rows} rows at {poses} poses, instrument {plan.kind}, "
-                f"seed {source['seed']}; {int(campaign.outlier.sum())} outliers injected.")
+    console.say(f"{mechanism.name}: {counted(rows, 'row')} at {counted(poses, 'pose')}, "
+                f"instrument {plan.kind}, seed {source['seed']}; "
+                f"{counted(int(campaign.outlier.sum()), 'outlier')} injected.")
     console.warn([*mechanism.findings, *campaign.left_out])
     finish(out, list(output.files), console)
     console.summary({"format": "ppmcal/simulation/1", "rows": rows, "poses": poses,

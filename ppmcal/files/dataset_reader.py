@@ -131,6 +131,10 @@ def _joints(table: Table, mechanism: Mechanism, units: Units, joint: Array
     q = stacked(table, names) * joint
     if not commands:
         return q, None
+    if len(have) == len(names):
+        raise BadInput("there are joint columns (q_...) and commanded poses (cmd_...)",
+                       f"{table.source}: header", "Keep the columns that the controller used: "
+                       f"remove {', '.join(commands)}, or the q_ columns")
     if have and len(have) < len(names):
         raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
                        f"{table.source}: header", "Give all joint columns, or only cmd_ columns")

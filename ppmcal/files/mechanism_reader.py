@@ -39,6 +39,7 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
     """
     source = str(path)
     tree, inputs = read_merged(Path(path))
+    _right_format(tree, source)
     file = check(MechanismFile, tree, source, lambda loc: _place(loc, tree))
     effects_refusal(file.effects, source)
     units = file.units.units()
@@ -62,6 +63,15 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
         units=units, free_patterns=patterns, registrations=_registrations(file, units, source),
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
         inputs=inputs)
+
+
+def _right_format(tree: Mapping[str, Any], source: str) -> None:
+    """Say what a file is before complaining of its keys."""
+    kind = tree.get("format")
+    if isinstance(kind, str) and kind.startswith("ppmcal/") and not kind.startswith(
+            "ppmcal/mechanism"):
+        raise BadInput(f"is a {kind} file, not a mechanism file", f"{source}: format",
+                       "Give the mechanism file (format: ppmcal/mechanism/1) first")
 
 
 def _place(location: Sequence[int | str], tree: Mapping[str, Any]) -> str:

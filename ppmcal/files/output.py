@@ -52,6 +52,10 @@ class Output:
         target = self.directory
         if target.exists() and not target.is_dir():
             raise BadInput("is a file, not a folder", str(target), "Name another folder in --out")
+        for name in self.files:
+            if (target / name).is_dir():
+                raise BadInput("is a folder, a result of that name cannot be written",
+                               str(target / name), "Move it away, or name another folder in --out")
         try:
             parent = target.absolute().parent
             parent.mkdir(parents=True, exist_ok=True)

@@ -64,6 +64,7 @@ def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
         raise BadInput("there is no pose column", f"{table.source}: header",
                        f"Name the columns {', '.join(mechanism.coordinates)}; found "
                        f"{', '.join(table.header[:8])}")
+    _enough_columns(table, own, mechanism)
     poses = stacked(table, COORDINATES) * factors(mechanism.units)
     poses[:, 3:], _ = rotations(table, mechanism.units.factor("angle"))
     for i, name in enumerate(COORDINATES):
@@ -77,6 +78,20 @@ def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
                                f"{', '.join(mechanism.coordinates)}")
             poses[:, i] = 0.0
     return PoseTable(_rows(table), poses, _extra(table, own), table.header)
+
+
+def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
+    """Refuse a table that lacks coordinates which no row can then have."""
+    turned = any(c in QUATERNION for c in own)
+    lacking = [c for c in mechanism.coordinates
+               if c not in own and not (turned and c.startswith("r"))]
+    open_ = mechanism.conditions - len(mechanism.actuators)
+    if len(lacking) > open_ or (lacking and not open_):
+        strangers = [c for c in table.header if c not in own]
+        near = [c for c in strangers if hint(c, lacking)]
+        raise BadInput(f"there is no column {', '.join(lacking)}", f"{table.source}: header",
+                       f"A pose of this machine is {', '.join(mechanism.coordinates)}."
+                       + (f" Is '{near[0]}' meant for one of them?" if near else ""))
 
 
 def read_joints(path: str | os.PathLike[str], mechanism: Mechanism) -> JointTable:

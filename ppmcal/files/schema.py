@@ -33,10 +33,16 @@ def show(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+LARGEST = 1e12
+"""No number of a file may be larger: it would only overflow."""
+
+
 def _finite(value: object) -> float:
     number = _number(value)
     if not math.isfinite(number):
         raise refuse(f"{show(value)} is not a finite number", "Write a number such as 12.5")
+    if abs(number) > LARGEST:
+        raise refuse(f"{show(value)} is too large to be true", "Write a number such as 12.5")
     return number
 
 

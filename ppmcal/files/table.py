@@ -30,6 +30,10 @@ _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(in
                     re.ASCII)
 
 
+LARGEST = 1e15
+"""No cell may hold a larger number."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A CSV with N rows: ``numbers`` (N,) by column, nan where empty; ``text`` by column."""
@@ -72,6 +76,7 @@ def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
     block = _fast(data, first + 1, len(header))
     if block is not None:
         numbers = {name: block[:, i] for i, name in enumerate(header)}
+        _plausible(numbers, source)
         return Table(source, header, numbers, {}, block.shape[0])
     return _slow(data[first + 1:], header, source,
                  lambda c: c in text or (loose is not None and loose(c)))
@@ -228,7 +233,20 @@ def _slow(body: bytes, header: tuple[str, ...], source: str, is_text: Callable[[
             text[name] = tuple(c.strip() for c in cells)
         else:
             numbers[name] = _column(cells, name, source)
+    _plausible(numbers, source)
     return Table(source, header, numbers, text, len(rows))
+
+
+def _plausible(numbers: Mapping[str, Array], source: str) -> None:
+    """Refuse numbers that no machine has; they would only end in overflow."""
+    for name, values in numbers.items():
+        with np.errstate(invalid="ignore"):
+            absurd = np.flatnonzero(np.abs(values) > LARGEST)
+        if absurd.size:
+            row = int(absurd[0])
+            raise BadInput(f"{values[row]:g} is too large to be true",
+                           f"{source}: row {row + 1}, column {name}",
+                           "Correct the cell, or leave it empty if it was not measured")
 
 
 def _ragged(row: list[str], index: int, header: tuple[str, ...], source: str) -> BadInput:

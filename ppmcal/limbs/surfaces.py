@@ -33,8 +33,9 @@ def _sphere(base: Array, middle: Array, platform: Array) -> Iterator[Condition]:
     """R-R and U-S: the platform's point on a sphere ([PPM] eq. 16, [IK] eq. 28)."""
     reach = cga.translation(middle)
     radius = np.sqrt(_dot(reach, reach))
+    size = np.where(radius > 0.0, radius, 1.0)
     yield (cga.sphere(cga.translation(base), radius), cga.point(cga.translation(platform)),
-           -1.0 / radius, radius, _line(reach / radius[..., None], np.zeros(3)))
+           -1.0 / size, radius, _line(reach / size[..., None], np.zeros(3)))
 
 
 def _base_plane(base: Array, middle: Array, platform: Array) -> Iterator[Condition]:

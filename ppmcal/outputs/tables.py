@@ -69,7 +69,9 @@ def kinematics_files(mechanism: Mechanism, table: Table, header: Sequence[str],
     else:
         added |= joint_columns(mechanism, table.q, "q_{}")
         added |= joint_columns(mechanism, table.rate, "rate_{}")
-    solved = _open_columns(header, columns, mechanism, table) if which == "inverse" else columns
+    solved = list(columns)
+    if which == "inverse":
+        solved = _open_columns(header, columns, pose_columns(mechanism, table.pose))
     own = dict(zip(header, solved, strict=True))
     added |= {"condition": table.condition, "status": list(table.status),
               "reason": list(table.reason)}
@@ -82,10 +84,9 @@ def kinematics_files(mechanism: Mechanism, table: Table, header: Sequence[str],
     return {"kinematics.csv": csv_text(names, data), "kinematics.json": json_text(meta)}
 
 
-def _open_columns(header: Sequence[str], columns: Sequence[Any], mechanism: Mechanism,
-                  table: Table) -> list[Any]:
+def _open_columns(header: Sequence[str], columns: Sequence[Any], found: Mapping[str, Array]
+                  ) -> list[Any]:
     """Fill in the coordinates that were left open and solved for."""
-    found = pose_columns(mechanism, table.pose)
     out = []
     for name, column in zip(header, columns, strict=True):
         if name in found:
@@ -113,7 +114,8 @@ def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[s
               "sigma_rotation": result.sigma_rotation / angle,
               "status": list(result.status), "reason": list(result.reason)}
     clash = [n for n in added if n in header]
-    kept = [(n, c) for n, c in zip(header, columns, strict=True) if n not in clash]
+    filled = _open_columns(header, columns, pose_columns(mechanism, result.seen))
+    kept = [(n, c) for n, c in zip(header, filled, strict=True) if n not in clash]
     names = [*(n for n, _ in kept), *added]
     meta = {"format": "ppmcal/commands/1", "rows": len(result.status),
             "refused": sum(s != "ok" for s in result.status), "notes": list(notes),
