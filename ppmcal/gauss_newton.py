@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.linear import Reduced, column_scale, cost, prior_square, reduce_rows, solve_step
+from ppmcal.linear import Reduced, column_scale, cost, prior_square, reduce_rows, small_problem
 from ppmcal.problem import Problem, State
 
 Array = NDArray[np.float64]
@@ -16,9 +16,8 @@ Progress = Callable[[int, float], None]
 
 CONVERGED = 1e-6
 """Converged: the next step would lower chi-squared by less than this."""
-SMALLEST_DAMPING = 1e-6
+SMALLEST_DAMPING = 1e-16
 """Damping starts here when a plain step fails, and is dropped as soon as it falls back."""
-LARGEST_DAMPING = 1e6
 ROUGH = 1e-3
 """A re-weighted fit is good enough when a step would gain less than this part."""
 ROUND_OFF = 1e-13
@@ -42,8 +41,9 @@ def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: A
         limit = max(CONVERGED, (ROUGH if weigh else 1e-10) * before)
         if progress:
             progress(count, before)
+        small = small_problem(problem, state, reduced, prior)
         while True:
-            step, decrease = solve_step(problem, state, reduced, prior, damping)
+            step, decrease = small.step(damping)
             if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:
                 # too small to be judged by the cost: a last plain step only polishes
                 end = problem.moved(state, step) if damping == 0.0 else state
@@ -57,7 +57,7 @@ def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: A
                 damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
                 break
             damping = max(10.0 * damping, SMALLEST_DAMPING)
-            if damping > LARGEST_DAMPING:
+            if damping > 1.0:
                 return state, reduced, count, bool(decrease < 1e-6 * max(before, 1.0))
     return state, reduce_rows(problem, state, keep, None), iterations, False
 
@@ -72,5 +72,5 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     if any(not np.isfinite(p[k]).all() for p, k in zip(trial.poses, keep, strict=True)):
         return trial, float("inf")
     reduced = reduce_rows(problem, trial, keep, weights)
-    trial = problem.moved(trial, solve_step(problem, trial, reduced, prior, 0.0)[0])
+    trial = problem.moved(trial, small_problem(problem, trial, reduced, prior).step()[0])
     return trial, cost(problem, trial, keep, prior, weights)

@@ -8,7 +8,7 @@ not belong are down-weighted on the way and, at the end, left out and reported.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +26,11 @@ from ppmcal.robust import REJECT, distances, huber_weights, worst
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+STIFFEST = 1e3
+"""While approaching, the prior is no weaker than the best known direction over this."""
+STAGE, STAGE_ITERATIONS = 30.0, 4
+"""Each stage of the approach weakens the prior by this much, in so many iterations."""
 
 def identify(problem: Problem, options: Options | None = None, progress: Progress | None = None,
              start: State | None = None) -> Fit:
@@ -51,13 +56,34 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
     state = start_off_zero(problem, state, keep)
     if options.method == "damped":
         return damped(problem, state, keep, reasons, options, progress)
-    if options.robust:
-        state, _, _, _ = gauss_newton(problem, state, keep, prior, options.iterations,
-                                      lambda s: huber_weights(problem, s, keep), progress)
+    weigh = (lambda s: huber_weights(problem, s, keep)) if options.robust else None
+    state = _approach(problem, state, keep, prior, weigh, progress)
+    if weigh:
+        state, _, _, _ = gauss_newton(problem, state, keep, prior, options.iterations, weigh,
+                                      progress)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)
     if options.method == "gcv":
         fit = _cross_validated(fit, options, progress)
     return _without_outliers(fit, options, progress) if options.robust else fit
+
+
+def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
+              weigh: Callable[[State], Sequence[Array]] | None, progress: Progress | None) -> State:
+    """Come near the minimum with a prior that is too strong at first, then less and less.
+
+    Exact data make the valley in which frame and geometry trade places so narrow and curved
+    that straight steps leave it. With the prior never weaker than a thousandth of what the
+    data know best, the valley is wide, and each stage starts next to its minimum.
+    """
+    reduced = reduce_rows(problem, state, keep)
+    known_best = float(np.linalg.norm(reduced.triangle * column_scale(problem), 2))
+    weakest = float((prior[prior > 0.0] * column_scale(problem)[prior > 0.0]).min(initial=np.inf))
+    excess = known_best / (STIFFEST * weakest)
+    while excess > 1.0:
+        state, _, _, _ = gauss_newton(problem, state, keep, prior * excess, STAGE_ITERATIONS,
+                                      weigh, progress)
+        excess /= STAGE
+    return state
 
 
 def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequence[dict[int, str]],

@@ -109,26 +109,41 @@ def column_scale(problem: Problem) -> Array:
     return np.concatenate([parameter_scale(problem), problem.open_scale()])
 
 
-def solve_step(problem: Problem, state: State, reduced: Reduced, prior: Array, damping: float
-               ) -> tuple[Array, float]:
-    """Return the step (C,) of the small problem and the decrease it promises.
+@dataclass(frozen=True)
+class Small:
+    """One iteration's linear problem, diagonalised: minimise |s x - b|^2 along each direction.
 
-    Directions that neither data nor prior see are left where they are (minimum norm in
-    scaled units).
+    ``singular`` (r,), ``right`` (r,), ``directions`` (r, C) in natural units ``scale`` (C,).
     """
+
+    singular: Array
+    right: Array
+    directions: Array
+    scale: Array
+
+    def step(self, damping: float = 0.0) -> tuple[Array, float]:
+        """Return the step (C,) and the decrease of chi-squared that it promises.
+
+        ``damping`` counts in parts of the strongest direction squared, in natural units
+        (Levenberg). Directions that neither data nor prior see are left where they are.
+        """
+        s = self.singular
+        largest = s.max(initial=1e-300)
+        use = s > SOLVE_TOLERANCE * largest
+        power = s**2 + damping * largest**2
+        part = np.where(use, s**2 / np.where(use, power, 1.0), 0.0)
+        x = self.directions.T @ np.where(use, part * self.right / np.where(use, s, 1.0), 0.0)
+        decrease = float(np.sum(self.right**2 * (1.0 - (1.0 - part) ** 2)))
+        return x * self.scale, decrease
+
+
+def small_problem(problem: Problem, state: State, reduced: Reduced, prior: Array) -> Small:
+    """Return the linear problem of data and prior at a state."""
     free = list(problem.free)
     scale = column_scale(problem)
     away = np.zeros(len(problem.columns))
     away[:len(free)] = problem.mechanism.nominals[free] - state.g[free]
-    norms = np.linalg.norm(reduced.triangle * scale, axis=0)
-    extra = np.sqrt(damping) * np.where(norms > 0.0, norms, 1.0)
-    matrix = np.concatenate([reduced.triangle * scale, np.diag(prior * scale), np.diag(extra)])
-    right = np.concatenate([reduced.right, prior * away, np.zeros(scale.size)])
-    size = scale.size
+    matrix = np.concatenate([reduced.triangle * scale, np.diag(prior * scale)])
     u, s, vt = np.linalg.svd(matrix, full_matrices=False)
-    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
-    coefficient = np.where(use, (u.T @ right) / np.where(use, s, 1.0), 0.0)
-    x = vt.T @ coefficient
-    plain = matrix[:2 * size]
-    decrease = float(np.sum(right[:2 * size] ** 2) - np.sum((right[:2 * size] - plain @ x) ** 2))
-    return x * scale, decrease
+    right = u.T @ np.concatenate([reduced.right, prior * away])
+    return Small(s, right, vt, scale)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.gauss_newton import Progress
-from ppmcal.linear import column_scale, reduce_rows, solve_step
+from ppmcal.linear import column_scale, reduce_rows, small_problem
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE
 
@@ -80,7 +80,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
         reduced = reduce_rows(problem, state, keep)
         if progress:
             progress(iteration, reduced.square)
-        left, _ = solve_step(unit, state, reduce_rows(unit, state, keep), none, 0.0)
+        left, _ = small_problem(unit, state, reduce_rows(unit, state, keep), none).step()
         away, before = float(np.sum((reduced.triangle @ left) ** 2)), away
         if iteration >= 20 and _hopeless(away, before, options.iterations):
             break
