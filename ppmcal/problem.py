@@ -253,10 +253,11 @@ class Problem:
 
 def _lay_out(problem: Problem) -> tuple[tuple[Open, ...], tuple[str, ...]]:
     names = [problem.mechanism.names[p] for p in problem.free]
-    opens: list[Open] = []
+    opens: dict[int, Open] = {}
     parts = ("x", "y", "z", "rx", "ry", "rz")
     by_name: dict[str, Open] = {}
-    for first, data in enumerate(problem.datasets):
+    # a frame that another data set owns must have its columns before it is referred to
+    for i, data in sorted(enumerate(problem.datasets), key=lambda d: bool(d[1].frame.same_as)):
         def take(wanted: bool, labels: Sequence[str], data: Dataset = data) -> slice:
             begin = len(names)
             if wanted:
@@ -265,19 +266,19 @@ def _lay_out(problem: Problem) -> tuple[tuple[Open, ...], tuple[str, ...]]:
 
         frame = take(data.frame.fitted and not data.frame.same_as,
                      [f"frame.{parts[p]}" for p in problem.frame_parts])
-        about = problem.pivots[first] if problem.pivots else pivot(data)
+        about = problem.pivots[i] if problem.pivots else pivot(data)
         if data.frame.same_as and data.frame.same_as in by_name:
             frame, about = by_name[data.frame.same_as].frame, by_name[data.frame.same_as].about
         target = take(data.target.fitted, [f"target.{parts[p]}" for p in problem.target_parts])
         turns = data.target_rotation.fitted and data.kind == "pose" and (
             problem.mechanism.motion != "translational")
         turn = take(turns, [f"target_rotation.{parts[3 + p]}" for p in problem.turn_parts])
-        homing = take(first > 0 and data.homing == "per-file",
+        homing = take(i > 0 and data.homing == "per-file",
                       [f"homing.{a}" for a in problem.mechanism.actuators])
         open_ = Open(frame, target, turn, homing, np.where(np.isfinite(about), about, 0.0))
-        opens.append(open_)
+        opens[i] = open_
         by_name[data.name] = open_
-    return tuple(opens), tuple(names)
+    return tuple(opens[i] for i in range(len(opens))), tuple(names)
 
 
 def turned_about(frame: Array, step: Array, about: Array) -> Array:

@@ -41,7 +41,7 @@ TABLE: dict[tuple[str, float | None], tuple[int | None, int]] = {
 }
 SYMMETRIC = {"3-PPR-1": (10, 14), "3-PPR-2": (10, 14), "3-PRR-2": (13, 17)}
 PAPER = ["*.base.point.?", "*.offset", "*.platform.point.radius", "*.joint1.rz"]
-COUNT = 40
+COUNT = 30
 
 
 @dataclass(frozen=True)

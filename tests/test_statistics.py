@@ -19,7 +19,7 @@ import pytest
 from scipy.special import bdtrc, gammainc, gammaincc, ndtr
 
 STUDY = Path(__file__).resolve().parent.parent / "benchmarks" / "campaigns.py"
-CAMPAIGNS = {"3-RPR": 25, "3-RRR-1": 15, "3-RPS": 10, "delta-linear": 15}
+CAMPAIGNS = {"3-RPR": 20, "3-RRR-1": 12, "3-RPS": 8, "delta-linear": 12}
 CHECKS = 4 * 3 + 3
 ALARM = 0.9e-3 / CHECKS
 
