@@ -15,6 +15,7 @@ from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
 from ppmcal.inverse import home_state
+from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, predict, rotation_residual
 
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 
 BLUNDER = 10.0
 """Rows that miss by more than this many medians must not decide where a fit starts."""
+SEARCHED, REFINED, SEARCH_ROWS = 300, 5, 60
+"""Frame rotations tried, those refined, and the rows that decide."""
 SUBSET, TRIALS = 6, 60
 """Rows per trial alignment and number of trials when there are such rows."""
 
@@ -113,12 +116,12 @@ def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: 
     translational = bool(np.ptp(rotation, axis=0).max() < 1e-12)
     if whole.sum() < 3 or (translational and data.target_rotation.fitted) or data.kind != "pose":
         if data.frame.fitted:
-            turn = _rigid(origin, position, planar)
+            turn = _frame_turn(data, rotation, origin, position, station, planar)
         return turn, body
     seen = cga.rotation_matrix(cga.motor_from_rotation_vector(measured[whole], np.zeros(3)))
     own = rotation[whole]
     if data.frame.fitted and data.target_rotation.fitted:
-        turn = _rigid(origin, position, planar)
+        turn = _frame_turn(data, rotation, origin, position, station, planar)
         for _ in range(50):
             body = _mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
             turn = _mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
@@ -155,10 +158,66 @@ def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, positio
     return found.get("shift", shift) * flat, found.get("target", target) * flat
 
 
-def _rigid(origin: Array, position: Array, planar: bool) -> Array:
-    """Rotation that best carries origins onto positions (Kabsch), (3, 3)."""
-    a, b = origin - origin.mean(axis=0), position - position.mean(axis=0)
-    return _nearest_rotation(b.T @ a, planar)
+def _frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
+                station: Station, planar: bool) -> Array:
+    """Return the frame's rotation (3, 3) from positions alone.
+
+    With a known target: the rigid alignment of the points (Kabsch). With an unknown one the
+    points are not known, and a machine that hardly moves sideways has no use for its
+    platform's origins; then the rotation is searched, frame origin and target being linear.
+    """
+    points = origin if data.target.fitted else origin + rotation @ station.target
+    a, b = points - points.mean(axis=0), position - position.mean(axis=0)
+    rigid = _nearest_rotation(b.T @ a, planar)
+    if not data.target.fitted:
+        return rigid
+    some = np.linspace(0, len(origin) - 1, min(len(origin), SEARCH_ROWS)).astype(int)
+    rows = rotation[some], origin[some], position[some]
+    trials = [rigid, *_all_turns(planar)]
+    misses = [_linear_miss(t, *rows)[0] for t in trials]
+    best = [trials[i] for i in np.argsort(misses)[:REFINED]]
+    refined = [_refined(t, *rows, planar) for t in best]
+    return min(refined, key=lambda t: _linear_miss(t, *rows)[0])
+
+
+def _all_turns(planar: bool) -> list[Array]:
+    """Return rotations spread evenly over all (seeded quaternions; angles in the plane)."""
+    if planar:
+        angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+        return list(cga.rotation_matrix(cga.rotor(np.array([0.0, 0.0, 1.0]), angles)))
+    quaternions = np.random.default_rng(0).normal(size=(SEARCHED, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return list(cga.rotation_matrix(cga.motor_from_quaternion(quaternions, np.zeros(3))))
+
+
+def _linear_miss(turn: Array, rotation: Array, origin: Array, position: Array
+                 ) -> tuple[float, Array, Array]:
+    """Return the squared miss of a frame rotation, the residuals (n, 3) and the target (3,)."""
+    n = origin.shape[0]
+    matrix = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turn @ rotation], axis=-1)
+    right = (position - origin @ turn.T).reshape(-1)
+    x = np.linalg.lstsq(matrix.reshape(-1, 6), right, rcond=1e-6)[0]
+    residual = (right - matrix.reshape(-1, 6) @ x).reshape(n, 3)
+    return float(np.sum(residual**2)), residual, x[3:]
+
+
+def _refined(turn: Array, rotation: Array, origin: Array, position: Array, planar: bool) -> Array:
+    """Gauss-Newton on the rotation, origin and target eliminated in each step."""
+    for _ in range(25):
+        before, residual, target = _linear_miss(turn, rotation, origin, position)
+        n = origin.shape[0]
+        seen = (origin + rotation @ target) @ turn.T
+        by_turn = -cross_matrix(seen - seen.mean(axis=0))
+        if planar:
+            by_turn = by_turn * np.array([0.0, 0.0, 1.0])
+        rest = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turn @ rotation], axis=-1)
+        matrix = np.concatenate([by_turn, rest], axis=-1).reshape(-1, 9)
+        step = np.linalg.lstsq(matrix, residual.reshape(-1), rcond=1e-6)[0][:3]
+        moved = cga.rotation_matrix(cga.motor_from_rotation_vector(step, np.zeros(3))) @ turn
+        if _linear_miss(moved, rotation, origin, position)[0] >= before:
+            break
+        turn = moved
+    return turn
 
 
 def _mean_rotation(rotations: Array, planar: bool) -> Array:

@@ -135,7 +135,8 @@ def test_exact_data_give_the_exact_machine(name: str, kind: str) -> None:
     if kind == "pose" and mechanism.motion == "translational":
         pytest.skip("a translational machine's poses are positions")
     plan = replace(noiseless(scenario), kind=kind, target_known=False, frame_known=False)
-    if mechanism.motion == "translational":
+    if mechanism.motion == "translational" or (kind == "position" and "6rods" in name):
+        # one point of a platform that hardly turns says nothing of where on it the point is
         plan = replace(plan, target_known=True)
     if kind == "position":
         # a point on a circle says little about the inside
