@@ -256,6 +256,9 @@ def test_pose_files(tmp_path):
     assert speed is not None
     np.testing.assert_allclose(speed[0], [0.01, 0, 0, 0, 0, np.pi])
     path.write_text("x,y\n1,2\n")
+    with pytest.raises(BadInput, match="there is no column rz"):
+        read_poses(path, BENCH)
+    path.write_text("x,y,rz\n1,2,\n")
     assert np.isnan(read_poses(path, BENCH).poses[0, 5])
     assert twists(read_poses(path, BENCH).extra, BENCH) is None
     path.write_text("x,y,z,quat_x,quat_y,quat_z,quat_w\n1,2,3,1,0,0,0\n")

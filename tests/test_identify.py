@@ -130,13 +130,18 @@ def found(fit: Fit) -> dict[str, float]:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", ["pose", "position"])
-def test_exact_data_give_the_exact_machine(name: str, kind: str) -> None:
+def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name: str, kind: str
+                                           ) -> None:
+    if kind == "position" and "6rods" in name:
+        # known shortfall: the fit creeps along a curved valley, and says that it has not converged
+        request.applymarker(pytest.mark.xfail(
+            strict=True, reason="one point of a platform that hardly turns: its tilt and the "
+            "target are felt only at second order"))
     mechanism, scenario = machine(name)
     if kind == "pose" and mechanism.motion == "translational":
         pytest.skip("a translational machine's poses are positions")
     plan = replace(noiseless(scenario), kind=kind, target_known=False, frame_known=False)
-    if mechanism.motion == "translational" or (kind == "position" and "6rods" in name):
-        # one point of a platform that hardly turns says nothing of where on it the point is
+    if mechanism.motion == "translational":
         plan = replace(plan, target_known=True)
     if kind == "position":
         # a point on a circle says little about the inside

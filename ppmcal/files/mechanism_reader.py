@@ -68,8 +68,7 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
 def _right_format(tree: Mapping[str, Any], source: str) -> None:
     """Say what a file is before complaining of its keys."""
     kind = tree.get("format")
-    if isinstance(kind, str) and kind.startswith("ppmcal/") and not kind.startswith(
-            "ppmcal/mechanism"):
+    if isinstance(kind, str) and kind.startswith(("ppmcal/dataset", "ppmcal/scenario")):
         raise BadInput(f"is a {kind} file, not a mechanism file", f"{source}: format",
                        "Give the mechanism file (format: ppmcal/mechanism/1) first")
 

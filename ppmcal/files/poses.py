@@ -64,7 +64,6 @@ def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
         raise BadInput("there is no pose column", f"{table.source}: header",
                        f"Name the columns {', '.join(mechanism.coordinates)}; found "
                        f"{', '.join(table.header[:8])}")
-    _enough_columns(table, own, mechanism)
     poses = stacked(table, COORDINATES) * factors(mechanism.units)
     poses[:, 3:], _ = rotations(table, mechanism.units.factor("angle"))
     for i, name in enumerate(COORDINATES):
@@ -77,6 +76,7 @@ def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
                                f"Remove the column; a pose here is "
                                f"{', '.join(mechanism.coordinates)}")
             poses[:, i] = 0.0
+    _enough_columns(table, own, mechanism)
     return PoseTable(_rows(table), poses, _extra(table, own), table.header)
 
 
