@@ -20,8 +20,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ppmcal.analysis import estimates, noise_check, rank_of
 from ppmcal.files import read_campaign, read_mechanism
-from ppmcal.fit import Options
+from ppmcal.fit import Fit, Options
 from ppmcal.holdout import register_only
 from ppmcal.identify import identify
 from ppmcal.mechanism import Mechanism
@@ -54,7 +55,7 @@ def sidecar(name: str) -> str:
         "format": "ppmcal/dataset/1", "name": name, "units": {"length": "mm", "angle": "deg"},
         "instrument": {"kind": "pose",
                        "sigma": {"position": 0.01, "rotation": 0.001, "actuator": 0.0025}},
-        "frame": "unknown", "target": "known"})
+        "frame": "unknown", "target": "unknown"})
 
 
 def leg_rms(problem: Problem, state: object) -> float:
@@ -92,6 +93,18 @@ def across(mechanism: Mechanism, train: object, test: object, options: Options
     return leg_rms(problem, kept), leg_rms(problem, anew.state)
 
 
+def retracted(fit: Fit, rig: list[float], key: str) -> None:
+    """Print the retracted lengths: what the data alone know of them, and the intervals."""
+    noise = noise_check(fit)
+    found = estimates(fit, rank_of(fit)[0], max(1.0, noise.sigma_ratio))
+    for e, measured in zip((e for e in found if e.name.endswith("offset")), rig, strict=True):
+        low, high = (1e3 * v for v in e.interval)
+        inside = "contains" if low <= measured <= high else "MISSES"
+        alone = "nothing" if e.sigma_data is None else f"{1e3 * e.sigma_data:.1f} mm"
+        print(f"{e.name:34} {key:4} {1e3 * e.value:7.1f} mm, 95 % {low:.1f} to {high:.1f} "
+              f"{inside} the rig's {measured:.1f}; data alone know {alone}")
+
+
 def main() -> int:
     """Print the figures; exit 1 where one misses its limit."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -112,6 +125,8 @@ def main() -> int:
             paths.append(path)
         mechanism = read_mechanism(mech)
         days = dict(zip(SETS, read_campaign(paths, mechanism), strict=True))
+        rig = yaml.safe_load((folder / "nominal_geometry.yaml").read_text())[
+            "retracted_lengths_measured_on_rig"]
     missed = 0
 
     def line(what: str, key: str, value: float) -> None:
@@ -128,6 +143,7 @@ def main() -> int:
         fit = identify(problem, options)
         line("fit", key, leg_rms(problem, fit.state))
         line("5-fold", key, cross_validated(problem, options))
+        retracted(fit, rig, key)
     for a, b in (("60", "108"), ("108", "60")):
         same, anew = across(mechanism, days[a], days[b], options)
         line(f"{a} -> {b}, frame as it was", "", same)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -95,8 +96,7 @@ def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
          ) -> tuple[Mechanism, tuple[Dataset, ...]]:
     """Read machine and data; ``patterns`` replace the file's choice of free parameters."""
     from ppmcal.errors import unknown
-    from ppmcal.files import read_campaign, read_mechanism
-    from ppmcal.kinematics import with_joints
+    from ppmcal.files import read_mechanism
     from ppmcal.parameters import unmatched
 
     mechanism = read_mechanism(mech)
@@ -106,18 +106,29 @@ def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
         for pattern in unmatched(mechanism.parameters, patterns):
             raise unknown("parameter", pattern, mechanism.names, "--free")
         mechanism = mechanism.with_free(patterns)
-    return mechanism, tuple(with_joints(mechanism, d) for d in read_campaign(list(data), mechanism))
+    return mechanism, _readable(mechanism, data)
 
 
-def _holdout(text: str, mechanism: Mechanism) -> tuple[tuple[Dataset, ...], float]:
+def _readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]:
+    """Read measurements, with joints; refuse instruments that no fit can use yet."""
+    from ppmcal.errors import BadInput
     from ppmcal.files import read_campaign
     from ppmcal.kinematics import with_joints
 
+    datasets = read_campaign(list(paths), mechanism)
+    for d in datasets:
+        if d.kind not in ("pose", "position"):
+            raise BadInput(f"instrument '{d.kind}' is not supported by this version",
+                           f"{Path(d.source).with_suffix('.yaml')}: instrument.kind",
+                           "Use pose or position")
+    return tuple(with_joints(mechanism, d) for d in datasets)
+
+
+def _holdout(text: str, mechanism: Mechanism) -> tuple[tuple[Dataset, ...], float]:
     try:
         fraction = float(text)
     except ValueError:
-        other = read_campaign([Path(text)], mechanism)
-        return tuple(with_joints(mechanism, d) for d in other), 0.0
+        return _readable(mechanism, [Path(text)]), 0.0
     if not 0.0 <= fraction < 1.0:
         raise click.UsageError(f"--holdout {text}: give a fraction from 0 to below 1, or a CSV.")
     return (), fraction
