@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import FILE, Console, json_option, quiet_option
+from ppmcal.cli.common import FILE, Console, json_option, plain_table, quiet_option
 
 
 @click.command("init")
@@ -22,8 +22,8 @@ def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_jso
 
     console = Console(quiet, as_json)
     if kind is None:
-        for name, line in templates().items():
-            console.say(f"{name:22} {line}")
+        rows = [[name, line] for name, line in templates().items()]
+        console.table(plain_table(["KIND", "machine"], rows))
         console.say("Write one with: ppmcal init KIND")
         console.summary({"kinds": templates()})
         return
