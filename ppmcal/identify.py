@@ -27,6 +27,8 @@ from ppmcal.robust import REJECT, distances, huber_weights, worst
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+MANY_ROWS, FEW_ROWS = 8000, 3000
+"""Beyond so many rows a fit to so few of them comes first."""
 STIFFEST = 1e3
 """While approaching, the prior is no weaker than the best known direction over this."""
 STAGE, STAGE_ITERATIONS = 30.0, 4
@@ -53,18 +55,52 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
     _enough(problem, keep)
     state = replace(state, poses=tuple(np.where(k[:, None], p, np.nan) for p, k in
                                        zip(state.poses, keep, strict=True)))
-    state = start_off_zero(problem, state, keep)
     if options.method == "damped":
+        state = start_off_zero(problem, state, keep)
         return damped(problem, state, keep, reasons, options, progress)
-    weigh = (lambda s: huber_weights(problem, s, keep)) if options.robust else None
-    state = _approach(problem, state, keep, prior, weigh, progress)
-    if weigh:
-        state, _, _, _ = gauss_newton(problem, state, keep, prior, options.iterations, weigh,
-                                      progress)
+    if sum(int(k.sum()) for k in keep) > MANY_ROWS:
+        thinned, few = _thinned(problem, state, keep)
+        first = identify(thinned, options, progress, few)
+        state = problem.solve(State(first.state.g, first.state.stations, state.poses))
+        keep, reasons = _usable(problem, state)
+    else:
+        state = _near(problem, state, keep, prior, options, progress)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)
     if options.method == "gcv":
         fit = _cross_validated(fit, options, progress)
     return _without_outliers(fit, options, progress) if options.robust else fit
+
+
+def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Problem, State]:
+    """Return the problem with some :data:`FEW_ROWS` of its rows, evenly spread, and its state.
+
+    Finding the minimum takes many passes and few rows; only the last passes need them all.
+    """
+    share = FEW_ROWS / sum(int(k.sum()) for k in keep)
+    rows = []
+    for k in keep:
+        usable = np.flatnonzero(k)
+        count = min(usable.size, max(100, round(share * usable.size)))
+        rows.append(usable[np.linspace(0, usable.size - 1, count).astype(int)]
+                    if usable.size else usable)
+    datasets = tuple(d.take(r) for d, r in zip(problem.datasets, rows, strict=True))
+    about = tuple(o.about for o in problem.opens)
+    poses = tuple(p[r] for p, r in zip(state.poses, rows, strict=True))
+    return replace(problem, datasets=datasets, pivots=about), replace(state, poses=poses)
+
+
+def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, options: Options,
+          progress: Progress | None) -> State:
+    """Return a state near the minimum, outliers weighted down."""
+    state = start_off_zero(problem, state, keep)
+    if not options.robust:
+        return _approach(problem, state, keep, prior, None, progress)
+
+    def weigh(at: State) -> Sequence[Array]:
+        return huber_weights(problem, at, keep)
+
+    state = _approach(problem, state, keep, prior, weigh, progress)
+    return gauss_newton(problem, state, keep, prior, options.iterations, weigh, progress)[0]
 
 
 def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,

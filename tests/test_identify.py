@@ -705,3 +705,19 @@ def assert_led(made: Run, result: Any, wanted: Array, true_station: Station,
     assert float(np.nanmax(done.position_after)) < 1e-9
     np.testing.assert_allclose(pose_vector(forward(Model(made.mechanism.nominal()), done.q).pose),
                                done.command, rtol=0.0, atol=1e-9)
+
+
+# --- many rows ----------------------------------------------------------------------------------
+
+def test_many_rows_start_from_few_and_end_with_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    mechanism, scenario = machine("3-RPR")
+    made = run(mechanism, replace(box(scenario, 900), outliers=0.02), 4)
+    plain = identify(made.problem)
+    monkeypatch.setattr("ppmcal.identify.MANY_ROWS", 500)
+    monkeypatch.setattr("ppmcal.identify.FEW_ROWS", 200)
+    thinned = identify(made.problem)
+    assert thinned.converged
+    assert [set(r) for r in thinned.reasons] == [set(r) for r in plain.reasons]
+    assert set(thinned.reasons[0]) >= set(np.flatnonzero(made.truth.outlier).tolist())
+    free = list(mechanism.free)
+    np.testing.assert_allclose(thinned.state.g[free], plain.state.g[free], rtol=0.0, atol=1e-8)
