@@ -91,9 +91,8 @@ def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
                         "Check the q columns, or the commanded poses and the home pose")
     seen = np.median(rows, axis=0)
     worst = int(np.argmax(np.abs(seen - at_home)))
-    ratio, quantity = mechanism.actuator_has_ratio[worst], mechanism.actuator_quantity[worst]
-    factor, unit = (1.0, "") if ratio else (mechanism.units.factor(quantity),
-                                            f" {mechanism.units.name(quantity)}")
+    factor, unit = mechanism.joint_units[worst]
+    unit = f" {unit}" if unit else ""
     name = mechanism.actuators[worst]
     return BadInput(
         f"none of the {len(data)} rows has a pose at its joint values: q_{name} is about "

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal import algebra as cga
 from ppmcal.dataset import Dataset
-from ppmcal.fit import Fit, Options, posterior, prediction_covariance
+from ppmcal.fit import Fit, Options, directions, posterior, prediction_covariance
 from ppmcal.holdout import held_out, on_other, register_only
 from ppmcal.linear import SOLVE_TOLERANCE, prior_square
 from ppmcal.mechanism import Mechanism, Registration
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, Rank, analyse, observability
 from ppmcal.residuals import Residuals, residuals
+from ppmcal.targets import pose_vector
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -177,9 +177,7 @@ def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
 def noise_check(fit: Fit) -> Noise:
     """Return chi-squared of data and prior, the noise ratio, and the scatter of repeats."""
     priors = int(np.sum(fit.prior > 0.0))
-    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(fit.prior * fit.scale)])
-    s = np.linalg.svd(matrix, compute_uv=False)
-    seen = int(np.sum(s > SOLVE_TOLERANCE * s.max(initial=1e-300)))
+    seen = int(np.sum(directions(fit)[2]))
     covariance = prediction_covariance(fit)
     effective = float(np.sum((fit.reduced.triangle @ covariance) * fit.reduced.triangle))
     degrees = fit.reduced.count + priors - seen
@@ -219,8 +217,7 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
     """Return frame and target of every data set, SI."""
     out = {}
     for data, s in zip(problem.datasets, state.stations, strict=True):
-        frame = np.concatenate([cga.translation(s.frame), cga.rotation_vector(s.frame)])
-        out[data.name] = Registration(frame, s.target, s.target_rotation)
+        out[data.name] = Registration(pose_vector(s.frame), s.target, s.target_rotation)
     return out
 
 

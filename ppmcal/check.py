@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ppmcal.arrays import known
 from ppmcal.closure import Model
-from ppmcal.dataset import Dataset, Unknown
+from ppmcal.compensate import named_only
+from ppmcal.dataset import Dataset
 from ppmcal.inverse import home_state
 from ppmcal.kinematics import home_conditioning, inverse_table
 from ppmcal.linear import column_scale, reduce_rows
@@ -47,14 +48,12 @@ class LimbGap:
 class Check:
     """What check found.
 
-    ``findings`` need a look (exit code 1); ``notes`` are good to know; ``gaps`` per limb,
-    empty where the file gives no home q; ``condition`` at home; ``rank`` of ``columns``;
-    ``unseen`` parameters that no measured row feels; ``redundant`` further ones that others
-    explain.
+    ``findings`` need a look (exit code 1); ``gaps`` per limb, empty where the file gives no
+    home q; ``condition`` at home; ``rank`` of ``columns``; ``unseen`` parameters that no
+    measured row feels; ``redundant`` further ones that others explain.
     """
 
     findings: tuple[str, ...]
-    notes: tuple[str, ...]
     gaps: tuple[LimbGap, ...]
     condition: float
     q_home: Array
@@ -90,7 +89,6 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     if value < SINGULAR_HOME:
         findings.append(f"the machine is close to a singularity at home: smallest singular value "
                         f"{value:.2g} (a sound machine has 0.1 to 1). Choose another home pose.")
-    notes: list[str] = []
     rank, columns = 0, 0
     unseen: tuple[str, ...] = ()
     redundant: tuple[str, ...] = ()
@@ -100,7 +98,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         if lost:
             findings.append(f"{lost} rows have no pose at their joint values: check q, its unit "
                             "and the home pose.")
-    return Check(tuple(findings), tuple(notes), gaps, value, state.q, rank, columns, unseen,
+    return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen,
                  redundant)
 
 
@@ -148,21 +146,11 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     own = list(mechanism.dof)
     poses[:, own] += rng.uniform(-1.0, 1.0, (TRIAL_POSES, len(own))) * spread[own]
     if len(mechanism.actuators) < mechanism.conditions:
-        from ppmcal.compensate import named_only
-
         poses = named_only(mechanism, poses)
     table = inverse_table(Model(mechanism), poses)
     q = table.q[np.array([s == "ok" for s in table.status])]
-    n = q.shape[0]
-    one, none = np.ones((n, 3)), Unknown(False, np.zeros(3))
-    scale = mechanism.length_scale
-    return Dataset(
-        name="poses about home", source="", kind="pose", rows=np.arange(1, n + 1), q=q,
-        commanded=None, position=np.zeros((n, 3)), rotation=np.zeros((n, 3)),
-        value=np.full(n, np.nan), to_q=None, sigma_position=one * 1e-3 * scale,
-        sigma_rotation=one * 1e-3, sigma_value=np.ones(n), sigma_actuator=np.zeros(q.shape[1]),
-        groups=np.arange(n), columns={}, sessions=None, frame=Unknown(False, np.zeros(6)),
-        target=none, target_rotation=none)
+    return Dataset.of_poses("poses about home", q, np.zeros((q.shape[0], 6)),
+                            (1e-3 * mechanism.length_scale, 1e-3), fitted=False)
 
 
 def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]

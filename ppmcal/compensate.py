@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
-from ppmcal.dataset import Dataset, Unknown
+from ppmcal.dataset import Dataset
 from ppmcal.forward import forward
 from ppmcal.inverse import home_state
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism, Registration
-from ppmcal.observation import Station, predict
+from ppmcal.observation import Station, measured_pose, predict
 from ppmcal.problem import Problem, State
 from ppmcal.targets import base_station, pose_motor, pose_vector, wanted_poses
 
@@ -104,9 +104,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
     result = _after(model, nominal, station, table.q, full, good)
     sigma = _sigma(mechanism, station, full, table.q, good, knowledge, dataset)
     q = np.where(good[:, None], table.q, np.nan)
-    point, turn = predict(station, pose_motor(full))
-    seen = np.concatenate([point, cga.rotation_vector(
-        cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)
+    seen = measured_pose(station, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, before[0], result[1], before[1], result[2],
                         sigma[0], sigma[1], tuple(status), tuple(reason))
 
@@ -210,7 +208,9 @@ def prediction_jacobian(mechanism: Mechanism, station: Station, full: Array, q: 
     names = knowledge.names
     place = {n: i for i, n in enumerate(mechanism.names)}
     free = tuple(place[n] for n in names if n in place)
-    data = _targets(mechanism, full, q, dataset)
+    # planar machines measure x, y, rz only
+    flat = np.array([False, False, True, True, True, False]) & (mechanism.motion == "planar")
+    data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
     about = knowledge.pivots.get(dataset, np.zeros(3))
     problem = Problem(mechanism, (data,), free, (about,))
     state = State(mechanism.values, (station,), (pose_motor(full),))
@@ -222,19 +222,3 @@ def prediction_jacobian(mechanism: Mechanism, station: Station, full: Array, q: 
         if name in own:
             out[..., c] = stacked[..., own[name]]
     return out
-
-
-def _targets(mechanism: Mechanism, full: Array, q: Array, name: str) -> Dataset:
-    """A data set that 'measures' the wanted poses with unit noise, frame and target open."""
-    n = full.shape[0]
-    flat = mechanism.motion == "planar"
-    position = np.where(np.array([False, False, flat]), np.nan, full[:, :3])
-    rotation = np.where(np.array([flat, flat, False]), np.nan, full[:, 3:])
-    unknown = Unknown(True, np.zeros(3))
-    one = np.ones((n, 3))
-    return Dataset(
-        name=name, source=name, kind="pose", rows=np.arange(1, n + 1), q=q, commanded=None,
-        position=position, rotation=rotation, value=np.full(n, np.nan), to_q=None,
-        sigma_position=one, sigma_rotation=one, sigma_value=np.ones(n),
-        sigma_actuator=np.zeros(q.shape[1]), groups=np.arange(n), columns={}, sessions=None,
-        frame=Unknown(True, np.zeros(6)), target=unknown, target_rotation=unknown)

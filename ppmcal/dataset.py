@@ -83,6 +83,24 @@ class Dataset:
     dropped: tuple[tuple[int, str], ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
 
+    @classmethod
+    def of_poses(cls, name: str, q: Array, pose: Array, sigma: tuple[float, float],
+                 fitted: bool) -> Dataset:
+        """Return full poses (N, 6) at joints ``q`` (N, k) as if measured, nan where not.
+
+        ``sigma``: standard deviations of position and rotation; ``fitted``: whether frame,
+        target and target rotation are open, else they are the base's own.
+        """
+        n, one = pose.shape[0], np.ones((pose.shape[0], 3))
+        point = Unknown(fitted, np.zeros(3))
+        return cls(
+            name=name, source=name, kind="pose", rows=np.arange(1, n + 1), q=q, commanded=None,
+            position=pose[:, :3], rotation=pose[:, 3:], value=np.full(n, np.nan), to_q=None,
+            sigma_position=sigma[0] * one, sigma_rotation=sigma[1] * one,
+            sigma_value=np.ones(n), sigma_actuator=np.zeros(q.shape[1]), groups=np.arange(n),
+            columns={}, sessions=None, frame=Unknown(fitted, np.zeros(6)), target=point,
+            target_rotation=point)
+
     def __len__(self) -> int:
         """Return the number of rows N."""
         return int(self.rows.shape[0])

@@ -57,20 +57,20 @@ class Fit:
     reasons: tuple[dict[int, str], ...] = ()
 
 
-def posterior(fit: Fit) -> Array:
-    """Return the covariance of all columns (C, C), SI; inf on the diagonal where unbounded.
+def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bools]:
+    """Return what data and prior know, direction by direction, in natural units.
 
-    Directions seen neither by data nor by prior have no bound; columns that take part in one
-    get an infinite variance, and their covariances are those within the bounded part.
+    Args:
+        fit: the fit.
+        prior: weights in place of the fit's (C,).
+
+    Returns:
+        singular values (r,), directions (r, C), and which of them are seen at all (r,).
     """
-    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(fit.prior * fit.scale)])
+    weights = fit.prior if prior is None else prior
+    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(weights * fit.scale)])
     _, s, vt = np.linalg.svd(matrix, full_matrices=False)
-    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
-    v = vt[use].T / s[use]
-    out = (v @ v.T) * np.outer(fit.scale, fit.scale)
-    free = np.sqrt(np.sum(vt[~use] ** 2, axis=0)) > 1e-6
-    out[free, free] = np.inf
-    return np.asarray(out, dtype=float)
+    return s, vt, s > SOLVE_TOLERANCE * s.max(initial=1e-300)
 
 
 def prediction_covariance(fit: Fit) -> Array:
@@ -78,8 +78,19 @@ def prediction_covariance(fit: Fit) -> Array:
 
     Null directions do not move what the data saw, so they are left out altogether.
     """
-    matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(fit.prior * fit.scale)])
-    _, s, vt = np.linalg.svd(matrix, full_matrices=False)
-    use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
-    v = vt[use].T / s[use]
+    s, vt, seen = directions(fit)
+    v = vt[seen].T / s[seen]
     return np.asarray((v @ v.T) * np.outer(fit.scale, fit.scale), dtype=float)
+
+
+def posterior(fit: Fit) -> Array:
+    """Return the covariance of all columns (C, C), SI; inf on the diagonal where unbounded.
+
+    Columns that take part in a direction seen neither by data nor by prior get an infinite
+    variance; their covariances are those within the bounded part.
+    """
+    _, vt, seen = directions(fit)
+    loose = np.sqrt(np.sum(vt[~seen] ** 2, axis=0)) > 1e-6
+    out = prediction_covariance(fit)
+    out[loose, loose] = np.inf
+    return out

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
@@ -18,6 +17,7 @@ from ppmcal.identify import identify
 from ppmcal.observation import Station, coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import residuals
+from ppmcal.targets import pose_vector
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -89,8 +89,8 @@ def _with_known(data: Dataset, stations: Mapping[str, Station]) -> Dataset:
     if data.frame.same_as is None or data.frame.same_as not in stations:
         return data
     s = stations[data.frame.same_as]
-    frame = np.concatenate([cga.translation(s.frame), cga.rotation_vector(s.frame)])
-    return replace(data, frame=replace(data.frame, fitted=False, same_as=None, value=frame),
+    frame = replace(data.frame, fitted=False, same_as=None, value=pose_vector(s.frame))
+    return replace(data, frame=frame,
                    target=replace(data.target, fitted=False, value=s.target),
                    target_rotation=replace(data.target_rotation, fitted=False,
                                            value=s.target_rotation))

@@ -34,6 +34,7 @@ STIFFEST = 1e3
 STAGE, STAGE_ITERATIONS = 30.0, 4
 """Each stage of the approach weakens the prior by this much, in so many iterations."""
 
+
 def identify(problem: Problem, options: Options | None = None, progress: Progress | None = None,
              start: State | None = None) -> Fit:
     """Fit the free parameters and open frames to the data.
@@ -62,7 +63,8 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
         thinned, few = _thinned(problem, state, keep)
         first = identify(thinned, options, progress, few)
         state = problem.solve(State(first.state.g, first.state.stations, state.poses))
-        keep, reasons = _usable(problem, state)
+        keep, later = _usable(problem, state)
+        reasons = [{**new, **old} for new, old in zip(later, reasons, strict=True)]
     else:
         state = _near(problem, state, keep, prior, options, progress)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)

@@ -1,6 +1,6 @@
 """Kinematics of tables of poses: status row by row, paths checked for singularities.
 
-Three ways to the same platform pose are kept apart on purpose: Newton on the closure
+Two ways to the same platform pose are kept apart on purpose: Newton on the closure
 (:mod:`ppmcal.forward`), and [PPM]'s intersection of the limbs' kinematic geometric bodies
 (:func:`intersection_pose`), which starts from the closed limbs' end points.
 """
@@ -88,8 +88,8 @@ def velocity_table(model: Model, coordinates: Array, twist: Array) -> Table:
                 for n in rows[mine]:
                     status[n], reason[n] = "refused", "velocity components are missing"
                 continue
-            known = np.where(np.isnan(given[mine]), 0.0, given[mine])
-            right = -(a[mine] @ known[..., None])[..., 0]
+            wanted = np.where(np.isnan(given[mine]), 0.0, given[mine])
+            right = -(a[mine] @ wanted[..., None])[..., 0]
             if pattern.any():
                 unknown = np.concatenate([jq[mine], a[mine][..., pattern]], axis=-1)
                 rate[rows[mine]] = solve_rows(unknown, right)[:, :jq.shape[2]]
@@ -142,11 +142,8 @@ def _judged(model: Model, q: Array, pose: Array, status: list[str], reason: list
 
 def limit_reason(mechanism: Mechanism, q: Array) -> str:
     """Return which joint of one row (k,) is outside its limits, empty if none."""
-    for name, value, (low, high), quantity, ratio in zip(
-            mechanism.actuators, q, mechanism.limits, mechanism.actuator_quantity,
-            mechanism.actuator_has_ratio, strict=True):
-        unit = "" if ratio else mechanism.units.name(quantity)
-        factor = 1.0 if ratio else mechanism.units.factor(quantity)
+    for name, value, (low, high), (factor, unit) in zip(
+            mechanism.actuators, q, mechanism.limits, mechanism.joint_units, strict=True):
         if value < low or value > high:
             return (f"{name} = {value / factor:.6g} {unit} is outside "
                     f"[{low / factor:.6g}, {high / factor:.6g}]").replace("  ", " ")

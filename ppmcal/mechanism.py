@@ -139,6 +139,13 @@ class Mechanism:
         return tuple(ratio[a] for a in range(len(self.actuators)))
 
     @cached_property
+    def joint_units(self) -> tuple[tuple[float, str], ...]:
+        """SI value and name of one file unit of each joint variable; 1 and "" if bare."""
+        return tuple((1.0, "") if bare else (self.units.factor(q), self.units.name(q))
+                     for q, bare in zip(self.actuator_quantity, self.actuator_has_ratio,
+                                        strict=True))
+
+    @cached_property
     def length_scale(self) -> float:
         """Root mean square distance of the platform joints from the platform origin, m.
 

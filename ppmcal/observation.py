@@ -77,6 +77,13 @@ def predict(station: Station, pose: Array) -> tuple[Array, Array]:
     return cga.move_point(seen, station.target), cga.rotation_matrix(seen) @ body
 
 
+def measured_pose(station: Station, pose: Array) -> Array:
+    """Return predicted measurements (n, 6): position and rotation vector in the frame."""
+    point, turn = predict(station, pose)
+    return np.concatenate([point, cga.rotation_vector(
+        cga.motor_from_matrix(turn, np.zeros(3)))], axis=-1)
+
+
 def view(data: Dataset, station: Station, pose: Array, motion: str, about: Array) -> View:
     """Compare the data set's rows with poses (n, 8); ``about`` is the frame's pivot (3,)."""
     chosen = coordinates(data, motion)

@@ -30,7 +30,6 @@ from ppmcal.observation import (
     View,
     noise,
     pivot,
-    predict,
     view,
     whitener,
 )
@@ -121,15 +120,19 @@ class Problem:
         return (2,) if self.mechanism.motion == "planar" else (0, 1, 2)
 
     def open_scale(self) -> Array:
-        """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad."""
-        mechanism = self.mechanism
-        units = {"x": mechanism.reach, "y": mechanism.reach, "z": mechanism.reach}
-        ranges = [np.nanmax(np.ptp(d.q, axis=0)) for d in self.datasets]
-        joint = float(np.nanmax(ranges)) or 1.0
-        return 1e-3 * np.array([
-            joint if name.startswith("homing.") else units.get(name.split(" of ")[0][-1:], 1.0)
-            if not name.split(" of ")[0].split(".")[-1].startswith("r") else 1.0
-            for name in self.columns[len(self.free):]])
+        """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
+
+        Homing is counted in 1e-3 of the largest range of a joint.
+        """
+        joint = max(float(np.nanmax(np.ptp(d.q, axis=0))) for d in self.datasets) or 1.0
+
+        def unit(column: str) -> float:
+            what, part = column.split(" of ")[0].split(".", 1)
+            if what == "homing":
+                return joint
+            return 1.0 if part.startswith("r") else self.mechanism.reach
+
+        return 1e-3 * np.array([unit(name) for name in self.columns[len(self.free):]])
 
     def start(self) -> State:
         """Return the starting state: present values, poses from home, aligned frames."""
@@ -245,10 +248,6 @@ class Problem:
                 (open_.target_rotation, self.turn_parts, seen.by_target_rotation)):
             if columns.stop > columns.start:
                 out[..., columns] = source[..., list(parts)]
-
-    def predictions(self, index: int, state: State) -> tuple[Array, Array]:
-        """Return predicted positions (N, 3) and rotations (N, 3, 3) of one data set."""
-        return predict(state.stations[index], state.poses[index])
 
 
 def _lay_out(problem: Problem) -> tuple[tuple[Open, ...], tuple[str, ...]]:

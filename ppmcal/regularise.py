@@ -68,19 +68,18 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
     count = len(problem.free)
     none = np.zeros(len(problem.columns))
     converged = False
-    reduced = reduce_rows(problem, state, keep)
+    reduced, plain = reduce_rows(problem, state, keep), reduce_rows(unit, state, keep)
     iteration, away = 0, float("inf")
     for iteration in range(1, 100 * options.iterations + 1):
-        plain = reduce_rows(unit, state, keep)
         matrix = plain.triangle.T @ plain.triangle
         matrix[:count, :count] += options.damping * np.eye(count)
         step = np.asarray(np.linalg.lstsq(matrix, plain.triangle.T @ plain.right, rcond=1e-15)[0],
                           dtype=np.float64)
         state = problem.moved(state, step)
-        reduced = reduce_rows(problem, state, keep)
+        reduced, plain = reduce_rows(problem, state, keep), reduce_rows(unit, state, keep)
         if progress:
             progress(iteration, reduced.square)
-        left, _ = small_problem(unit, state, reduce_rows(unit, state, keep), none).step()
+        left, _ = small_problem(unit, state, plain, none).step()
         away, before = float(np.sum((reduced.triangle @ left) ** 2)), away
         if iteration >= 20 and _hopeless(away, before, options.iterations):
             break

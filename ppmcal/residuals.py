@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
+from ppmcal.targets import carried_back
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -91,18 +91,10 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
         position[:, 2], rotation[:, :2] = 0.0, 0.0
     if motion == "translational":
         rotation = np.zeros_like(rotation)
-    whole = (known(position) & known(rotation)
-             & known(data.q))
+    whole = known(position) & known(rotation) & known(data.q)
     if (data.kind == "pose" or motion == "translational") and whole.any():
-        seen = cga.motor_from_rotation_vector(rotation[whole], position[whole])
-        if motion == "translational":
-            turn = cga.rotation_vector(station.frame)
-            seen = cga.motor_from_rotation_vector(np.broadcast_to(turn, position[whole].shape),
-                                                  position[whole])
-        body = cga.motor_from_rotation_vector(station.target_rotation, station.target)
-        if motion == "translational":
-            body = cga.translator(station.target)
-        pose = cga.compose(cga.compose(cga.reverse(station.frame), seen), cga.reverse(body))
+        measured = np.concatenate([position[whole], rotation[whole]], axis=1)
+        pose = carried_back(problem.mechanism, station, measured)
         joints = problem.joints(index, state)[whole]
         out[whole] = Model(problem.mechanism, state.g).closure(joints).lengths(pose)
     return out

@@ -12,7 +12,7 @@ from ppmcal.forward import moved
 from ppmcal.inverse import Inverse, home_state, inverse, solve_rows
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, predict
+from ppmcal.observation import Station, measured_pose
 
 Array = NDArray[np.float64]
 ITERATIONS = 50
@@ -75,7 +75,7 @@ def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, 
     wanted = _within_reason(mechanism, station, wanted, failed)
     whole = ~open_.any(axis=1)
     if whole.any():
-        out[whole] = pose_vector(_carried_back(mechanism, station, wanted[whole]))
+        out[whole] = pose_vector(carried_back(mechanism, station, wanted[whole]))
     part = np.flatnonzero((open_.sum(axis=1) == short) & (short > 0))
     if part.size:
         out[part], solved = _solve_named(model, station, wanted[part], open_[part])
@@ -98,7 +98,7 @@ def _within_reason(mechanism: Mechanism, station: Station, wanted: Array, failed
     return np.where(far[:, None], np.where(np.isnan(wanted), np.nan, 0.0), wanted)
 
 
-def _carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Array:
+def carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Array:
     """frame^-1 o wanted o target^-1; in a translational machine the rotation stays."""
     filled = np.where(np.isnan(wanted), 0.0, wanted)
     body = cga.motor_from_rotation_vector(station.target_rotation, station.target)
@@ -123,12 +123,10 @@ def _solve_named(model: Model, station: Station, wanted: Array,
     pick = np.argsort(~named, axis=1, kind="stable")[:, :int(named[0].sum())]
     frame = cga.rotation_matrix(station.frame)
     solved = np.zeros(n, dtype=bool)
-    for _ in range(50):
+    for _ in range(ITERATIONS):
         closure = model.closure(q)
         lines = closure.lines(pose)
-        seen, turn = predict(station, pose)
-        measured = np.concatenate([seen, cga.rotation_vector(
-            cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)
+        measured = measured_pose(station, pose)
         arm = cga.rotation_matrix(pose) @ station.target
         by_pose = np.zeros((n, 6, 6))
         by_pose[:, :3, :3] = frame

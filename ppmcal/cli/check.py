@@ -19,7 +19,6 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     from ppmcal.check import check
     from ppmcal.cli.identify import load
     from ppmcal.files import unit_findings
-    from ppmcal.outputs.tables import joint_units
 
     console = Console(quiet, as_json)
     mechanism, datasets = load(mech, data, ())
@@ -29,7 +28,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
                 f"({', '.join(dict.fromkeys(limb.kind.name for limb in mechanism.limbs))}), "
                 f"{len(mechanism.actuators)} actuators, {len(mechanism.free)} free parameters.")
     rows = [[name, number(q / f, 7), u or "(bare)"] for name, q, (f, u) in
-            zip(mechanism.actuators, result.q_home, joint_units(mechanism), strict=True)]
+            zip(mechanism.actuators, result.q_home, mechanism.joint_units, strict=True)]
     console.table(plain_table(["joint", "at home", "unit"], rows, (1,)))
     if result.gaps:
         console.table(plain_table(

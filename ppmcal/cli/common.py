@@ -53,6 +53,12 @@ class Console:
         for finding in findings:
             self.say(f"! {finding}")
 
+    def warn_rows(self, findings: Sequence[str], rows: Sequence[str]) -> None:
+        """Print findings, then what is wrong with rows, the first ten of them."""
+        self.warn([*findings, *rows[:10]])
+        if len(rows) > 10:
+            self.say(f"... and {len(rows) - 10} more rows, see status and reason.")
+
     def table(self, table: Table) -> None:
         """Print a table."""
         if self.speaks:
@@ -109,6 +115,14 @@ def number(value: float | None, digits: int = 4) -> str:
 def counted(count: int, what: str) -> str:
     """Return ``1 row``, ``2 rows``."""
     return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def input_columns(path: Path) -> tuple[tuple[str, ...], list[Any]]:
+    """Return header and columns of a table as it stands, to be repeated in the output."""
+    from ppmcal.files import read_table
+
+    raw = read_table(path, loose=lambda _: True)
+    return raw.header, [raw.numbers.get(h, raw.text.get(h)) for h in raw.header]
 
 
 def command_line() -> str:

@@ -12,6 +12,7 @@ from ppmcal.cli.common import (
     Console,
     command_line,
     finish,
+    input_columns,
     json_option,
     leave,
     number,
@@ -45,7 +46,7 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     import numpy as np
 
     from ppmcal.compensate import compensate
-    from ppmcal.files import Output, provenance, read_mechanism, read_poses, read_table
+    from ppmcal.files import Output, provenance, read_mechanism, read_poses
     from ppmcal.outputs.knowledge import read_knowledge
     from ppmcal.outputs.tables import command_files
 
@@ -62,12 +63,11 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
                      "so poses far outside it are not refused")
     poses = read_poses(targets, mechanism)
     result = compensate(mechanism, poses.poses, registration, known, name)
-    raw = read_table(targets, loose=lambda _: True)
-    columns = [raw.numbers[h] if h in raw.numbers else list(raw.text[h]) for h in raw.header]
+    header, columns = input_columns(targets)
     inputs = [*mechanism.inputs, str(targets), *([str(path)] if known else [])]
     source = provenance(inputs, command_line(), None)
     with Output(out) as output:
-        for file, text in command_files(mechanism, result, raw.header, columns, source,
+        for file, text in command_files(mechanism, result, header, columns, source,
                                         notes).items():
             output.add(file, text)
     refused = [(n + 1, r) for n, (s, r) in enumerate(zip(result.status, result.reason, strict=True))
@@ -84,9 +84,7 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
         console.say(f"Predicted position error: {number(before)} {unit} rms with uncorrected "
                     f"commands. Corrected: {number(after)} {unit} rms, which is how well the "
                     f"measurements know the machine in the frame of {name or 'its base'}.")
-    console.warn([*notes, *(f"row {n} refused: {r}" for n, r in refused[:10])])
-    if len(refused) > 10:
-        console.say(f"... and {len(refused) - 10} more rows, see status and reason.")
+    console.warn_rows(notes, [f"row {n} refused: {r}" for n, r in refused])
     finish(out, list(output.files), console)
     console.summary({"format": "ppmcal/commands/1", "rows": total, "refused": len(refused),
                      "notes": notes, "provenance": source})

@@ -13,6 +13,7 @@ from ppmcal.cli.common import (
     command_line,
     counted,
     finish,
+    input_columns,
     json_option,
     leave,
     out_option,
@@ -42,7 +43,7 @@ def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None,
     Rows are a path in their order: singularities crossed and assembly modes changed on the
     way are marked. Writes kinematics.csv and kinematics.json.
     """
-    from ppmcal.files import Output, provenance, read_mechanism, read_table
+    from ppmcal.files import Output, provenance, read_mechanism
     from ppmcal.outputs.tables import kinematics_files
 
     console = Console(quiet, as_json)
@@ -53,20 +54,17 @@ def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None,
         if which != "forward":
             raise click.UsageError("--dataset goes with forward.")
         seen = _as_measured(mechanism, dataset, result)
-    raw = read_table(table, loose=lambda name: True)
-    columns = [raw.numbers[h] if h in raw.numbers else list(raw.text[h]) for h in raw.header]
+    header, columns = input_columns(table)
     source = provenance([*mechanism.inputs, table], command_line(), None)
     with Output(out) as output:
-        for name, text in kinematics_files(mechanism, result, raw.header, columns, which, source,
+        for name, text in kinematics_files(mechanism, result, header, columns, which, source,
                                            seen).items():
             output.add(name, text)
     bad = [(n + 1, s, r) for n, (s, r) in enumerate(zip(result.status, result.reason, strict=True))
            if s != "ok"]
     console.say(f"{mechanism.name}: {which} kinematics of {counted(len(result.status), 'row')}, "
                 f"{len(result.status) - len(bad)} ok.")
-    console.warn([*mechanism.findings, *(f"row {n}: {s}: {r}" for n, s, r in bad[:10])])
-    if len(bad) > 10:
-        console.say(f"... and {len(bad) - 10} more rows, see status and reason.")
+    console.warn_rows(mechanism.findings, [f"row {n}: {s}: {r}" for n, s, r in bad])
     finish(out, list(output.files), console)
     console.summary({"format": "ppmcal/kinematics/1", "rows": len(result.status),
                      "not_ok": len(bad), "provenance": source})
@@ -97,10 +95,9 @@ def _solve(which: str, mechanism: Mechanism, table: Path) -> Table:
 def _as_measured(mechanism: Mechanism, dataset: str, result: Table) -> NDArray[Any]:
     import numpy as np
 
-    from ppmcal import algebra as cga
     from ppmcal.compensate import station_of
     from ppmcal.errors import unknown
-    from ppmcal.observation import predict
+    from ppmcal.observation import measured_pose
     from ppmcal.targets import pose_motor
 
     if dataset not in mechanism.registrations:
@@ -109,7 +106,5 @@ def _as_measured(mechanism: Mechanism, dataset: str, result: Table) -> NDArray[A
     station = station_of(mechanism.registrations[dataset], len(mechanism.actuators))
     seen = np.full_like(result.pose, np.nan)
     good = np.isfinite(result.pose).all(axis=1)
-    point, turn = predict(station, pose_motor(result.pose[good]))
-    rotation = cga.rotation_vector(cga.motor_from_matrix(turn, np.zeros(3)))
-    seen[good] = np.concatenate([point, rotation], axis=1)
+    seen[good] = measured_pose(station, pose_motor(result.pose[good]))
     return seen

@@ -13,7 +13,7 @@ that makes c a length, positive when the platform is too far along the leg's lin
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -78,7 +78,6 @@ class LimbKind:
         actuator: ``length`` or ``angle``, what the actuated joint measures.
         branch: name of the setting that chooses between two inverse roots, or None.
         branch_sign: +1 if the setting's +1 is the larger root, -1 for the smaller.
-        parts: lengths whose sum bounds the leg, for plausibility checks.
         closes_when: the closure in words of the contract, for messages.
         source: paper and equation.
     """
@@ -94,7 +93,6 @@ class LimbKind:
     branch_sign: int = 1
     closes_when: str = ""
     source: str = ""
-    worked_case: dict[str, object] = field(default_factory=dict)
 
     @property
     def steps(self) -> tuple[Step, ...]:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal import algebra as cga
 from ppmcal.analysis import Estimate, Identification
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
+from ppmcal.targets import pose_vector
 from ppmcal.units import Units
 
 Array = NDArray[np.float64]
@@ -123,9 +123,7 @@ def column_factor(mechanism: Mechanism, name: str) -> float:
             return mechanism.units.factor(p.quantity)
     head = name.split(" of ")[0]
     if head.startswith("homing."):
-        a = mechanism.actuators.index(head.removeprefix("homing."))
-        return 1.0 if mechanism.actuator_has_ratio[a] else mechanism.units.factor(
-            mechanism.actuator_quantity[a])
+        return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
     return mechanism.units.factor("angle" if head.split(".")[-1].startswith("r") else "length")
 
 
@@ -166,7 +164,7 @@ def _volume(result: Identification) -> dict[str, list[float]]:
     units = result.mechanism.units
     state: State = result.fit.state
     poses = np.concatenate([p[k] for p, k in zip(state.poses, result.fit.keep, strict=True)])
-    full = np.concatenate([cga.translation(poses), cga.rotation_vector(poses)], axis=1)
+    full = pose_vector(poses)
     out = {}
     for c in result.mechanism.dof:
         f = units.factor("length" if c < 3 else "angle")

@@ -16,17 +16,10 @@ from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 Array = NDArray[np.float64]
 
 
-def joint_units(mechanism: Mechanism) -> list[tuple[float, str]]:
-    """Return (SI value of one file unit, its name) of each joint variable."""
-    return [(1.0, "") if ratio else (mechanism.units.factor(q), mechanism.units.name(q))
-            for q, ratio in zip(mechanism.actuator_quantity, mechanism.actuator_has_ratio,
-                                strict=True)]
-
-
 def joint_columns(mechanism: Mechanism, q: Array, pattern: str) -> dict[str, Array]:
     """Return joint values as columns named by ``pattern`` (``q_{}``), file units."""
     return {pattern.format(name): q[:, i] / factor for i, (name, (factor, _)) in
-            enumerate(zip(mechanism.actuators, joint_units(mechanism), strict=True))}
+            enumerate(zip(mechanism.actuators, mechanism.joint_units, strict=True))}
 
 
 def pose_columns(mechanism: Mechanism, pose: Array, prefix: str = "") -> dict[str, Array]:
@@ -40,7 +33,7 @@ def unit_map(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
     """Return the unit of every column that has one."""
     length, angle = mechanism.units.length, mechanism.units.angle
     out = {}
-    joints = dict(zip(mechanism.actuators, (u for _, u in joint_units(mechanism)), strict=True))
+    joints = dict(zip(mechanism.actuators, (u for _, u in mechanism.joint_units), strict=True))
     for name in header:
         bare = name.removeprefix("cmd_")
         if bare in POSE_COORDINATES:
