@@ -13,7 +13,7 @@ the twist of each joint and slot.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.effects import Shift
 from ppmcal.limbs import Body
 from ppmcal.limbs.chain import U
 from ppmcal.mechanism import Mechanism
@@ -30,10 +31,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A mechanism at parameter values ``g`` (P,); default its present ones."""
+    """A mechanism at parameter values ``g`` (P,); default its present ones.
+
+    With a ``shift`` the model belongs to N rows, whose slots it changes one by one.
+    """
 
     mechanism: Mechanism
     g: Array | None = None
+    shift: Shift | None = None
+
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Model:
+        """Return the model of some of its rows."""
+        return self if self.shift is None else replace(self, shift=self.shift.take(rows))
 
     @cached_property
     def parameters(self) -> Array:
@@ -42,9 +51,12 @@ class Model:
 
     @cached_property
     def limb_values(self) -> tuple[dict[str, Any], ...]:
-        """Slots and directions of each limb."""
-        return tuple({**limb.slots.values(self.parameters), **limb.constants}
-                     for limb in self.mechanism.limbs)
+        """Slots and directions of each limb; slots that effects change are (N,)."""
+        out: list[dict[str, Any]] = [{**limb.slots.values(self.parameters), **limb.constants}
+                                     for limb in self.mechanism.limbs]
+        for (limb, slot), change in (self.shift.slots if self.shift else {}).items():
+            out[limb][slot] = out[limb].get(slot, 0.0) + change
+        return tuple(out)
 
     def joint_coordinate(self, limb: int, q: Array) -> Array:
         """Return u = ratio q + offset of one limb, (N,); m or rad."""
@@ -141,8 +153,8 @@ class Closure:
         t = cga.translation(np.atleast_2d(pose))[:, None, :]
         return np.concatenate([n, m - np.cross(t, n)], axis=-1)[..., self.model.mechanism.dof]
 
-    def joint_matrix(self, pose: Array, lines: Array | None = None) -> Array:
-        """Return Jq = dc/dq (N, d, k), m per unit of q."""
+    def joint_matrix(self, pose: Array, lines: Array | None = None, drive: bool = True) -> Array:
+        """Return Jq = dc/dq (N, d, k), m per unit of q; dc/du without the ``drive`` ratio."""
         lines = self.lines(pose) if lines is None else lines
         mechanism = self.model.mechanism
         out = np.zeros((*lines.shape[:2], len(mechanism.actuators)))
@@ -150,7 +162,7 @@ class Closure:
         for i, (limb, body) in enumerate(zip(mechanism.limbs, self.bodies, strict=True)):
             k = len(body.point_moves)
             rows = _slot_columns(body, lines[:, row:row + k], pose, (U,))[..., 0]
-            ratio = self.model.limb_values[i].get("ratio", 1.0)
+            ratio = self.model.limb_values[i].get("ratio", 1.0) if drive else 1.0
             out[:, row:row + k, limb.actuator] = rows * ratio
             row += k
         return out
@@ -170,6 +182,21 @@ class Closure:
                                 self.q[:, limb.actuator])
             chain = limb.slots.jacobian(self.model.parameters, self.slots[i], self.columns[i])
             out.append((rows, self.columns[i], raw @ chain))
+        return out
+
+    def slot_matrix(self, pose: Array, limb: int, slots: Sequence[str],
+                    lines: Array | None = None) -> Array:
+        """Return dc/dslot of one limb (N, d, S); zero in the other limbs' rows."""
+        lines = self.lines(pose) if lines is None else lines
+        before = sum(len(b.point_moves) for b in self.bodies[:limb])
+        rows = slice(before, before + len(self.bodies[limb].point_moves))
+        body = self.bodies[limb]
+        if set(slots) != {"offset"}:
+            kind = self.model.mechanism.limbs[limb].kind
+            values = {**self.model.limb_values[limb], U: self.model.joint_coordinate(limb, self.q)}
+            body = kind.evaluate(values, {U, *slots})
+        out = np.zeros((*lines.shape[:2], len(slots)))
+        out[:, rows] = _slot_columns(body, lines[:, rows], pose, slots)
         return out
 
     def error_matrix(self, pose: Array, wanted: Sequence[int], lines: Array | None = None) -> Array:

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
+from ppmcal.conditions import Conditions, conditions
 from ppmcal.dataset import Dataset
+from ppmcal.equilibrium import reach
 from ppmcal.forward import forward
 from ppmcal.inverse import home_state
 from ppmcal.kinematics import inverse_table
@@ -26,6 +28,7 @@ from ppmcal.problem import Problem, State
 from ppmcal.targets import base_station, pose_motor, pose_vector, wanted_poses
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 FAR_OUTSIDE = 0.5
 """Refused: farther outside the measured range than this part of its width."""
@@ -78,7 +81,9 @@ def station_of(registration: Registration, actuators: int) -> Station:
 
 
 def compensate(mechanism: Mechanism, wanted: Array, registration: Registration | None,
-               knowledge: Knowledge | None = None, dataset: str = "") -> Compensation:
+               knowledge: Knowledge | None = None, dataset: str = "",
+               columns: Mapping[str, Array] | None = None, sequence: bool = False
+               ) -> Compensation:
     """Return corrected commands.
 
     Args:
@@ -87,22 +92,30 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
         registration: frame and target; None for wanted platform poses in the base frame.
         knowledge: covariance and measured volume, None where not available.
         dataset: name of the data set that ``registration`` belongs to.
+        columns: what effects depend on, as in :func:`ppmcal.conditions.conditions`.
+        sequence: targets are visited in order, which gives the directions of approach.
+
+    An instrument's own scale error or tilt (effects ``sensor_scale``, ``tilt``) is not
+    commanded into the machine: targets are true positions in its frame.
     """
     k = len(mechanism.actuators)
     station = station_of(registration, k) if registration else base_station(k)
     model, nominal = Model(mechanism), Model(mechanism.nominal())
     full, failed = wanted_poses(model, station, wanted)
-    table = inverse_table(model, full)
+    columns = dict(columns or {})
+    rough = inverse_table(nominal, full).q if sequence else np.zeros((len(full), k))
+    rows = conditions(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
+    table = inverse_table(model, full, rows)
     status = ["refused" if s != "ok" else "ok" for s in table.status]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     _outside_volume(mechanism, full, knowledge, status, reason)
     believed = station
     if registration is not None and knowledge is not None and dataset in knowledge.before:
         believed = station_of(knowledge.before[dataset], k)
-    before, q_nominal = _uncorrected(model, nominal, station, believed, full, wanted)
+    before, q_nominal = _uncorrected(model, nominal, station, believed, full, wanted, rows)
     good = np.array([s == "ok" for s in status])
-    result = _after(model, nominal, station, table.q, full, good)
-    sigma = _sigma(mechanism, station, full, table.q, good, knowledge, dataset)
+    result = _after(model, nominal, station, table.q, full, good, rows)
+    sigma = _sigma(model, station, full, table.q, good, knowledge, dataset, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(station, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, before[0], result[1], before[1], result[2],
@@ -128,7 +141,7 @@ def _outside_volume(mechanism: Mechanism, full: Array, knowledge: Knowledge | No
 
 
 def _uncorrected(model: Model, nominal: Model, station: Station, believed: Station, full: Array,
-                 wanted: Array) -> tuple[tuple[Array, Array], Array]:
+                 wanted: Array, rows: Conditions) -> tuple[tuple[Array, Array], Array]:
     """Errors (N,) position and rotation of the nominal commands, and those commands (N, k).
 
     The nominal machine is asked for the wanted pose in the frame in which it fits the
@@ -138,7 +151,7 @@ def _uncorrected(model: Model, nominal: Model, station: Station, believed: Stati
     if nominal.mechanism.conditions > len(nominal.mechanism.actuators):
         asked = named_only(nominal.mechanism, asked)
     table = inverse_table(nominal, asked)
-    real = forward(model, table.q)
+    real = reach(model, table.q, rows)
     return _errors(station, real.pose, pose_motor(full)), table.q
 
 
@@ -163,15 +176,15 @@ def named_only(mechanism: Mechanism, asked: Array) -> Array:
     return out
 
 
-def _after(model: Model, nominal: Model, station: Station, q: Array, full: Array, good: Array
-           ) -> tuple[Array, Array, Array]:
+def _after(model: Model, nominal: Model, station: Station, q: Array, full: Array, good: Bools,
+           rows: Conditions) -> tuple[Array, Array, Array]:
     """Corrected pose command of the nominal model (N, 6), and errors left (N,) each."""
     command = np.full_like(full, np.nan)
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
     if good.any():
         asked = forward(nominal, q[good])
         command[good] = pose_vector(asked.pose)
-        real = forward(model, q[good])
+        real = reach(model, q[good], rows.take(good))
         position[good], rotation[good] = _errors(station, real.pose, pose_motor(full[good]))
     return command, position, rotation
 
@@ -183,28 +196,29 @@ def _errors(station: Station, real: Array, ideal: Array) -> tuple[Array, Array]:
     return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn, axis=-1)
 
 
-def _sigma(mechanism: Mechanism, station: Station, full: Array, q: Array, good: Array,
-           knowledge: Knowledge | None, dataset: str) -> tuple[Array, Array]:
+def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
+           knowledge: Knowledge | None, dataset: str, rows: Conditions) -> tuple[Array, Array]:
     """Return the standard deviations (N,) of the corrected position and rotation."""
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
     if knowledge is None or not good.any():
         return position, rotation
-    jacobian = prediction_jacobian(mechanism, station, full[good], q[good], knowledge,
-                                   dataset)
+    jacobian = prediction_jacobian(model, station, full[good], q[good], knowledge, dataset,
+                                   rows.take(good))
     spread = jacobian @ knowledge.covariance @ np.swapaxes(jacobian, -1, -2)
     variance = np.diagonal(spread, axis1=-2, axis2=-1)
-    places = sum(1 for c in mechanism.dof if c < 3)
+    places = sum(1 for c in model.mechanism.dof if c < 3)
     position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0))
     rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0))
     return position, rotation
 
 
-def prediction_jacobian(mechanism: Mechanism, station: Station, full: Array, q: Array,
-                        knowledge: Knowledge, dataset: str) -> Array:
+def prediction_jacobian(model: Model, station: Station, full: Array, q: Array,
+                        knowledge: Knowledge, dataset: str, rows: Conditions) -> Array:
     """Return d(measured pose)/d(columns) (N, m, C), columns as the identification names them.
 
     Columns of other data sets' frames, and unknown names, are 0.
     """
+    mechanism = model.mechanism
     names = knowledge.names
     place = {n: i for i, n in enumerate(mechanism.names)}
     free = tuple(place[n] for n in names if n in place)
@@ -212,11 +226,12 @@ def prediction_jacobian(mechanism: Mechanism, station: Station, full: Array, q: 
     flat = np.array([False, False, True, True, True, False]) & (mechanism.motion == "planar")
     data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
     about = knowledge.pivots.get(dataset, np.zeros(3))
-    problem = Problem(mechanism, (data,), free, (about,))
-    state = State(mechanism.values, (station,), (pose_motor(full),))
-    rows = [r.jacobian for r in problem.rows(state)]
+    problem = Problem(mechanism, (data,), free, (about,), (rows,))
+    closed = reach(model, q, rows, pose_motor(full), q).closed
+    state = State(mechanism.values, (station,), (closed,))
+    found = [r.jacobian for r in problem.rows(state)]
     own = {name: c for c, name in enumerate(problem.columns)}
-    stacked = np.concatenate(rows)
+    stacked = np.concatenate(found)
     out = np.zeros((*stacked.shape[:2], len(names)))
     for c, name in enumerate(names):
         if name in own:

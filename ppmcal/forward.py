@@ -64,12 +64,13 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
     result = np.full_like(pose, np.nan)
     rows = np.flatnonzero(usable)
     if rows.size:
-        solved, good = _attempt(model, q[rows], pose[rows])
+        solved, good = _attempt(model.take(rows), q[rows], pose[rows])
         result[rows[good]] = solved[good]
         progress[rows[good]] = 1.0
         rest = rows[~good]
         if rest.size:
-            result[rest], progress[rest] = _lead(model, origin[rest], q[rest], pose[rest])
+            result[rest], progress[rest] = _lead(model.take(rest), origin[rest], q[rest],
+                                                 pose[rest])
     return Forward(result, progress >= 1.0, progress)
 
 
@@ -95,7 +96,7 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array) -> tuple[Array, Ar
         rows = np.flatnonzero(active)
         to = np.minimum(at[rows] + step[rows], 1.0)
         goal = origin[rows] + to[:, None] * (q[rows] - origin[rows])
-        solved, good = _attempt(model, goal, pose[rows])
+        solved, good = _attempt(model.take(rows), goal, pose[rows])
         pose[rows[good]], at[rows[good]] = solved[good], to[good]
         step[rows] = np.where(good, step[rows] * 1.5, step[rows] / 2.0)
         active[rows] = (at[rows] < 1.0) & (step[rows] >= SMALLEST_STEP)

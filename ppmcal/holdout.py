@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
+from ppmcal.equilibrium import reach
 from ppmcal.fit import Fit, Options
-from ppmcal.forward import forward
 from ppmcal.identify import identify
 from ppmcal.observation import Station, coordinates
 from ppmcal.problem import Problem, State
@@ -66,8 +66,9 @@ def held_out(problem: Problem, options: Options, fraction: float, seed: int,
 
 def fresh_state(problem: Problem, fitted: State) -> State:
     """Return a state with fitted parameters and stations, poses solved for other rows."""
-    poses = tuple(forward(Model(problem.mechanism, fitted.g), d.q + s.homing).pose
-                  for d, s in zip(problem.datasets, fitted.stations, strict=True))
+    model = Model(problem.mechanism, fitted.g)
+    poses = tuple(reach(model, d.q + s.homing, c).closed for d, s, c in
+                  zip(problem.datasets, fitted.stations, problem.conditions, strict=True))
     return State(fitted.g, fitted.stations, poses)
 
 

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
+from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
+from ppmcal.equilibrium import reach
 from ppmcal.forward import conditioning, forward
 from ppmcal.inverse import home_state, solve_rows
 from ppmcal.mechanism import Mechanism
-from ppmcal.targets import inverse_partial, pose_motor, pose_vector
+from ppmcal.targets import LACKING, inverse_partial, pose_motor, pose_vector
 
 Array = NDArray[np.float64]
 
@@ -47,32 +49,44 @@ class Table:
     reason: tuple[str, ...]
 
 
-def inverse_table(model: Model, coordinates: Array) -> Table:
-    """Return joint values of poses (N, 6), nan = open coordinate, as a path in row order."""
-    found = inverse_partial(model, coordinates)
+def inverse_table(model: Model, coordinates: Array, rows: Conditions | None = None) -> Table:
+    """Return joint values of poses (N, 6), nan = open coordinate, as a path in row order.
+
+    ``rows``: the conditions that the machine's effects depend on.
+    """
+    found = inverse_partial(model, coordinates, rows)
     status = ["ok" if r else "unreachable" for r in found.reached]
     return _judged(model, found.q, found.pose, status, list(found.reason))
 
 
-def forward_table(model: Model, q: Array) -> Table:
-    """Return the poses of joint values (N, k), in home's assembly mode, as a path."""
+def forward_table(model: Model, q: Array, rows: Conditions | None = None) -> Table:
+    """Return the poses of joint values (N, k), in home's assembly mode, as a path.
+
+    ``rows``: the conditions that the machine's effects depend on.
+    """
     found = forward(model, q)
     status = ["ok" if c else "not converged" for c in found.converged]
     reason = ["" if c else ("joint values missing" if not np.isfinite(row).all() else
               f"no pose: the way from home ends at {p:.0%} of it (singular or out of reach)")
               for c, p, row in zip(found.converged, found.progress, q, strict=True)]
     _mark_jumps(model, q, found.pose, status, reason)
-    return _judged(model, q, found.pose, status, reason)
+    pose = found.pose
+    if model.mechanism.effects:
+        pose = reach(model, q, rows, found.pose, q).pose
+        for n in np.flatnonzero(known(found.pose) & ~known(pose)):
+            status[n], reason[n] = "not converged", LACKING
+    return _judged(model, q, pose, status, reason)
 
 
-def velocity_table(model: Model, coordinates: Array, twist: Array) -> Table:
+def velocity_table(model: Model, coordinates: Array, twist: Array,
+                   conditions: Conditions | None = None) -> Table:
     """Return joint rates of poses moving with ``twist`` (N, 6) vx, vy, vz, wx, wy, wz.
 
     A twist + Jq rate = 0 ([IK] eq. 32 and 49). A machine with fewer actuators than pose
     coordinates takes as many velocity components as it has actuators, the others nan; they
-    follow from the closure.
+    follow from the closure. Effects (``conditions``) change the joints, not the rates.
     """
-    table = inverse_table(model, coordinates)
+    table = inverse_table(model, coordinates, conditions)
     rows = np.flatnonzero([s == "ok" for s in table.status])
     rate = np.full_like(table.q, np.nan)
     status, reason = list(table.status), list(table.reason)

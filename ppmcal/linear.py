@@ -54,7 +54,8 @@ def parameter_scale(problem: Problem) -> Array:
     for c, p in enumerate(problem.free):
         parameter = problem.mechanism.parameters[p]
         tau = parameter.tolerance
-        natural = 1e-3 * (problem.mechanism.reach if parameter.quantity == "length" else 1.0)
+        natural = parameter.size or 1e-3 * (
+            problem.mechanism.reach if parameter.quantity == "length" else 1.0)
         out[c] = tau if tau is not None and np.isfinite(tau) and tau > 0.0 else natural
     return out
 

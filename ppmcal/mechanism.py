@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.effects import EffectKind
 from ppmcal.limbs import LimbKind
 from ppmcal.parameters import Parameter, SlotMap, free_indices, with_values
 from ppmcal.units import Units
@@ -35,6 +36,19 @@ class Limb:
     slots: SlotMap
     constants: Mapping[str, Array] = field(default_factory=dict)
     branch: int | None = None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of the machine.
+
+    ``on`` (k,): the actuators that it acts on; ``parameters``: the kind's parameter name ->
+    index into the machine's parameters.
+    """
+
+    kind: EffectKind
+    on: tuple[bool, ...]
+    parameters: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -64,6 +78,7 @@ class Mechanism:
         home_q: joint values at home by actuator, nan where the file gives none, (k,).
         limits: joint range by actuator, (k, 2), -inf and inf where none.
         gravity: unit direction of weight in base axes, (3,).
+        effects: what acts beyond geometry.
         units: the file's units, in which everything is written.
         free_patterns: the file's ``free`` list, or None.
         registrations: frame and target of data sets that were identified, by name.
@@ -83,6 +98,7 @@ class Mechanism:
     limits: Array
     gravity: Array
     units: Units
+    effects: tuple[Effect, ...] = ()
     free_patterns: tuple[str, ...] | None = None
     registrations: Mapping[str, Registration] = field(default_factory=dict)
     digits: Mapping[str, float] = field(default_factory=dict)
@@ -174,8 +190,8 @@ class Mechanism:
         return replace(self, parameters=with_values(self.parameters, g))
 
     def nominal(self) -> Mechanism:
-        """Return the machine as drawn: every parameter at its nominal value."""
-        return self.with_values(self.nominals)
+        """Return the machine as drawn: every parameter at its nominal value, no effects."""
+        return replace(self.with_values(self.nominals), effects=())
 
 
 def joint_points(mechanism: Mechanism) -> tuple[Array, Array]:

@@ -46,6 +46,8 @@ class View:
         by_frame: d prediction / d(frame displacement, turn about the pivot), (n, m, 6).
         by_target: d prediction / d target (n, m, 3).
         by_target_rotation: d prediction / d target rotation vector (n, m, 3).
+        point: where the measured point truly is, measuring frame (n, 3); places: how many
+            of the m coordinates are positions.
     """
 
     residual: Array
@@ -54,6 +56,8 @@ class View:
     by_frame: Array
     by_target: Array
     by_target_rotation: Array
+    point: Array
+    places: int
 
 
 def coordinates(data: Dataset, motion: str) -> tuple[int, ...]:
@@ -84,12 +88,16 @@ def measured_pose(station: Station, pose: Array) -> Array:
         cga.motor_from_matrix(turn, np.zeros(3)))], axis=-1)
 
 
-def view(data: Dataset, station: Station, pose: Array, motion: str, about: Array) -> View:
-    """Compare the data set's rows with poses (n, 8); ``about`` is the frame's pivot (3,)."""
+def view(data: Dataset, station: Station, pose: Array, motion: str, about: Array,
+         stretch: Array | None = None) -> View:
+    """Compare the data set's rows with poses (n, 8); ``about`` is the frame's pivot (3,).
+
+    The instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
+    """
     chosen = coordinates(data, motion)
     point, rotation = predict(station, pose)
     residual = np.full((len(data), 6), np.nan)
-    residual[:, :3] = data.position - point
+    residual[:, :3] = data.position - stretched(point, stretch)
     turned = rotation_residual(data, rotation, motion)
     residual[:, 3:] = turned
     observed = np.isfinite(residual[:, chosen])
@@ -108,9 +116,18 @@ def view(data: Dataset, station: Station, pose: Array, motion: str, about: Array
     seen = frame @ cga.rotation_matrix(pose)
     by_target[:, :3] = seen
     by_rotation[:, 3:] = half @ seen @ left_jacobian(station.target_rotation)
+    if stretch is not None:
+        for block in (by_pose, by_frame, by_target):
+            block[:, :3] += stretch @ block[:, :3]
     pick = list(chosen)
     return View(np.where(observed, residual[:, pick], 0.0), observed, by_pose[:, pick],
-                by_frame[:, pick], by_target[:, pick], by_rotation[:, pick])
+                by_frame[:, pick], by_target[:, pick], by_rotation[:, pick], point,
+                sum(1 for c in chosen if c < 3))
+
+
+def stretched(point: Array, stretch: Array | None) -> Array:
+    """Return points (n, 3) as an instrument with a scale error shows them."""
+    return point if stretch is None else point + (stretch @ point[..., None])[..., 0]
 
 
 def rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:

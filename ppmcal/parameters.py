@@ -22,13 +22,16 @@ class Parameter:
 
     Attributes:
         name: the slot's path, ``leg1.base.point.x``, or the name that several slots share.
-        quantity: ``length`` or ``angle``.
+        quantity: ``length`` or ``angle``; of an effect also a quotient, ``length/N``.
         value: present value; nominal: the drawing's.
         tolerance: one standard deviation; inf for no prior, None where none is stated.
         fixed: the file says it must not change.
         per_unit: whether it is a drive ratio (quantity per unit of the joint variable).
         aliases: slot paths that it feeds, for pattern matching.
         sigma: standard deviation from an earlier identification, or None.
+        free: marked as to be fitted, with or without a tolerance (effects).
+        size: a change that counts, SI, where no tolerance says so; None for geometry.
+        reciprocal: predictions are linear in 1/value; steps are taken there.
     """
 
     name: str
@@ -40,6 +43,16 @@ class Parameter:
     per_unit: bool = False
     aliases: tuple[str, ...] = ()
     sigma: float | None = None
+    free: bool = False
+    size: float | None = None
+    reciprocal: bool = False
+
+    def stepped(self, value: float, step: float) -> float:
+        """Return the value after a Gauss-Newton step; a reciprocal one keeps its sign.
+
+        With c = 1/value the step is dc = -step c^2, at most so large that c falls to a tenth.
+        """
+        return value / max(1.0 - step / value, 0.1) if self.reciprocal else value + step
 
     def matches(self, pattern: str) -> bool:
         """Whether a shell pattern names this parameter or a slot that it feeds."""
@@ -103,14 +116,16 @@ def free_indices(parameters: Sequence[Parameter], patterns: Sequence[str] | None
     """Return the indices that identification may change.
 
     Without ``patterns``: every parameter that has a tolerance above 0 and is not fixed.
-    A pattern that names nothing is the caller's to refuse (:func:`unmatched`).
+    Those that are marked as free are so either way. A pattern that names nothing is the
+    caller's to refuse (:func:`unmatched`).
     """
-    if patterns is None:
-        return [i for i, p in enumerate(parameters)
-                if not p.fixed and p.tolerance is not None and p.tolerance > 0.0
-                and not is_joint_component(p.name)]
-    return [i for i, p in enumerate(parameters)
-            if not p.fixed and any(p.matches(pattern) for pattern in patterns)]
+    def chosen(p: Parameter) -> bool:
+        if patterns is not None:
+            return any(p.matches(pattern) for pattern in patterns)
+        return (p.tolerance is not None and p.tolerance > 0.0
+                and not is_joint_component(p.name))
+
+    return [i for i, p in enumerate(parameters) if p.free or (not p.fixed and chosen(p))]
 
 
 def is_joint_component(name: str) -> bool:

@@ -21,18 +21,14 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.align import no_pose, start_station
 from ppmcal.arrays import known
-from ppmcal.closure import Model
+from ppmcal.closure import Closure, Model
+from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
-from ppmcal.forward import forward, newton
+from ppmcal.effects import Shift
+from ppmcal.equilibrium import platform_pose, reach, settle
+from ppmcal.influence import conditions_of, effect_columns, shifted
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import (
-    Station,
-    View,
-    noise,
-    pivot,
-    view,
-    whitener,
-)
+from ppmcal.observation import Station, View, noise, pivot, view, whitener
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -82,13 +78,15 @@ class Problem:
     """A machine and its measurements.
 
     ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
-    one (3,) per data set, default each one's middle.
+    one (3,) per data set, default each one's middle; ``given`` their conditions, default as
+    their columns say.
     """
 
     mechanism: Mechanism
     datasets: tuple[Dataset, ...]
     free: tuple[int, ...]
     pivots: tuple[Array, ...] | None = None
+    given: tuple[Conditions, ...] | None = None
 
     @cached_property
     def _layout(self) -> tuple[tuple[Open, ...], tuple[str, ...]]:
@@ -103,6 +101,11 @@ class Problem:
     def columns(self) -> tuple[str, ...]:
         """Names of all columns: parameters, then ``frame.x of NAME`` and the like (C,)."""
         return self._layout[1]
+
+    @cached_property
+    def conditions(self) -> tuple[Conditions, ...]:
+        """What effects depend on, by data set."""
+        return self.given or tuple(conditions_of(self.mechanism, d) for d in self.datasets)
 
     @cached_property
     def frame_parts(self) -> tuple[int, ...]:
@@ -137,7 +140,8 @@ class Problem:
     def start(self) -> State:
         """Return the starting state: present values, poses from home, aligned frames."""
         model = Model(self.mechanism)
-        poses = tuple(forward(model, d.q).pose for d in self.datasets)
+        poses = tuple(reach(model, d.q, c).closed
+                      for d, c in zip(self.datasets, self.conditions, strict=True))
         for d, pose in zip(self.datasets, poses, strict=True):
             if not known(pose).any():
                 raise no_pose(self.mechanism, d)
@@ -157,7 +161,7 @@ class Problem:
     def solve(self, state: State) -> State:
         """Return the state with its poses solved anew at its parameters."""
         model = Model(self.mechanism, state.g)
-        poses = tuple(_poses(model, self.joints(i, state), state.poses[i])
+        poses = tuple(settle(model, self.joints(i, state), self.conditions[i], state.poses[i])[0]
                       for i in range(len(self.datasets)))
         return replace(state, poses=poses)
 
@@ -168,7 +172,8 @@ class Problem:
     def moved(self, state: State, step: Array) -> State:
         """Return the state moved by a step (C,), poses solved anew."""
         g = state.g.copy()
-        g[list(self.free)] += step[:len(self.free)]
+        for p, s in zip(self.free, step[:len(self.free)].tolist(), strict=True):
+            g[p] = self.mechanism.parameters[p].stepped(float(g[p]), s)
         stations = tuple(self._station(s, o, step)
                          for s, o in zip(state.stations, self.opens, strict=True))
         return self.solve(State(g, stations, state.poses))
@@ -201,15 +206,25 @@ class Problem:
     def _chunk(self, i: int, data: Dataset, index: NDArray[np.int64], state: State,
                jacobian: bool) -> Rows:
         part, pose, station = data.take(index), state.poses[i][index], state.stations[i]
-        seen = view(part, station, pose, self.mechanism.motion, self.opens[i].about)
+        rows = self.conditions[i].take(index)
+        q = part.q + station.homing
+        model = shifted(Model(self.mechanism, state.g), rows, q, pose)
+        shift = model.shift
+        seen = view(part, station, platform_pose(pose, shift), self.mechanism.motion,
+                    self.opens[i].about, shift.stretch if shift else None)
         with_noise = bool(np.any(data.sigma_actuator > 0.0))
         n, m = seen.residual.shape
         full = np.zeros((n, m, len(self.columns) if jacobian else 0))
         by_joint = None
         if jacobian or with_noise:
-            by_joint = self._geometry(i, part, pose, state, seen.by_pose, full, jacobian)
-        if jacobian:
-            self._stations(i, full, seen)
+            closure = model.closure(q, self.free if jacobian else ())
+            lines = closure.lines(pose)
+            spread = self._spread(seen, closure, pose, lines, shift)
+            by_joint = spread @ closure.joint_matrix(pose, lines)
+            if jacobian:
+                self._geometry(i, full, closure, pose, lines, spread, by_joint)
+                effect_columns(full, self.free, closure, pose, lines, spread, seen, rows)
+                self._stations(i, full, seen)
         white = whitener(seen, noise(part, self.mechanism.motion), by_joint, data.sigma_actuator)
         full = np.where(seen.observed[..., None], full, 0.0)
         if with_noise:
@@ -219,25 +234,28 @@ class Problem:
             residual, full = diagonal * seen.residual, diagonal[..., None] * full
         return Rows(i, index, residual, full, seen.observed, seen.residual, white)
 
-    def _geometry(self, i: int, part: Dataset, pose: Array, state: State, by_pose: Array,
-                  out: Array, jacobian: bool) -> Array:
-        """Fill the geometry and homing columns; return d prediction / dq (n, m, k)."""
-        model = Model(self.mechanism, state.g)
-        closure = model.closure(part.q + state.stations[i].homing, self.free if jacobian else ())
-        lines = closure.lines(pose)
-        # prediction per condition: -by_pose A^-1
-        spread = -np.swapaxes(np.linalg.solve(
+    def _spread(self, seen: View, closure: Closure, pose: Array, lines: Array,
+                shift: Shift | None) -> Array:
+        """Return d prediction / d condition (n, m, d): -by_pose A^-1."""
+        by_pose = seen.by_pose
+        if shift is not None and shift.pose is not None:
+            # a turn of the closed pose comes out turned by the effects' own rotation
+            turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
+            by_pose = np.concatenate([by_pose[..., :3],
+                                      by_pose[..., 3:] @ cga.rotation_matrix(turn)], axis=-1)
+        return -np.swapaxes(np.linalg.solve(
             np.swapaxes(closure.pose_matrix(pose, lines), -1, -2),
             np.swapaxes(by_pose[..., self.mechanism.dof], -1, -2)), -1, -2)
-        by_joint = spread @ closure.joint_matrix(pose, lines)
-        if jacobian:
-            place = {p: c for c, p in enumerate(self.free)}
-            for rows, parameters, block in closure.error_blocks(pose, lines):
-                out[..., [place[p] for p in parameters]] += spread[..., rows] @ block
-            homing = self.opens[i].homing
-            if homing.stop > homing.start:
-                out[..., homing] = by_joint
-        return by_joint
+
+    def _geometry(self, i: int, out: Array, closure: Closure, pose: Array, lines: Array,
+                  spread: Array, by_joint: Array) -> None:
+        """Fill the columns of geometry and homing."""
+        place = {p: c for c, p in enumerate(self.free)}
+        for rows, parameters, block in closure.error_blocks(pose, lines):
+            out[..., [place[p] for p in parameters]] += spread[..., rows] @ block
+        homing = self.opens[i].homing
+        if homing.stop > homing.start:
+            out[..., homing] = by_joint
 
     def _stations(self, i: int, out: Array, seen: View) -> None:
         """Fill the columns of frame, target and target rotation."""
@@ -285,17 +303,3 @@ def turned_about(frame: Array, step: Array, about: Array) -> Array:
     turn = cga.motor_from_rotation_vector(step[3:], np.zeros(3))
     shift = about + step[:3] - cga.move_point(turn, about)
     return cga.compose(cga.motor_from_rotation_vector(step[3:], shift), frame)
-
-
-def _poses(model: Model, q: Array, warm: Array) -> Array:
-    """Solve poses from warm ones; rows that fail are led from home. Unknown ones stay nan."""
-    pose = np.full_like(warm, np.nan)
-    started = known(warm) & known(q)
-    rows = np.flatnonzero(started)
-    if rows.size:
-        solved, converged, _ = newton(model.closure(q[rows]), warm[rows])
-        pose[rows[converged]] = solved[converged]
-    lost = np.flatnonzero(started & ~known(pose))
-    if lost.size:
-        pose[lost] = forward(model, q[lost]).pose
-    return pose

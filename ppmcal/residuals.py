@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ppmcal.arrays import known
 from ppmcal.closure import Model
+from ppmcal.forward import moved
+from ppmcal.influence import shifted
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.targets import carried_back
@@ -96,5 +98,9 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
         measured = np.concatenate([position[whole], rotation[whole]], axis=1)
         pose = carried_back(problem.mechanism, station, measured)
         joints = problem.joints(index, state)[whole]
-        out[whole] = Model(problem.mechanism, state.g).closure(joints).lengths(pose)
+        model = shifted(Model(problem.mechanism, state.g), problem.conditions[index].take(whole),
+                        joints, pose)
+        if model.shift is not None and model.shift.pose is not None:
+            pose = moved(pose, -model.shift.pose)
+        out[whole] = model.closure(joints).lengths(pose)
     return out

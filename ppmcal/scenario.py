@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.mechanism import Mechanism
 from ppmcal.units import Units
 
 Array = NDArray[np.float64]
@@ -84,6 +85,8 @@ class Scenario:
         repeats: measurements per pose; approach: ``both``, ``sequence`` or ``one``.
         payload: kg, the loads to go through, or empty.
         temperature: (mean in K, swing in K) or None.
+        velocity: largest speed of each joint at the trigger (k,), 0 where at rest.
+        acting: the machine with the effects that act on it.
         seed: of the generator.
     """
 
@@ -111,4 +114,6 @@ class Scenario:
     approach: str
     payload: tuple[float, ...]
     temperature: tuple[float, float] | None
+    velocity: Array
+    acting: Mechanism
     seed: int

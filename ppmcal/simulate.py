@@ -13,12 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import known
 from ppmcal.closure import Model
+from ppmcal.conditions import Conditions, conditions
+from ppmcal.equilibrium import reach
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.forward import forward
+from ppmcal.influence import missing_columns, with_strokes
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, predict
+from ppmcal.observation import Station, predict, stretched
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 from ppmcal.targets import pose_motor
 
@@ -37,8 +40,9 @@ class Campaign:
 
     ``pose`` labels (N,); ``q`` as the controller believes it (N, k); ``position`` (N, 3) and
     ``rotation`` vector (N, 3) as measured; ``direction`` of approach by joint (N, k);
-    ``payload`` kg, ``temperature`` K, ``time`` s (N,); ``outlier`` rows; ``g`` the true
-    parameters (P,); ``left_out`` reasons for poses that could not be measured.
+    ``velocity`` of the joints at the trigger (N, k); ``payload`` kg, ``temperature`` K,
+    ``time`` s (N,); ``outlier`` rows; ``acting`` the machine with its effects and ``g`` its
+    true parameters (P,); ``left_out`` reasons for poses that could not be measured.
     """
 
     pose: Ints
@@ -46,10 +50,12 @@ class Campaign:
     position: Array
     rotation: Array
     direction: Array
+    velocity: Array | None
     payload: Array | None
     temperature: Array | None
     time: Array
     outlier: NDArray[np.bool_]
+    acting: Mechanism
     g: Array
     left_out: tuple[str, ...]
 
@@ -70,36 +76,82 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         raise BadInput(f"instrument '{scenario.kind}' cannot be simulated yet",
                        f"{scenario.source}: instrument.kind", "Use pose or position")
     rng = np.random.default_rng(scenario.seed if seed is None else seed)
-    drawing = mechanism.nominal()
-    q, left_out = commands(drawing, scenario, rng)
+    q, left_out = commands(mechanism.nominal(), scenario, rng)
     g = true_parameters(mechanism, scenario, rng)
     order, direction, payload = _visits(q, scenario, rng)
-    real = forward(Model(mechanism, g), q)
-    if not real.converged.any():
-        raise NoResult("the machine with these errors cannot reach any of the poses",
-                       scenario.source, "Inject smaller errors or choose other poses")
-    lost = np.flatnonzero(~real.converged)
-    left_out += [f"pose {n}: the machine with its errors cannot go there" for n in lost]
-    keep = np.isin(order, np.flatnonzero(real.converged))
-    order, direction = order[keep], direction[keep]
-    payload = payload[keep] if payload is not None else None
     n = order.size
     time = SECONDS_PER_ROW * np.arange(1, n + 1, dtype=np.float64)
-    station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
-                      np.zeros(q.shape[1]))
-    actual = real.pose[order]
+    temperature = _temperature(scenario, time)
+    velocity = direction * scenario.velocity * _speeds(scenario, direction.shape, rng)
+    rows = _conditions(mechanism, direction, velocity, payload, temperature, time)
+    acting = with_strokes(scenario.acting, q)
+    model = Model(acting, g)
+    _recorded(acting, rows, scenario)
+    real = reach(model, q[order], rows)
+    actual = real.pose
     if np.any(scenario.sigma_actuator > 0.0):
         shaken = q[order] + rng.normal(size=(n, q.shape[1])) * scenario.sigma_actuator
-        actual = forward(Model(mechanism, g), shaken, start=actual, start_q=q[order]).pose
-    position, turn = predict(station, actual)
+        actual = reach(model, shaken, rows, start=real.closed, start_q=q[order]).pose
+    keep = known(actual)
+    if not keep.any():
+        raise NoResult("the machine with these errors cannot reach any of the poses",
+                       scenario.source, "Inject smaller errors or choose other poses")
+    left_out += [f"pose {p}: the machine with its errors cannot go there"
+                 for p in np.unique(order[~keep])]
+    station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
+                      np.zeros(q.shape[1]))
+    position, turn = predict(station, actual[keep])
+    shift = real.model.take(keep).shift
+    position = stretched(position, shift.stretch if shift else None)
     position, rotation, outlier = _noisy(position, turn, scenario, mechanism, rng)
-    return Campaign(order, q[order], position, rotation, direction, payload,
-                    _temperature(scenario, time), time, outlier, g, tuple(left_out))
+    return Campaign(order[keep], q[order[keep]], position, rotation, direction[keep],
+                    velocity[keep] if np.any(scenario.velocity) else None,
+                    payload[keep] if payload is not None else None,
+                    temperature[keep] if temperature is not None else None, time[keep],
+                    outlier, acting, g, tuple(left_out))
+
+
+def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,
+                temperature: Array | None, time: Array) -> Conditions:
+    columns = {"time": time}
+    for a, name in enumerate(mechanism.actuators):
+        columns[f"dir_{name}"], columns[f"vel_{name}"] = direction[:, a], velocity[:, a]
+    if payload is not None:
+        columns["payload"] = payload
+    if temperature is not None:
+        columns["temperature"] = temperature
+    return conditions(columns, mechanism.actuators, mechanism.gravity, direction)
+
+
+def _recorded(acting: Mechanism, rows: Conditions, scenario: Scenario) -> None:
+    """Refuse effects that depend on what the scenario does not set."""
+    mend = {"payload": "conditions: {payload: [0, 20]}",
+            "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}
+    missing = missing_columns(acting, rows)
+    if missing:
+        raise BadInput(f"an effect depends on {missing[0]}, which the scenario does not set",
+                       f"{scenario.source}: conditions", f"Add `{mend[missing[0]]}`")
+
+
+def _speeds(scenario: Scenario, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Return joint speeds from a fifth of the largest up, as parts of it; drawn if needed."""
+    if not np.any(scenario.velocity):
+        return np.zeros(shape)
+    return rng.uniform(0.2, 1.0, shape)
 
 
 def true_parameters(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator) -> Array:
-    """Return the true parameters (P,): nominal, named errors, errors drawn from tolerances."""
-    g = mechanism.nominals.copy()
+    """Return the true parameters (P,): nominal, named errors, errors drawn from tolerances.
+
+    Effects have the values that the files give; they come last.
+    """
+    acting = scenario.acting
+    g = acting.nominals.copy()
+    count = len(mechanism.parameters)
+    g[:count] += acting.values[:count] - mechanism.values
+    for effect in acting.effects:
+        for p in effect.parameters.values():
+            g[p] = acting.values[p]
     if scenario.error_scale is not None:
         drawn = rng.normal(size=len(mechanism.parameters))
         for p in mechanism.free:

@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
+from ppmcal.conditions import Conditions, unknown_conditions
+from ppmcal.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
 from ppmcal.forward import moved
+from ppmcal.influence import shifted
 from ppmcal.inverse import Inverse, home_state, inverse, solve_rows
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.mechanism import Mechanism
@@ -16,6 +19,7 @@ from ppmcal.observation import Station, measured_pose
 
 Array = NDArray[np.float64]
 ITERATIONS = 50
+LACKING = "a condition that the machine's effects depend on is not given"
 
 
 def pose_vector(pose: Array) -> Array:
@@ -33,22 +37,50 @@ def base_station(actuators: int) -> Station:
     return Station(cga.identity_motor(), np.zeros(3), np.zeros(3), np.zeros(actuators))
 
 
-def inverse_partial(model: Model, coordinates: Array) -> Inverse:
+def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = None) -> Inverse:
     """Return joint values of poses of which only some coordinates are wanted.
 
     Args:
         model: the machine at its parameters.
         coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
             name all coordinates of the motion or as many as there are actuators.
+        rows: conditions that effects depend on; the joint values make up for the effects.
+    """
+    coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
+    found = _inverse_named(model, coordinates)
+    if not model.mechanism.effects:
+        return found
+    rows = rows or unknown_conditions(*found.q.shape)
+    asked, pose = coordinates, found.pose
+    for _ in range(ROUNDS):
+        now = shifted(model, rows, found.q, pose)
+        usable = row_known(now.shift, len(asked))
+        before = found.q
+        found = _inverse_named(now, np.where(usable[:, None], asked, np.nan), ~usable)
+        real = platform_pose(found.pose, now.shift)
+        asked = asked + np.nan_to_num(coordinates - pose_vector(real))
+        pose = found.pose
+        change = np.abs(found.q - before)
+        if np.max(change[np.isfinite(change)], initial=0.0) < SETTLED * model.mechanism.reach:
+            break
+    return Inverse(found.q, platform_pose(found.pose, now.shift), found.reason)
+
+
+def _inverse_named(model: Model, coordinates: Array,
+                   lacking: NDArray[np.bool_] | None = None) -> Inverse:
+    """Inverse kinematics of full or partial poses, without regard to platform twists.
+
+    ``lacking`` marks rows whose conditions are not known.
     """
     mechanism = model.mechanism
-    coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
     full, failed = wanted_poses(model, base_station(len(mechanism.actuators)), coordinates)
+    if lacking is not None:
+        failed = [LACKING if lack else f for f, lack in zip(failed, lacking, strict=True)]
     ready = np.array([not f for f in failed], dtype=bool)
     pose = np.full((full.shape[0], 8), np.nan)
     q = np.full((full.shape[0], len(mechanism.actuators)), np.nan)
     pose[ready] = pose_motor(full[ready])
-    done = inverse(model, pose[ready])
+    done = inverse(model.take(ready), pose[ready])
     q[ready] = done.q
     for n, reason in zip(np.flatnonzero(ready), done.reason, strict=True):
         failed[n] = reason
@@ -78,7 +110,7 @@ def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, 
         out[whole] = pose_vector(carried_back(mechanism, station, wanted[whole]))
     part = np.flatnonzero((open_.sum(axis=1) == short) & (short > 0))
     if part.size:
-        out[part], solved = _solve_named(model, station, wanted[part], open_[part])
+        out[part], solved = _solve_named(model.take(part), station, wanted[part], open_[part])
         for n in part[~solved]:
             failed[n] = failed[n] or ("the open coordinates could not be solved for: "
                                       "no such pose near home")

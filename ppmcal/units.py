@@ -26,14 +26,26 @@ class Units:
             raise unknown("angle unit", self.angle, ANGLES, "units.angle")
 
     def factor(self, quantity: str) -> float:
-        """Return the SI value of one file unit of ``length`` or ``angle`` (else 1)."""
-        if quantity == "length":
-            return LENGTHS[self.length]
-        return ANGLES[self.angle] if quantity == "angle" else 1.0
+        """Return the SI value of one file unit of a quantity.
+
+        ``length`` and ``angle`` follow the file; anything else is as in SI. Quotients are
+        written ``N/length``.
+        """
+        above, _, below = quantity.partition("/")
+        return self._one(above) / self._one(below)
 
     def name(self, quantity: str) -> str:
-        """Return the unit's name, ``mm`` or ``deg``; empty for a bare number."""
-        return {"length": self.length, "angle": self.angle}.get(quantity, "")
+        """Return the unit's name: ``mm``, ``deg``, ``N/mm``; empty for a bare number."""
+        own = {"length": self.length, "angle": self.angle, "N.m": "N m", "1": ""}
+        above, _, below = quantity.partition("/")
+        if not below:
+            return own.get(above, above)
+        return f"{own.get(above, above) or 1}/{own.get(below, below)}"
+
+    def _one(self, part: str) -> float:
+        if part == "length":
+            return LENGTHS[self.length]
+        return ANGLES[self.angle] if part == "angle" else 1.0
 
 
 SI = Units("m", "rad")

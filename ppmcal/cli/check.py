@@ -17,7 +17,7 @@ from ppmcal.cli.common import FILE, Console, json_option, leave, number, plain_t
 def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.check import check
-    from ppmcal.cli.identify import load
+    from ppmcal.cli.campaign import load
     from ppmcal.files import unit_findings
 
     console = Console(quiet, as_json)

@@ -22,6 +22,7 @@ from ppmcal.cli.common import (
 
 if TYPE_CHECKING:
     from ppmcal.compensate import Knowledge
+    from ppmcal.files.poses import PoseTable
     from ppmcal.mechanism import Mechanism, Registration
 
 
@@ -34,10 +35,13 @@ if TYPE_CHECKING:
               "poses in the base frame  [default: the model's only data set].")
 @click.option("--knowledge", type=FILE, default=None,
               help="identification.json of MODEL  [default: beside it].")
+@click.option("--approach", type=click.Choice(["columns", "sequence"]), default="columns",
+              show_default=True, help="Directions of approach: from dir_ columns, or from the "
+              "order of the targets.")
 @quiet_option
 @json_option
 def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge: Path | None,
-            quiet: bool, as_json: bool) -> None:
+            approach: str, quiet: bool, as_json: bool) -> None:
     """Turn the wanted poses TARGETS into corrected commands of the identified MODEL.
 
     Rows outside limits, across singularities or far outside the measured volume are refused,
@@ -62,7 +66,9 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
         notes.append(f"{path} is not there: uncertainties and the measured volume are unknown, "
                      "so poses far outside it are not refused")
     poses = read_poses(targets, mechanism)
-    result = compensate(mechanism, poses.poses, registration, known, name)
+    _enough(mechanism, poses, targets, approach == "sequence")
+    result = compensate(mechanism, poses.poses, registration, known, name, poses.conditions,
+                        approach == "sequence")
     header, columns = input_columns(targets)
     inputs = [*mechanism.inputs, str(targets), *([str(path)] if known else [])]
     source = provenance(inputs, command_line(), None)
@@ -89,6 +95,24 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     console.summary({"format": "ppmcal/commands/1", "rows": total, "refused": len(refused),
                      "notes": notes, "provenance": source})
     leave(bool(refused))
+
+
+def _enough(mechanism: Mechanism, poses: PoseTable, targets: Path, sequence: bool) -> None:
+    """Refuse targets that lack a column which the machine's effects depend on."""
+    import numpy as np
+
+    from ppmcal.conditions import conditions
+    from ppmcal.errors import BadInput
+    from ppmcal.influence import missing_columns
+
+    n = len(poses.rows)
+    # in a sequence every joint's direction follows from the order
+    joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
+    rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
+    missing = missing_columns(mechanism, rows)
+    if missing:
+        raise BadInput(f"the model's effects depend on {', '.join(missing)}, which is not there",
+                       f"{targets}: header", f"Add the column {missing[0]}")
 
 
 def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration | None, str]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ppmcal.cli.campaign import load, readable
 from ppmcal.cli.common import (
     FILE,
     Console,
@@ -92,43 +92,11 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     leave(bool(result.findings))
 
 
-def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
-         ) -> tuple[Mechanism, tuple[Dataset, ...]]:
-    """Read machine and data; ``patterns`` replace the file's choice of free parameters."""
-    from ppmcal.errors import unknown
-    from ppmcal.files import read_mechanism
-    from ppmcal.parameters import unmatched
-
-    mechanism = read_mechanism(mech)
-    if patterns == ("none",):
-        mechanism = mechanism.with_free([])
-    elif patterns:
-        for pattern in unmatched(mechanism.parameters, patterns):
-            raise unknown("parameter", pattern, mechanism.names, "--free")
-        mechanism = mechanism.with_free(patterns)
-    return mechanism, _readable(mechanism, data)
-
-
-def _readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]:
-    """Read measurements, with joints; refuse instruments that no fit can use yet."""
-    from ppmcal.errors import BadInput
-    from ppmcal.files import read_campaign
-    from ppmcal.kinematics import with_joints
-
-    datasets = read_campaign(list(paths), mechanism)
-    for d in datasets:
-        if d.kind not in ("pose", "position"):
-            raise BadInput(f"instrument '{d.kind}' is not supported by this version",
-                           f"{Path(d.source).with_suffix('.yaml')}: instrument.kind",
-                           "Use pose or position")
-    return tuple(with_joints(mechanism, d) for d in datasets)
-
-
 def _holdout(text: str, mechanism: Mechanism) -> tuple[tuple[Dataset, ...], float]:
     try:
         fraction = float(text)
     except ValueError:
-        return _readable(mechanism, [Path(text)]), 0.0
+        return readable(mechanism, [Path(text)]), 0.0
     if not 0.0 <= fraction < 1.0:
         raise click.UsageError(f"--holdout {text}: give a fraction from 0 to below 1, or a CSV.")
     return (), fraction

@@ -23,6 +23,7 @@ from ppmcal.cli.common import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ppmcal.conditions import Conditions
     from ppmcal.kinematics import Table
     from ppmcal.mechanism import Mechanism
 
@@ -48,12 +49,12 @@ def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None,
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)
-    result = _solve(which, mechanism, table)
+    result, rows = _solve(which, mechanism, table)
     seen = None
     if dataset is not None:
         if which != "forward":
             raise click.UsageError("--dataset goes with forward.")
-        seen = _as_measured(mechanism, dataset, result)
+        seen = _as_measured(mechanism, dataset, result, rows)
     header, columns = input_columns(table)
     source = provenance([*mechanism.inputs, table], command_line(), None)
     with Output(out) as output:
@@ -73,31 +74,56 @@ def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None,
     leave(bool(bad))
 
 
-def _solve(which: str, mechanism: Mechanism, table: Path) -> Table:
+def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
+    """Refuse a table that lacks a column which the machine's effects depend on."""
+    from ppmcal.errors import BadInput
+    from ppmcal.influence import missing_columns
+
+    missing = missing_columns(mechanism, rows)
+    if missing:
+        raise BadInput(f"the machine's effects depend on {', '.join(missing)}, which is not there",
+                       f"{table}: header", f"Add the column {missing[0]}, or take the effect out "
+                       f"of {mechanism.source}")
+
+
+def _solve(which: str, mechanism: Mechanism, table: Path) -> tuple[Table, Conditions]:
+    import numpy as np
+
     from ppmcal.closure import Model
+    from ppmcal.conditions import conditions
     from ppmcal.errors import BadInput
     from ppmcal.files import read_joints, read_poses, twists
     from ppmcal.kinematics import forward_table, inverse_table, velocity_table
 
     model = Model(mechanism)
     if which == "forward":
-        return forward_table(model, read_joints(table, mechanism).q)
+        joints = read_joints(table, mechanism)
+        rows = conditions(joints.conditions, mechanism.actuators, mechanism.gravity, joints.q)
+        _enough(mechanism, rows, table)
+        return forward_table(model, joints.q, rows), rows
     poses = read_poses(table, mechanism)
+    rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity,
+                      np.zeros((len(poses.rows), len(mechanism.actuators))))
+    _enough(mechanism, rows, table)
     if which == "inverse":
-        return inverse_table(model, poses.poses)
+        return inverse_table(model, poses.poses, rows), rows
     motion = twists(poses.extra, mechanism)
     if motion is None:
         raise BadInput("no velocity columns", str(table),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
-    return velocity_table(model, poses.poses, motion)
+    return velocity_table(model, poses.poses, motion, rows), rows
 
 
-def _as_measured(mechanism: Mechanism, dataset: str, result: Table) -> NDArray[Any]:
+def _as_measured(mechanism: Mechanism, dataset: str, result: Table, rows: Conditions
+                 ) -> NDArray[Any]:
     import numpy as np
 
+    from ppmcal.arrays import known
+    from ppmcal.closure import Model
     from ppmcal.compensate import station_of
     from ppmcal.errors import unknown
-    from ppmcal.observation import measured_pose
+    from ppmcal.influence import shifted
+    from ppmcal.observation import measured_pose, stretched
     from ppmcal.targets import pose_motor
 
     if dataset not in mechanism.registrations:
@@ -105,6 +131,10 @@ def _as_measured(mechanism: Mechanism, dataset: str, result: Table) -> NDArray[A
                       "measurement.datasets")
     station = station_of(mechanism.registrations[dataset], len(mechanism.actuators))
     seen = np.full_like(result.pose, np.nan)
-    good = np.isfinite(result.pose).all(axis=1)
-    seen[good] = measured_pose(station, pose_motor(result.pose[good]))
+    good = known(result.pose)
+    pose = pose_motor(result.pose[good])
+    seen[good] = measured_pose(station, pose)
+    shift = shifted(Model(mechanism), rows.take(good), result.q[good], pose).shift
+    if shift is not None:
+        seen[good, :3] = stretched(seen[good, :3], shift.stretch)
     return seen

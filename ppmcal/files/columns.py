@@ -9,16 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
-from ppmcal.files.pose_text import COORDINATES, NORM_TOLERANCE, QUATERNION, rotation_vectors
+from ppmcal.files.pose_text import (
+    COORDINATES,
+    NORM_TOLERANCE,
+    QUATERNION,
+    factors,
+    rotation_vectors,
+)
 from ppmcal.files.schema import hint
-from ppmcal.files.table import Table
+from ppmcal.files.table import Table, refuse_absurd
 from ppmcal.mechanism import Mechanism
+from ppmcal.units import Units
 
 Array = NDArray[np.float64]
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 CONDITIONS = ("temperature", "payload", "time", *WRENCH)
 ZERO_CELSIUS = 273.15
+NOT_MOVED = 1e-12
 _HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
 _CAPTURE = {**{f"position_{a}": a for a in "xyz"},
             **{f"orientation_{a}": f"quat_{a}" for a in "xyzw"}}
@@ -65,7 +73,8 @@ def translate_foreign(table: Table, mechanism: Mechanism) -> tuple[Table, list[s
     if set(_HEXAPOD) <= header:
         names = dict(_HEXAPOD)
         own = set(known_columns(mechanism))
-        joints = [c for c in table.header if c not in names and (c in actuators or c not in own)]
+        joints = [c for c in table.header if c not in names and (c in actuators or (
+            c not in own and not c.startswith("temperature_")))]
         if not set(actuators) <= set(joints) and len(joints) == len(actuators):
             findings.append(f"{table.source}: header: the joint columns {', '.join(joints)} are "
                             f"taken in order for the actuators {', '.join(actuators)}.")
@@ -93,23 +102,34 @@ def translate_foreign(table: Table, mechanism: Mechanism) -> tuple[Table, list[s
                    text={names.get(c, c): v for c, v in table.text.items()}), findings
 
 
-def column(table: Table, name: str) -> Array | None:
-    """Return a numeric column (N,), None where the file has none; inf is refused."""
-    values = table.numbers.get(name)
-    if values is not None and np.any(np.isinf(values)):
-        raise BadInput("an infinite value cannot have been measured",
-                       table.at(name, int(np.argmax(np.isinf(values)))),
-                       "Write a number, or leave the cell empty")
-    return values
-
-
 def stacked(table: Table, names: Sequence[str]) -> Array:
     """Return columns side by side (N, len(names)), nan where the file has none."""
     out = np.full((len(table), len(names)), np.nan)
     for i, name in enumerate(names):
-        values = column(table, name)
-        if values is not None:
-            out[:, i] = values
+        if name in table.numbers:
+            out[:, i] = table.numbers[name]
+    return out
+
+
+def poses(table: Table, mechanism: Mechanism, units: Units, prefix: str = "") -> Array:
+    """Return poses (N, 6) in SI: nan where left empty, 0 where the machine cannot move.
+
+    Raises:
+        BadInput: a coordinate that the machine does not have, other than 0.
+    """
+    out = stacked(table, [f"{prefix}{c}" for c in COORDINATES]) * factors(units)
+    out[:, 3:] = rotations(table, units.factor("angle"), prefix)[0]
+    for i, name in enumerate(COORDINATES):
+        if i in mechanism.dof:
+            continue
+        moved = np.flatnonzero(np.abs(np.nan_to_num(out[:, i])) > NOT_MOVED)
+        if moved.size:
+            own = prefix + (name if f"{prefix}{name}" in table.header else QUATERNION[i - 3])
+            raise BadInput(f"a {mechanism.motion} machine has no coordinate {name} "
+                           f"({row_list(moved)})", table.at(own, int(moved[0])),
+                           "Remove the column; a pose here is "
+                           f"{', '.join(prefix + c for c in mechanism.coordinates)}")
+        out[:, i] = 0.0
     return out
 
 
@@ -148,3 +168,27 @@ def row_list(indices: Array | NDArray[np.int64], most: int = 5) -> str:
     shown = ", ".join(str(int(i) + 1) for i in indices[:most])
     more = f" (+{len(indices) - most} more)" if len(indices) > most else ""
     return f"row{'s' if len(indices) > 1 else ''} {shown}{more}"
+
+
+def further_columns(table: Table, mechanism: Mechanism, joint: Array) -> dict[str, Array]:
+    """Return the columns of conditions in SI: directions, velocities, temperature (K) ..."""
+    factor = {f"vel_{a}": joint[i] for i, a in enumerate(mechanism.actuators)}
+    directions = {f"dir_{a}" for a in (*mechanism.actuators, "x", "y", "z")}
+    out: dict[str, Array] = {}
+    for name in table.header:
+        warm = name == "temperature" or name.startswith("temperature_")
+        mine = warm or name in directions or name in factor or name in CONDITIONS
+        if not mine or name not in table.numbers:
+            continue
+        values = table.numbers[name]
+        refuse_absurd({name: values}, table.source)
+        if name in directions:
+            bad = np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))
+            if bad.size:
+                raise BadInput(f"{values[bad[0]]:g} is not a direction of approach",
+                               table.at(name, int(bad[0])), "Write 1, -1, or leave it empty")
+        if name == "payload" and np.any(values < 0.0):
+            raise BadInput("a payload cannot be negative",
+                           table.at(name, int(np.argmax(values < 0.0))), "Write kg, 0 or more")
+        out[name] = values + ZERO_CELSIUS if warm else values * factor.get(name, 1.0)
+    return out

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files import columns as cols
-from ppmcal.files.columns import Array, column, row_list, stacked
+from ppmcal.files.columns import Array, further_columns, row_list, stacked
 from ppmcal.files.measured import Measured, measured
-from ppmcal.files.pose_text import COORDINATES, factors
 from ppmcal.files.sidecar import (
     SidecarFile,
     actuator_noise,
@@ -23,8 +22,10 @@ from ppmcal.files.sidecar import (
     point_of,
     read_sidecar,
     rotation_of,
+    sidecar_path,
 )
 from ppmcal.files.table import Table, read_table
+from ppmcal.files.yaml_text import number_text
 from ppmcal.mechanism import Mechanism
 from ppmcal.units import Units
 
@@ -57,7 +58,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     q, commanded = _joints(table, mechanism, units, joint)
     seen = measured(table, mechanism, file, side)
     sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)
-    extra_columns = _further(table, mechanism, joint)
+    extra_columns = further_columns(table, mechanism, joint)
     approach, more = _approach(file, table)
     to_q = _second_joints(table, mechanism, joint, file.instrument.kind)
     data = Dataset(
@@ -72,7 +73,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
         target_rotation=rotation_of(file.target_rotation, units, side), homing=file.homing,
         approach=approach, findings=tuple(findings + list(seen.findings) + more),
         extra=_fixed_point(file, to_q, mechanism, units, side))
-    return _usable(data, seen)
+    return _usable(data, seen, mechanism)
 
 
 def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism
@@ -100,7 +101,7 @@ def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism
 def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
     frame, seen = data.frame, [data.name]
     while frame.same_as is not None:
-        place = f"{Path(data.source).with_suffix('.yaml')}: frame.same_as"
+        place = f"{sidecar_path(Path(by_name[seen[-1]].source))}: frame.same_as"
         if frame.same_as not in by_name:
             error = unknown("data set", frame.same_as, by_name, place)
             raise BadInput(error.what, place, f"{error.mend} Give the other file on the command "
@@ -138,8 +139,7 @@ def _joints(table: Table, mechanism: Mechanism, units: Units, joint: Array
     if have and len(have) < len(names):
         raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
                        f"{table.source}: header", "Give all joint columns, or only cmd_ columns")
-    commanded = stacked(table, [f"cmd_{c}" for c in COORDINATES]) * factors(units)
-    commanded[:, 3:] = cols.rotations(table, units.factor("angle"), "cmd_")[0]
+    commanded = cols.poses(table, mechanism, units, "cmd_")
     given = [mechanism.coordinates[i] for i, d in enumerate(mechanism.dof)
              if np.isfinite(commanded[:, d]).any()]
     if len(given) < len(mechanism.actuators):
@@ -151,8 +151,7 @@ def _joints(table: Table, mechanism: Mechanism, units: Units, joint: Array
 
 
 def _not_empty(table: Table, name: str) -> None:
-    values = column(table, name)
-    if values is not None and not np.isfinite(values).any():
+    if not np.isfinite(table.numbers[name]).any():
         raise BadInput("all values of the column are missing", table.at(name),
                        "Fill it in, or remove the column")
 
@@ -187,30 +186,6 @@ def _fixed_point(file: SidecarFile, to_q: Array | None, mechanism: Mechanism, un
                               "instrument.point")}
 
 
-def _further(table: Table, mechanism: Mechanism, joint: Array) -> dict[str, Array]:
-    """Return the columns of conditions in SI: directions, velocities, temperature (K) ..."""
-    factor = {f"vel_{a}": joint[i] for i, a in enumerate(mechanism.actuators)}
-    directions = {f"dir_{a}" for a in (*mechanism.actuators, "x", "y", "z")}
-    out: dict[str, Array] = {}
-    for name in table.header:
-        warm = name == "temperature" or name.startswith("temperature_")
-        if not (warm or name in directions or name in factor or name in cols.CONDITIONS):
-            continue
-        values = column(table, name)
-        if values is None:
-            continue
-        if name in directions:
-            bad = np.flatnonzero(np.isfinite(values) & (np.abs(values) != 1.0))
-            if bad.size:
-                raise BadInput(f"{values[bad[0]]:g} is not a direction of approach",
-                               table.at(name, int(bad[0])), "Write 1, -1, or leave it empty")
-        if name == "payload" and np.any(values < 0.0):
-            raise BadInput("a payload cannot be negative",
-                           table.at(name, int(np.argmax(values < 0.0))), "Write kg, 0 or more")
-        out[name] = values + cols.ZERO_CELSIUS if warm else values * factor.get(name, 1.0)
-    return out
-
-
 def _approach(file: SidecarFile, table: Table) -> tuple[str, list[str]]:
     have = any(name.startswith("dir_") for name in table.header)
     if file.approach is None:
@@ -228,7 +203,7 @@ def _groups(table: Table) -> NDArray[np.int64]:
         return np.arange(n, dtype=np.int64)
     labels: list[object]
     if "pose" in table.text:
-        labels = [c or i for i, c in enumerate(table.text["pose"])]
+        labels = [i if c.lower() in ("", "nan") else c for i, c in enumerate(table.text["pose"])]
         number: dict[object, int] = {}
         return np.array([number.setdefault(c, len(number)) for c in labels], dtype=np.int64)
     values = table.numbers["pose"]
@@ -242,23 +217,24 @@ def _groups(table: Table) -> NDArray[np.int64]:
 
 def _sessions(table: Table) -> tuple[str, ...] | None:
     if "session" in table.text:
-        return table.text["session"]
+        return tuple("" if c.lower() == "nan" else c for c in table.text["session"])
     if "session" not in table.numbers:
         return None
     values, inverse = np.unique(table.numbers["session"], return_inverse=True)
-    words = ["" if np.isnan(v) else f"{v:.17g}" for v in values]
+    words = ["" if np.isnan(v) else number_text(float(v)) for v in values]
     return tuple(words[i] for i in inverse)
 
 
-def _usable(data: Dataset, seen: Measured) -> Dataset:
+def _usable(data: Dataset, seen: Measured, mechanism: Mechanism) -> Dataset:
     """Leave out rows that hold no joint values or nothing measured, and say so."""
-    joints = np.isfinite(data.q).all(axis=1)
+    joints, lacking = np.isfinite(data.q).all(axis=1), "a joint value is missing"
     if data.commanded is not None:
-        joints |= np.isfinite(data.commanded).any(axis=1)
+        given = np.isfinite(data.commanded[:, list(mechanism.dof)]).sum(axis=1)
+        joints, lacking = given >= len(mechanism.actuators), "a commanded coordinate is missing"
     if data.to_q is not None:
         joints &= np.isfinite(data.to_q).all(axis=1)
     findings, dropped = list(data.findings), list[tuple[int, str]]()
-    for bad, reason in ((~joints, "a joint value is missing"),
+    for bad, reason in ((~joints, lacking),
                         (joints & ~seen.any_measured, "nothing was measured")):
         rows = np.flatnonzero(bad)
         if rows.size:
@@ -268,7 +244,8 @@ def _usable(data: Dataset, seen: Measured) -> Dataset:
         return data
     keep = joints & seen.any_measured
     if not keep.any():
-        raise BadInput("no row has both joint values and a measurement", data.source,
+        commands = "joint values" if data.commanded is None else "a commanded pose"
+        raise BadInput(f"no row has both {commands} and a measurement", data.source,
                        "Fill in the empty cells")
     return replace(data.take(keep), findings=tuple(findings),
                    dropped=tuple(sorted(dropped)))

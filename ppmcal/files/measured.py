@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
-from ppmcal.files.columns import Array, column, rotations, row_list, stacked
+from ppmcal.files.columns import Array, rotations, row_list, stacked
 from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.sidecar import SidecarFile, sigma_needs
 from ppmcal.files.table import Table
@@ -67,7 +68,7 @@ def _pose(table: Table, mechanism: Mechanism, kind: str, units: Units
     needed = ("x", "y") if planar else ("x", "y", "z")
     _need(table, needed, f"instrument `{kind}`")
     position = stacked(table, COORDINATES[:3]) * units.factor("length")
-    findings: list[str] = []
+    findings = _unused(table, kind, lambda c: _scalar_column(c, ""))
     turns = [c for c in table.header if c in COORDINATES[3:] or c in QUATERNION]
     nothing = np.full((len(table), 3), np.nan)
     if kind == "position":
@@ -114,8 +115,7 @@ def _need(table: Table, names: tuple[str, ...], who: str) -> None:
                        f"{table.source}: header", "Add it, or change `instrument.kind` in the "
                                                   "sidecar")
     for name in names:
-        values = column(table, name)
-        if values is None or not np.isfinite(values).any():
+        if not np.isfinite(table.numbers[name]).any():
             raise BadInput("all values of the column are missing", table.at(name),
                            f"Fill it in: the {who} needs it")
 
@@ -133,18 +133,29 @@ def _scalar(table: Table, file: SidecarFile, side: str, name: str, units: Units)
     sigma_value = np.full(n, (own or np.nan) * length)
     _override(sigma_value, table, f"sigma_{name}", length)
     nothing = np.full((n, 3), np.nan)
-    unused = [c for c in table.header if c in COORDINATES or c in QUATERNION]
-    findings = () if not unused else (
-        f"{table.source}: columns {', '.join(unused)}: not used, because the instrument's kind "
-        f"is `{file.instrument.kind}`.",)
+    findings = _unused(table, file.instrument.kind, lambda c: (
+        c in COORDINATES or c in QUATERNION or _scalar_column(c, name)))
     return Measured(nothing, nothing.copy(), value,
                     np.repeat(sigma_value[:, None], 3, axis=1), nothing.copy(), sigma_value,
-                    np.isfinite(value), findings)
+                    np.isfinite(value), tuple(findings))
+
+
+def _scalar_column(name: str, own: str) -> bool:
+    """Whether a column belongs to an instrument for heights or distances other than ``own``."""
+    return (name in ("height", "distance") and name != own) or (
+        name.startswith("to_q_") and own != "distance")
+
+
+def _unused(table: Table, kind: str, which: Callable[[str], bool]) -> list[str]:
+    """Return the finding that names the columns which the instrument cannot use."""
+    unused = [c for c in table.header if which(c)]
+    return [f"{table.source}: columns {', '.join(unused)}: not used, because the instrument's "
+            f"kind is `{kind}`."] if unused else []
 
 
 def _override(into: Array, table: Table, name: str, factor: float) -> None:
     """Write a row's own standard deviations over the sidecar's, in place."""
-    values = column(table, name)
+    values = table.numbers.get(name)
     if values is None:
         return
     bad = np.flatnonzero(values <= 0.0)

@@ -14,12 +14,13 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.files import parameter_reader as assemble
 from ppmcal.files.directions import rotation, square
 from ppmcal.files.drafts import Draft
+from ppmcal.files.effects import with_effects
 from ppmcal.files.exact import decimals
 from ppmcal.files.limb_reader import LimbReader, limb_kind
 from ppmcal.files.mechanism_schema import MechanismFile
 from ppmcal.files.merge import read_merged
 from ppmcal.files.pose_text import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity
-from ppmcal.files.schema import check, dotted, effects_refusal
+from ppmcal.files.schema import check, dotted
 from ppmcal.files.slot_forms import word
 from ppmcal.mechanism import MOTIONS, Limb, Mechanism, Registration
 from ppmcal.parameters import Parameter, free_indices
@@ -41,7 +42,6 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
     tree, inputs = read_merged(Path(path))
     _right_format(tree, source)
     file = check(MechanismFile, tree, source, lambda loc: _place(loc, tree))
-    effects_refusal(file.effects, source)
     units = file.units.units()
     drafts = _limbs(file, units, source)
     _agree_on_actuators(drafts, source)
@@ -55,7 +55,7 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
     index = {p.name: i for i, p in enumerate(made)}
     limbs = tuple(Limb(d.name, d.kind, actuators.index(d.actuator), assemble.slot_map(d, index),
                        d.constants, d.branch) for d in drafts)
-    return Mechanism(
+    mechanism = Mechanism(
         name=file.name or Path(path).stem, motion=file.motion, limbs=limbs, actuators=actuators,
         parameters=made, free=tuple(free_indices(made, patterns)), home_pose=home_pose,
         home_q=_home_q(file, actuators, factors, source),
@@ -63,6 +63,7 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
         units=units, free_patterns=patterns, registrations=_registrations(file, units, source),
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
         inputs=inputs)
+    return with_effects(mechanism, file.effects, units, source)
 
 
 def _right_format(tree: Mapping[str, Any], source: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.files.effects import effects_tree
 from ppmcal.files.exact import to_file
 from ppmcal.files.mechanism_schema import FORMAT
 from ppmcal.files.pose_text import OF_FRAME, OF_MOTION, pose_to_map
@@ -47,6 +48,8 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
     default = [0.0, -1.0, 0.0] if mechanism.motion == "planar" else [0.0, 0.0, -1.0]
     if not np.array_equal(mechanism.gravity, default):
         tree["gravity"] = [float(v) for v in mechanism.gravity]
+    if mechanism.effects:
+        tree["effects"] = effects_tree(mechanism)
     free = _free(mechanism)
     if free is not None:
         tree["free"] = free

@@ -10,7 +10,8 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -36,12 +37,17 @@ class Output:
         self.files: dict[str, bytes] = {}
 
     def add(self, name: str, content: str | bytes) -> None:
-        """Add one file by its name within the folder."""
+        r"""Add one file by its name within the folder.
+
+        What UTF-8 cannot hold (bytes of a file's name in another encoding) is written as
+        ``\udcff``.
+        """
         if name in ("", ".", "..") or Path(name).name != name:
             raise ValueError(f"'{name}' is not a plain file name")
         if name in self.files:
             raise ValueError(f"'{name}' was added already")
-        self.files[name] = content.encode("utf-8") if isinstance(content, str) else content
+        self.files[name] = (content.encode("utf-8", "backslashreplace")
+                            if isinstance(content, str) else content)
 
     def write(self) -> list[Path]:
         """Write all files and return their paths.
@@ -49,6 +55,16 @@ class Output:
         Raises:
             BadInput: the folder cannot be written; nothing has changed then.
         """
+        try:
+            self._check()
+            with self._stage() as stage:
+                self._stage_and_move(stage)
+        except (OSError, ValueError) as error:
+            raise self._refusal(error) from None
+        return [self.directory / name for name in self.files]
+
+    def _check(self) -> None:
+        """Refuse a target that is a file, or that has folders where results should go."""
         target = self.directory
         if target.exists() and not target.is_dir():
             raise BadInput("is a file, not a folder", str(target), "Name another folder in --out")
@@ -56,19 +72,19 @@ class Output:
             if (target / name).is_dir():
                 raise BadInput("is a folder, a result of that name cannot be written",
                                str(target / name), "Move it away, or name another folder in --out")
+
+    @contextmanager
+    def _stage(self) -> Iterator[Path]:
+        """Make a hidden folder on the target's file system: in it, or beside it if it is new."""
+        home = self.directory
+        if not home.exists():
+            home = home.absolute().parent
+            home.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(prefix=".ppmcal.", suffix=".part", dir=home))
         try:
-            parent = target.absolute().parent
-            parent.mkdir(parents=True, exist_ok=True)
-            stage = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".part", dir=parent))
-        except OSError as error:
-            raise self._refusal(error) from None
-        try:
-            self._stage_and_move(stage)
-        except OSError as error:
-            raise self._refusal(error) from None
+            yield stage
         finally:
             shutil.rmtree(stage, ignore_errors=True)
-        return [target / name for name in self.files]
 
     def _stage_and_move(self, stage: Path) -> None:
         new, old = stage / "new", stage / "old"
@@ -93,8 +109,9 @@ class Output:
                     (old / name).replace(self.directory / name)
             raise
 
-    def _refusal(self, error: OSError) -> BadInput:
-        return BadInput(f"cannot be written ({error.strerror or error})", str(self.directory),
+    def _refusal(self, error: OSError | ValueError) -> BadInput:
+        reason = getattr(error, "strerror", None) or error
+        return BadInput(f"cannot be written ({reason})", str(self.directory),
                         "Check permissions and space, or name another folder in --out")
 
     def __enter__(self) -> Self:
@@ -173,7 +190,9 @@ def json_text(obj: object) -> str:
 
 def plain(obj: object) -> Any:
     """Return ``obj`` as what JSON can hold."""
-    if obj is None or (isinstance(obj, str | bool | int) and not isinstance(obj, np.generic)):
+    if isinstance(obj, str):
+        return str(obj)
+    if obj is None or isinstance(obj, bool | int):
         return obj
     if isinstance(obj, np.bool_):
         return bool(obj)

@@ -7,12 +7,14 @@ mm). Each finding is one sentence that names file and place, and says how to men
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.dataset import Dataset
 from ppmcal.files.columns import row_list
+from ppmcal.files.sidecar import sidecar_path
 from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -55,7 +57,7 @@ def _machine(mechanism: Mechanism) -> list[str]:
 
 
 def _sidecar(data: Dataset) -> str:
-    return data.source.rpartition(".")[0] + ".yaml"
+    return str(sidecar_path(Path(data.source)))
 
 
 def _factor(ratio: float, typical: float = 0.1) -> str:

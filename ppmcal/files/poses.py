@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
-from ppmcal.files.columns import column, joint_factors, rotations, row_list, stacked
-from ppmcal.files.pose_text import COORDINATES, QUATERNION, factors
+from ppmcal.files import columns as cols
+from ppmcal.files.columns import further_columns, joint_factors, stacked
+from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.schema import hint
 from ppmcal.files.table import Table, read_table
 from ppmcal.mechanism import Mechanism
@@ -29,12 +30,14 @@ class PoseTable(NamedTuple):
             for coordinates that the machine does not have.
         extra: all other columns as the file has them: (N,) numbers, or a tuple of words.
         header: all column names, in file order.
+        conditions: those of the other columns that effects may depend on, in SI.
     """
 
     rows: NDArray[np.int64]
     poses: Array
     extra: Mapping[str, Any]
     header: tuple[str, ...]
+    conditions: Mapping[str, Array]
 
 
 class JointTable(NamedTuple):
@@ -44,6 +47,7 @@ class JointTable(NamedTuple):
     q: Array
     extra: Mapping[str, Any]
     header: tuple[str, ...]
+    conditions: Mapping[str, Array]
 
 
 def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
@@ -64,20 +68,10 @@ def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
         raise BadInput("there is no pose column", f"{table.source}: header",
                        f"Name the columns {', '.join(mechanism.coordinates)}; found "
                        f"{', '.join(table.header[:8])}")
-    poses = stacked(table, COORDINATES) * factors(mechanism.units)
-    poses[:, 3:], _ = rotations(table, mechanism.units.factor("angle"))
-    for i, name in enumerate(COORDINATES):
-        if i not in mechanism.dof:
-            values = column(table, name)
-            moved = np.flatnonzero(np.nan_to_num(poses[:, i]) != 0.0)
-            if values is not None and moved.size:
-                raise BadInput(f"a {mechanism.motion} machine has no coordinate {name} "
-                               f"({row_list(moved)})", table.at(name, int(moved[0])),
-                               f"Remove the column; a pose here is "
-                               f"{', '.join(mechanism.coordinates)}")
-            poses[:, i] = 0.0
+    poses = cols.poses(table, mechanism, mechanism.units)
     _enough_columns(table, own, mechanism)
-    return PoseTable(_rows(table), poses, _extra(table, own), table.header)
+    return PoseTable(_rows(table), poses, _extra(table, own), table.header,
+                     _conditions(table, mechanism))
 
 
 def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
@@ -86,7 +80,7 @@ def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
     lacking = [c for c in mechanism.coordinates
                if c not in own and not (turned and c.startswith("r"))]
     open_ = mechanism.conditions - len(mechanism.actuators)
-    if len(lacking) > open_ or (lacking and not open_):
+    if len(lacking) > open_:
         strangers = [c for c in table.header if c not in own]
         near = [c for c in strangers if hint(c, lacking)]
         raise BadInput(f"there is no column {', '.join(lacking)}", f"{table.source}: header",
@@ -110,7 +104,14 @@ def read_joints(path: str | os.PathLike[str], mechanism: Mechanism) -> JointTabl
     units = mechanism.units
     q = stacked(table, names) * joint_factors(mechanism, units.factor("length"),
                                               units.factor("angle"))
-    return JointTable(_rows(table), q, _extra(table, names), table.header)
+    return JointTable(_rows(table), q, _extra(table, names), table.header,
+                      _conditions(table, mechanism))
+
+
+def _conditions(table: Table, mechanism: Mechanism) -> dict[str, Array]:
+    units = mechanism.units
+    return further_columns(table, mechanism, joint_factors(
+        mechanism, units.factor("length"), units.factor("angle")))
 
 
 def twists(extra: Mapping[str, Any], mechanism: Mechanism) -> Array | None:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from ppmcal.dataset import Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.columns import ZERO_CELSIUS, joint_factors
+from ppmcal.files.effects import with_effects
 from ppmcal.files.pose_text import COORDINATES, pose_from_map
 from ppmcal.files.poses import read_poses
 from ppmcal.files.scenario_schema import PosesFile, ScenarioFile
-from ppmcal.files.schema import check, effects_refusal, hint, show
+from ppmcal.files.schema import check, hint, show
 from ppmcal.files.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.files.yaml_text import read_yaml
 from ppmcal.mechanism import Mechanism
@@ -34,8 +35,8 @@ def read_scenario(path: str | os.PathLike[str], mechanism: Mechanism) -> Scenari
     """
     source = str(path)
     file = check(ScenarioFile, read_yaml(Path(path)), source)
-    effects_refusal(file.effects, source)
     units = file.units.units()
+    acting = with_effects(mechanism, file.effects, units, source)
     length, angle = units.factor("length"), units.factor("angle")
     errors, scale = _errors(file.errors, mechanism, units, source)
     sigma = file.instrument.sigma
@@ -60,7 +61,8 @@ def read_scenario(path: str | os.PathLike[str], mechanism: Mechanism) -> Scenari
         ar=file.noise.ar, outliers=file.noise.outliers, tails=file.noise.tails,
         repeats=file.repeats, approach=file.approach, payload=tuple(file.conditions.payload),
         temperature=None if warm is None else (warm.mean + ZERO_CELSIUS, warm.swing),
-        seed=file.seed)
+        velocity=np.abs(actuator_noise(file.conditions.velocity, mechanism, joint, source)),
+        acting=acting, seed=file.seed)
 
 
 def _given(value: Unknown, place: str) -> Array:

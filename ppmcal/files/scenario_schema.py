@@ -150,11 +150,12 @@ def _loads(value: object) -> object:
 
 
 class ConditionsFile(Strict):
-    """Loads to go through, and the temperature's course."""
+    """Loads to go through, the temperature's course, and joint speeds at the trigger."""
 
     payload: Annotated[list[float], BeforeValidator(_loads)] = Field(default_factory=list)
     temperature: Annotated[TemperatureFile, BeforeValidator(
         lambda v: {"mean": v} if isinstance(v, int | float) else v)] | None = None
+    velocity: Annotated[Any, BeforeValidator(_noise)] = 0.0
 
 
 def _seed(value: object) -> int:

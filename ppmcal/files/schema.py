@@ -235,10 +235,3 @@ def translate(error: ValidationError, source: str,
     if len(problems) > 1:
         mend = f"{mend.rstrip('.')} (+{len(problems) - 1} more)"
     return BadInput(what, f"{source}: {where}" if where else source, mend)
-
-
-def effects_refusal(effects: object, source: str) -> None:
-    """Refuse a non-empty ``effects`` list: this version has none yet."""
-    if effects:
-        raise BadInput("this version of ppmcal has no effects yet", f"{source}: effects",
-                       "Remove the `effects` block, or leave it empty: `effects: []`")

@@ -13,7 +13,17 @@ from pydantic import BeforeValidator
 from ppmcal.dataset import KINDS, Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.pose_text import OF_FRAME, pose_from_map
-from ppmcal.files.schema import Label, Positive, Strict, UnitsFile, check, choice, refuse, show
+from ppmcal.files.schema import (
+    LARGEST,
+    Label,
+    Positive,
+    Strict,
+    UnitsFile,
+    check,
+    choice,
+    refuse,
+    show,
+)
 from ppmcal.files.yaml_text import read_yaml
 from ppmcal.mechanism import Mechanism
 from ppmcal.units import Units
@@ -31,7 +41,7 @@ target: unknown
 def _sigma_actuator(value: object) -> object:
     values = value.values() if isinstance(value, dict) else [value]
     for one in values:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 <= one < np.inf:
+        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 <= one <= LARGEST:
             raise refuse(f"{show(one)} is not a standard deviation",
                          "Write a number of 0 or more, or one for each actuator: {leg1: 0.003}")
     return value
@@ -78,17 +88,22 @@ class SidecarFile(Strict):
     homing: Annotated[str, choice("homing", "shared", "per-file")] = "shared"
 
 
+def sidecar_path(csv_path: Path) -> Path:
+    """Return the path of a CSV's sidecar, ``.yaml`` where there is neither that nor ``.yml``."""
+    short = csv_path.with_suffix(".yml")
+    long = csv_path.with_suffix(".yaml")
+    return short if short.is_file() and not long.is_file() else long
+
+
 def read_sidecar(csv_path: Path) -> tuple[SidecarFile, str]:
     """Return the sidecar of a CSV, and its path for messages.
 
     Raises:
         BadInput: there is none (the message shows one to write), or it is wrong.
     """
-    for suffix in (".yaml", ".yml"):
-        path = csv_path.with_suffix(suffix)
-        if path.is_file():
-            return check(SidecarFile, read_yaml(path), str(path)), str(path)
-    path = csv_path.with_suffix(".yaml")
+    path = sidecar_path(csv_path)
+    if path.is_file():
+        return check(SidecarFile, read_yaml(path), str(path)), str(path)
     raise BadInput(f"the measurement file has no sidecar {path.name} (units, instrument, frame)",
                    str(csv_path), f"Write {path}, for example:\n{EXAMPLE}with your own values")
 
@@ -167,7 +182,7 @@ def actuator_noise(raw: object, mechanism: Mechanism, factors: Array, source: st
 def _list(raw: object, sizes: tuple[int, ...]) -> list[float] | None:
     if not isinstance(raw, list) or len(raw) not in sizes:
         return None
-    if any(isinstance(v, bool) or not isinstance(v, int | float) or not np.isfinite(v)
+    if any(isinstance(v, bool) or not isinstance(v, int | float) or not abs(v) <= LARGEST
            for v in raw):
         return None
     return [float(v) for v in raw]

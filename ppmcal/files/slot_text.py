@@ -151,11 +151,10 @@ class SlotWriter:
             if name == group:
                 if apart and turn.any():
                     out["rotation"] = [to_file(float(v), self._factor(parts[0])) for v in turn]
-                out = self._direction_keys(limb, specs, parts, out)
+                out = self._direction_keys(parts, out)
             yield name, out["value"] if list(out) == ["value"] else out
 
-    def _direction_keys(self, limb: Limb, specs: list[SlotSpec], parts: list[Parameter],
-                        out: dict[str, Any]) -> dict[str, Any]:
+    def _direction_keys(self, parts: list[Parameter], out: dict[str, Any]) -> dict[str, Any]:
         """Return ``out`` with sigma, tolerance, fixed and share of a direction's error."""
         share = parts[0].name.removesuffix(".rx") if parts[0].aliases else None
         if share is not None and parts[0].name in self.written:

@@ -31,7 +31,7 @@ _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(in
 
 
 LARGEST = 1e15
-"""No cell may hold a larger number."""
+"""No cell of a column that the program computes with may hold a larger number."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,16 @@ def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
     Args:
         path: the file; a BOM and CRLF line ends are accepted.
         text: columns that are labels: kept as text unless all their cells are numbers.
-        loose: says of a column name whether it may hold text too (default: none).
+        loose: says of a column name whether it may hold text too (default: none); such a
+            column is only repeated, so its numbers may be of any size.
 
     Raises:
         BadInput: empty, binary, ragged, without rows, duplicate columns, or a cell that is
             not a number (with row and column).
     """
+    def may_be_text(name: str) -> bool:
+        return name in text or (loose is not None and loose(name))
+
     source = str(path)
     data = _clean(read_bytes(Path(path)), source)
     first = data.find(b"\n") if b"\n" in data else len(data)
@@ -75,11 +79,12 @@ def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
         raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
     block = _fast(data, first + 1, len(header))
     if block is not None:
-        numbers = {name: block[:, i] for i, name in enumerate(header)}
-        _plausible(numbers, source)
-        return Table(source, header, numbers, {}, block.shape[0])
-    return _slow(data[first + 1:], header, source,
-                 lambda c: c in text or (loose is not None and loose(c)))
+        table = Table(source, header, {h: block[:, i] for i, h in enumerate(header)}, {},
+                      block.shape[0])
+    else:
+        table = _slow(data[first + 1:], header, source, may_be_text)
+    refuse_absurd({h: v for h, v in table.numbers.items() if not may_be_text(h)}, source)
+    return table
 
 
 def _clean(data: bytes, source: str) -> bytes:
@@ -155,9 +160,7 @@ def _parse(chunk: bytes, width: int) -> Array | None:
     if b",," in chunk or b",\n" in chunk or b"\n," in chunk or chunk[:1] == b"," \
             or chunk[-1:] == b",":
         chunk = _fill(chunk)
-    for word in (b"nan", b"NAN"):
-        chunk = chunk.replace(word, b"NaN")
-    flat = chunk.replace(b"\n", b",")
+    flat = chunk.replace(b"nan", b"NaN").replace(b"\n", b",")
     numbers = _as_json(flat)
     if numbers is None:
         numbers = _as_numbers(flat)
@@ -233,18 +236,19 @@ def _slow(body: bytes, header: tuple[str, ...], source: str, is_text: Callable[[
             text[name] = tuple(c.strip() for c in cells)
         else:
             numbers[name] = _column(cells, name, source)
-    _plausible(numbers, source)
     return Table(source, header, numbers, text, len(rows))
 
 
-def _plausible(numbers: Mapping[str, Array], source: str) -> None:
-    """Refuse numbers that no machine has; they would only end in overflow."""
+def refuse_absurd(numbers: Mapping[str, Array], source: str) -> None:
+    """Refuse numbers that no machine has, inf too; they would only end in overflow."""
     for name, values in numbers.items():
         with np.errstate(invalid="ignore"):
             absurd = np.flatnonzero(np.abs(values) > LARGEST)
         if absurd.size:
             row = int(absurd[0])
-            raise BadInput(f"{values[row]:g} is too large to be true",
+            what = ("an infinite value cannot have been measured" if np.isinf(values[row])
+                    else f"{values[row]:g} is too large to be true")
+            raise BadInput(what,
                            f"{source}: row {row + 1}, column {name}",
                            "Correct the cell, or leave it empty if it was not measured")
 

@@ -32,10 +32,15 @@ class _Loader(yaml.CSafeLoader):
 
 
 _Loader.yaml_implicit_resolvers = {}
-_Loader.yaml_constructors = dict(yaml.CSafeLoader.yaml_constructors)
+_Loader.yaml_constructors = {
+    tag: build for tag, build in yaml.CSafeLoader.yaml_constructors.items()
+    if tag is None or tag in {_TAG + name for name in ("null", "bool", "str", "seq")}}
 
 
 def _mapping(loader: yaml.CSafeLoader, node: yaml.Node) -> dict[Any, Any]:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.constructor.ConstructorError(
+            None, None, "a mapping was announced here", node.start_mark)
     seen: dict[Any, Any] = {}
     for key_node, value_node in node.value:
         key = loader.construct_object(key_node, deep=True)
@@ -49,13 +54,20 @@ def _mapping(loader: yaml.CSafeLoader, node: yaml.Node) -> dict[Any, Any]:
     return seen
 
 
+def _scalar(node: yaml.Node) -> str:
+    if not isinstance(node, yaml.ScalarNode):
+        raise yaml.constructor.ConstructorError(
+            None, None, "a number was announced here", node.start_mark)
+    return str(node.value)
+
+
 def _int(loader: yaml.CSafeLoader, node: yaml.Node) -> int | float:
-    text = str(node.value)
+    text = _scalar(node)
     return int(text) if len(text) < 300 else float(text)
 
 
 def _float(loader: yaml.CSafeLoader, node: yaml.Node) -> float:
-    return float(node.value.lower().replace(".inf", "inf").replace(".nan", "nan"))
+    return float(_scalar(node).lower().replace(".inf", "inf").replace(".nan", "nan"))
 
 
 for _tag, _pattern, _first in (("float", _FLOAT, "-+0123456789."), ("int", _INT, "-+0123456789"),
@@ -117,7 +129,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         tree = yaml.load(data, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
         raise _syntax(path, error) from None
-    except (yaml.YAMLError, UnicodeError, ValueError, RecursionError, OverflowError) as error:
+    except (yaml.YAMLError, LookupError, ValueError, RecursionError, OverflowError) as error:
         what = " ".join(str(error).split())[:200]
         raise BadInput(f"is not YAML ({what})", str(path),
                        "Give a UTF-8 text file with `key: value` lines") from None

@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from ppmcal.files import csv_text, json_text
+from ppmcal.files.effects import effects_tree
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.tables import joint_columns
 from ppmcal.scenario import Scenario
@@ -29,6 +30,8 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
         header[POSE_COORDINATES[c]] = part / units.factor("length" if c < 3 else "angle")
     header |= {f"dir_{a}": campaign.direction[:, i].astype(int)
                for i, a in enumerate(mechanism.actuators)}
+    if campaign.velocity is not None:
+        header |= joint_columns(mechanism, campaign.velocity, "vel_{}")
     if campaign.payload is not None:
         header["payload"] = campaign.payload
     if campaign.temperature is not None:
@@ -78,7 +81,9 @@ def truth(mechanism: Mechanism, scenario: Scenario, campaign: Campaign,
     """Return truth.json, in the machine's units."""
     units: Units = mechanism.units
     errors, values = {}, {}
-    for p, true, nominal in zip(mechanism.parameters, campaign.g, mechanism.nominals, strict=True):
+    count = len(mechanism.parameters)
+    for p, true, nominal in zip(mechanism.parameters, campaign.g[:count], mechanism.nominals,
+                                strict=True):
         f = units.factor(p.quantity)
         values[p.name] = float(true / f)
         if true != nominal:
@@ -89,7 +94,8 @@ def truth(mechanism: Mechanism, scenario: Scenario, campaign: Campaign,
             "frame": dict(zip(POSE_COORDINATES, (scenario.frame / scale).tolist(), strict=True)),
             "target": (scenario.target / length).tolist(),
             "target_rotation": (scenario.target_rotation / angle).tolist(),
-            "outliers": (np.flatnonzero(campaign.outlier) + 1).tolist(), "effects": [],
+            "outliers": (np.flatnonzero(campaign.outlier) + 1).tolist(),
+            "effects": effects_tree(campaign.acting),
             "left_out": list(campaign.left_out),
             "units": {"length": units.length, "angle": units.angle},
             "provenance": dict(provenance)}

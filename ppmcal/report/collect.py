@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,15 @@ from ppmcal.report.data import (
     Rows,
     Simulated,
 )
-from ppmcal.report.sources import NUMBER, TEXT, digest, read_columns, read_json
+from ppmcal.report.sources import (
+    NUMBER,
+    TEXT,
+    digest,
+    is_command_number,
+    is_number_column,
+    read_columns,
+    read_json,
+)
 from ppmcal.report.truth import compare
 
 _FIGURES = {"unit": TEXT, "*": NUMBER}
@@ -44,7 +52,7 @@ DIAGNOSIS = {
     "localised": [{"by": TEXT, "rms_ratio": NUMBER, "p_value": NUMBER}],
     "not_testable": [{"kind": TEXT, "missing": [TEXT]}],
     "next_measurements": {"reason": TEXT, "file": TEXT},
-    "findings": [None], "provenance": _PROVENANCE,
+    "findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE,
 }
 LOOSE = {"findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE, "name": TEXT}
 TRUTH = {"units": {"*": TEXT}, "provenance": _PROVENANCE}
@@ -79,15 +87,16 @@ def collect(dirs: Sequence[Path]) -> ReportData:
 
 def _refuse_strange(folder: Path) -> None:
     """Refuse a path that is no folder or holds none of the known files."""
-    if not folder.is_dir():
-        what = "is a file, not a folder" if folder.exists() else "does not exist"
-        raise BadInput(what, str(folder), "Name the output folder of an earlier command")
+    mend = "Name the output folder of an earlier command"
     try:
+        if not folder.is_dir():
+            what = "is a file, not a folder" if folder.exists() else "does not exist"
+            raise BadInput(what, str(folder), mend)
         names = {p.name for p in folder.iterdir()}
         inner = sorted(p.name for p in folder.iterdir()
                        if p.is_dir() and any((p / k).is_file() for k in KNOWN))
     except OSError as error:
-        raise BadInput(f"cannot be read ({error.strerror or error})", str(folder)) from None
+        raise BadInput(f"cannot be read ({error.strerror or error})", str(folder), mend) from None
     if names.isdisjoint(KNOWN):
         mend = f"Looked for: {', '.join(KNOWN)}."
         if inner:
@@ -102,9 +111,10 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     def has(*files: str) -> bool:
         return any((folder / f).is_file() for f in files)
 
-    def table(file: str, only: tuple[str, ...] = ()) -> Columns | None:
-        wanted = (lambda c: c in only) if only else None
-        return read_columns(folder / file, wanted=wanted) if has(file) else None
+    def table(file: str, only: Collection[str] | None = None,
+              numeric: Callable[[str], bool] = is_number_column) -> Columns | None:
+        wanted = None if only is None else only.__contains__
+        return read_columns(folder / file, wanted=wanted, numeric=numeric) if has(file) else None
 
     def record(file: str, shape: Any) -> Record:
         return read_json(folder / file, shape) if has(file) else {}
@@ -122,15 +132,15 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, record("diagnosis.json", DIAGNOSIS),
                                            table("effects.csv"), rest)))
-    for key, stem, only in (("compensated", "commands", ()),
+    for key, stem, only in (("compensated", "commands", None),
                             ("kinematics", "kinematics", ("status", "reason"))):
         if has(f"{stem}.csv", f"{stem}.json"):
             out.append((key, Rows(name, stem, record(f"{stem}.json", LOOSE),
-                                  table(f"{stem}.csv", only))))
+                                  table(f"{stem}.csv", only, is_command_number))))
     for kind, stem in (("check", "check"), ("plan", "poses"), ("sensitivity", "sensitivity")):
         if has(f"{stem}.csv", f"{stem}.json"):
             out.append(("others", Other(name, kind, record(f"{stem}.json", LOOSE),
-                                        table(f"{stem}.csv"))))
+                                        table(f"{stem}.csv", only=()))))
     return out
 
 

@@ -199,7 +199,8 @@ def arrows(places: Array, vector: Array, stage: str, unit: str) -> str:
     if not rows.size:
         return ""
     frame = square(places[rows, 0], places[rows, 1])
-    largest = float(size[rows].max()) or 1.0
+    largest = float(size[rows].max())
+    largest = largest if largest > 1e-140 else 1.0
     step = next(s for s in sorted(m * 10.0 ** (np.floor(np.log10(largest)) - d)
                                   for d in (0, 1) for m in (1, 2, 5))[::-1] if s <= largest)
     scale = 34.0 / largest

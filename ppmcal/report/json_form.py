@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from ppmcal import __version__
+from ppmcal.files.output import plain
 from ppmcal.report.data import Columns, Comparison, Identified, ReportData, Rows
 from ppmcal.report.page import summary, title
 from ppmcal.report.residuals import used, white
@@ -87,14 +87,3 @@ def _rows(table: Columns | None) -> list[dict[str, Any]]:
 def _comparison(c: Comparison) -> dict[str, Any]:
     return {"truth": c.truth, "identified": c.identified, "note": c.note,
             "parameters": [{**asdict(r), "z": r.z} for r in c.rows]}
-
-
-def plain(value: Any) -> Any:
-    """Return a value as JSON can hold it: nan and inf become null."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

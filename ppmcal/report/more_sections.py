@@ -116,7 +116,7 @@ def compensation_section(rows: Rows, lengths: Mapping[str, str]) -> str:
 def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> str:
     """Return the first accepted rows: what was wanted, what to send, and by how much it differs."""
     sent = [h for h in t.header if h.startswith(("q_", "cmd_")) and not h.endswith("_nominal")]
-    errors = [h for h in t.header if h.startswith(("error_", "sigma_"))]
+    errors = [h for h in t.numbers if h.startswith(("error_", "sigma_"))]
     asked = [h for h in t.header if h in t.text or h in ("x", "y")]
     asked = [h for h in asked if h not in ("status", "reason")]
     heads = ["row", *asked]

@@ -7,17 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 NBSP = "\u00a0"
+LARGEST = 1e140
+"""Larger numbers are none: their squares would overflow."""
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: Any) -> float | None:
-    """Return a finite number, else None."""
+    """Return a finite number of at most ``LARGEST``, else None."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
-    try:
-        return float(value) if math.isfinite(value) else None
-    except OverflowError:
-        return None
+    return float(value) if abs(value) <= LARGEST else None
 
 
 def sig(value: Any, digits: int = 3) -> str:
@@ -59,7 +58,7 @@ def with_unit(value: Any, unit: str, digits: int = 3) -> str:
 
 
 def probability(p: Any) -> str:
-    """Return ``p = 0.40`` or ``p < 0.001``."""
+    """Return ``p = 0.4`` or ``p < 0.001``."""
     x = number(p)
     if x is None:
         return ""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -18,10 +19,10 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.report.data import Array, Columns
+from ppmcal.report.numbers import LARGEST
 
 AGAIN = "Run the command that writes it again"
 CHUNK = 50_000
-LARGEST = 1e140
 MAX_DEPTH_MEND = "It is nested too deeply to be one of ppmcal's files"
 NUMBER = "number"
 TEXT = "text"
@@ -30,6 +31,8 @@ _NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sig
                       "tolerance", "low", "high", "p_value", "survival", "sigma_position",
                       "sigma_rotation"})
 _PREFIXES = ("before_", "after_", "sigma_", "error_", "q_", "cmd_", "rate_")
+_COMMANDS = re.compile(r"x|y|(q|cmd)_.+|(error_(position|rotation)_(before|after))"
+                       r"|sigma_(position|rotation)")
 
 Shape = Any
 
@@ -59,6 +62,9 @@ def read_json(path: Path, shape: Shape) -> dict[str, Any]:
     except json.JSONDecodeError as error:
         raise BadInput(f"is not valid JSON ({error.msg}); it may be cut off",
                        f"{path}: line {error.lineno}, column {error.colno}", AGAIN) from None
+    except ValueError as error:
+        raise BadInput(f"cannot be read as JSON ({str(error).partition(';')[0]})", str(path),
+                       AGAIN) from None
     except RecursionError:
         raise BadInput("cannot be read as JSON", str(path), MAX_DEPTH_MEND) from None
     return record
@@ -104,21 +110,28 @@ def is_number_column(name: str) -> bool:
     return name in _NUMBERS or name.startswith(_PREFIXES)
 
 
-def read_columns(path: Path, whole: bool = True,
-                 wanted: Callable[[str], bool] | None = None) -> Columns:
-    """Return a CSV as columns; numbers where ``is_number_column`` says so.
+def is_command_number(name: str) -> bool:
+    """Whether a column of commands.csv is ppmcal's own; others come from the user's targets."""
+    return _COMMANDS.fullmatch(name) is not None
+
+
+def read_columns(path: Path, whole: bool = True, wanted: Callable[[str], bool] | None = None,
+                 numeric: Callable[[str], bool] = is_number_column) -> Columns:
+    """Return a CSV as columns.
 
     Args:
         path: the file.
         whole: refuse a file whose last line has no end: a written file that was cut off.
         wanted: which columns to keep (default all).
+        numeric: which columns hold numbers, the others are kept as text.
     """
     source = str(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             if whole:
                 _refuse_open_end(path)
-            return _read(csv.reader(stream, strict=True), source, wanted or (lambda _: True))
+            return _read(csv.reader(stream, strict=True), source, wanted or (lambda _: True),
+                         numeric)
     except OSError as error:
         raise BadInput(f"cannot be read ({error.strerror or error})", source,
                        "Check the path and its permissions") from None
@@ -135,7 +148,8 @@ def _refuse_open_end(path: Path) -> None:
             raise BadInput("is cut off: its last line has no end", f"{path}: last line", AGAIN)
 
 
-def _read(reader: Iterator[list[str]], source: str, wanted: Callable[[str], bool]) -> Columns:
+def _read(reader: Iterator[list[str]], source: str, wanted: Callable[[str], bool],
+          numeric: Callable[[str], bool]) -> Columns:
     """Read header and rows in chunks."""
     count = 0
     try:
@@ -145,8 +159,7 @@ def _read(reader: Iterator[list[str]], source: str, wanted: Callable[[str], bool
         if len(set(header)) != len(header):
             double = next(h for h in header if header.count(h) > 1)
             raise BadInput(f"two columns are called '{double}'", f"{source}: header", AGAIN)
-        numbers: dict[str, list[Array]] = {h: [] for h in header if wanted(h)
-                                           and is_number_column(h)}
+        numbers: dict[str, list[Array]] = {h: [] for h in header if wanted(h) and numeric(h)}
         text: dict[str, list[str]] = {h: [] for h in header if wanted(h) and h not in numbers}
         seen: dict[str, str] = {}
         while rows := list(islice(reader, CHUNK)):

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 400.0, 250.0
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+LEAST = 1e-280
+"""Smaller numbers are drawn as 0: ratios of them would overflow."""
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 12.0, 40.0
 
 
@@ -34,7 +36,7 @@ class Axis:
         v = np.asarray(values, dtype=float)
         a, b = self.low, self.high
         if self.log:
-            v, a, b = np.log10(np.maximum(v, 1e-300)), math.log10(a), math.log10(b)
+            v, a, b = np.log10(np.maximum(v, LEAST)), math.log10(a), math.log10(b)
         return np.asarray(np.clip((v - a) / (b - a), 0.0, 1.0), dtype=float)
 
     def ticks(self, most: int = 6) -> list[float]:
@@ -60,7 +62,7 @@ def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float
     v = np.asarray(values, dtype=float).ravel()
     v = v[np.isfinite(v)]
     if log:
-        v = v[v > 0.0]
+        v = v[v > LEAST]
         if not v.size:
             return Axis(0.1, 1.0, True)
         top = math.ceil(math.log10(float(v.max())) + 1e-9)
@@ -71,8 +73,10 @@ def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float
     if zero:
         high = max(abs(low), abs(high))
         low = -high
-    if not high - low > 1e-12 * max(abs(low), abs(high), 1e-300):
-        low, high = low - (abs(low) or 1.0), high + (abs(high) or 1.0)
+    largest = max(abs(low), abs(high))
+    if not high - low > 1e-12 * max(largest, LEAST):
+        room = largest if largest > LEAST else 1.0
+        low, high = low - room, high + room
     pad = margin * (high - low)
     return Axis(low - pad, high + pad)
 

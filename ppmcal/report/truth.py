@@ -8,6 +8,9 @@ from ppmcal.report.data import Comparison, Identified, Record, Simulated, TruthR
 from ppmcal.report.numbers import number
 from ppmcal.units import ANGLES, LENGTHS
 
+PER_UNIT = "/unit"
+"""Ends the unit of a drive's ratio."""
+
 
 def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
             ) -> tuple[Comparison, ...]:
@@ -29,10 +32,9 @@ def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
                         "they may not belong together.")
         for source in own:
             rows, skipped = _rows(one, source.truth or {})
-            if skipped:
-                note = f"{note} Units do not match and are left out: {', '.join(skipped)}.".strip()
+            units = f"Units do not match and are left out: {', '.join(skipped)}." * bool(skipped)
             if rows:
-                out.append(Comparison(source.folder, one.folder, rows, note))
+                out.append(Comparison(source.folder, one.folder, rows, f"{note} {units}".strip()))
     return tuple(out)
 
 
@@ -81,16 +83,20 @@ def _rows(one: Identified, truth: Record) -> tuple[tuple[TruthRow, ...], list[st
 
 
 def _same_quantity(unit: str, units: Record) -> str:
-    """Return the truth file's unit of the quantity that ``unit`` measures."""
-    if unit in LENGTHS:
-        return str(units.get("length") or "")
-    return str(units.get("angle") or "") if unit in ANGLES else ""
+    """Return the truth file's unit of the quantity that ``unit`` measures (``mm``, ``mm/unit``)."""
+    bare = unit.removesuffix(PER_UNIT)
+    quantity = "length" if bare in LENGTHS else "angle" if bare in ANGLES else ""
+    own = str(units.get(quantity) or "")
+    return own + unit.removeprefix(bare) if own else ""
 
 
 def _factor(of: str, to: str) -> float | None:
     """Return what turns a number in ``of`` into one in ``to``; None if they do not match."""
     if of == to or not of or not to:
         return 1.0
+    if of.endswith(PER_UNIT) != to.endswith(PER_UNIT):
+        return None
+    of, to = of.removesuffix(PER_UNIT), to.removesuffix(PER_UNIT)
     for table in (LENGTHS, ANGLES):
         if of in table and to in table:
             return table[of] / table[to]

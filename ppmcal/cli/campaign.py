@@ -1,0 +1,63 @@
+"""Reading a machine and its measurements for a command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ppmcal.dataset import Dataset
+    from ppmcal.mechanism import Mechanism
+
+
+def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
+         ) -> tuple[Mechanism, tuple[Dataset, ...]]:
+    """Read machine and data; ``patterns`` replace the file's choice of free parameters."""
+    import numpy as np
+
+    from ppmcal.errors import unknown
+    from ppmcal.files import read_mechanism
+    from ppmcal.influence import with_strokes
+    from ppmcal.parameters import unmatched
+
+    mechanism = read_mechanism(mech)
+    if patterns == ("none",):
+        mechanism = mechanism.with_free([])
+    elif patterns:
+        for pattern in unmatched(mechanism.parameters, patterns):
+            raise unknown("parameter", pattern, mechanism.names, "--free")
+        mechanism = mechanism.with_free(patterns)
+    datasets = readable(mechanism, data)
+    if mechanism.effects:
+        mechanism = with_strokes(mechanism, np.concatenate([d.q for d in datasets]))
+        for d in datasets:
+            _recorded(mechanism, d)
+    return mechanism, datasets
+
+
+def _recorded(mechanism: Mechanism, data: Dataset) -> None:
+    """Refuse data without a column that the machine's effects depend on."""
+    from ppmcal.errors import BadInput
+    from ppmcal.influence import conditions_of, missing_columns
+
+    missing = missing_columns(mechanism, conditions_of(mechanism, data))
+    if missing:
+        raise BadInput(f"the effects of {mechanism.source} depend on {', '.join(missing)}, which "
+                       "is not there", f"{data.source}: header",
+                       f"Add the column {missing[0]}, or take the effect out")
+
+
+def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]:
+    """Read measurements, with joints; refuse instruments that no fit can use yet."""
+    from ppmcal.errors import BadInput
+    from ppmcal.files import read_campaign
+    from ppmcal.kinematics import with_joints
+
+    datasets = read_campaign(list(paths), mechanism)
+    for d in datasets:
+        if d.kind not in ("pose", "position"):
+            raise BadInput(f"instrument '{d.kind}' is not supported by this version",
+                           f"{Path(d.source).with_suffix('.yaml')}: instrument.kind",
+                           "Use pose or position")
+    return tuple(with_joints(mechanism, d) for d in datasets)

@@ -1,0 +1,32 @@
+"""Physical effects beyond geometry: every module of this package registers its own kind.
+
+Other packages add kinds through the entry-point group ``ppmcal.effects``: an entry loads
+an :class:`EffectKind`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from importlib.metadata import entry_points
+
+from ppmcal.effects.kind import (
+    EffectKind,
+    EffectParameter,
+    LimbSetting,
+    Setting,
+    Shift,
+    Terms,
+    effect_kinds,
+    find_effect,
+    register,
+    total,
+)
+
+for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
+    importlib.import_module(f"{__name__}.{_module}")
+for _entry in entry_points(group="ppmcal.effects"):
+    register(_entry.load())
+
+__all__ = ["EffectKind", "EffectParameter", "LimbSetting", "Setting", "Shift", "Terms",
+           "effect_kinds", "find_effect", "register", "total"]

@@ -1,0 +1,28 @@
+"""Backlash: the joint stops half the play short, on the side from which it came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ppmcal.effects.kind import (
+    Bools,
+    EffectKind,
+    EffectParameter,
+    Setting,
+    Terms,
+    Worked,
+    fixed_list,
+    linear,
+    register,
+)
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = s width/2."""
+    return linear(values, {"width": setting.at_joints(0.5 * setting.approach, on)})
+
+
+BACKLASH = register(EffectKind(
+    "backlash", "du = s width/2, s the direction of approach", "ISO 230-2, reversal value",
+    fixed_list(EffectParameter("width", "joint", None, low=0.0)), ("dir",), _terms,
+    worked=Worked({"width": 2e-5}, {"approach": -1.0}, -1e-5)))

@@ -1,0 +1,32 @@
+"""Clearance in a limb's joints, taken up by the side from which the load pushes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.effects.kind import (
+    Bools,
+    EffectKind,
+    EffectParameter,
+    Setting,
+    Terms,
+    Worked,
+    fixed_list,
+    linear,
+    register,
+)
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = sign(f) width/2."""
+    return linear(values, {"width": setting.at_joints(0.5 * np.sign(setting.load), on)})
+
+
+CLEARANCE = register(EffectKind(
+    "clearance", "du = sign(f) width/2, f the actuator's load",
+    "joint clearance under load, as in stiffness analyses of parallel machines",
+    fixed_list(EffectParameter("width", "joint", None, low=0.0)), ("load",), _terms,
+    uses_load=True,
+    worked=Worked({"width": 2e-5}, {"load": -30.0}, -1e-5)))

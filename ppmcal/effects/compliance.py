@@ -1,0 +1,32 @@
+"""Compliance of the drive or strut: it gives way in the direction of its load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ppmcal.effects.kind import (
+    Bools,
+    EffectKind,
+    EffectParameter,
+    Setting,
+    Terms,
+    Worked,
+    fixed_list,
+    register,
+)
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = f/stiffness, with f the load at the pose that is reached."""
+    shape = setting.at_joints(setting.load, on)
+    k = values["stiffness"]
+    return Terms(shape.times(1.0 / k), {"stiffness": shape.times(-1.0 / k**2)})
+
+
+COMPLIANCE = register(EffectKind(
+    "compliance", "du = f/stiffness, f the actuator's load",
+    "[LIN] section 4.3: stiffness of drives and bars in the limb",
+    fixed_list(EffectParameter("stiffness", "load/joint", None, low=1e-300,
+                               reciprocal=True)),
+    ("load",), _terms, uses_load=True,
+    worked=Worked({"stiffness": 2e7}, {"load": 100.0}, 5e-6)))

@@ -1,0 +1,28 @@
+"""Gain error of an encoder or a screw: the joint moves (1 + gain) times what it reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ppmcal.effects.kind import (
+    Bools,
+    EffectKind,
+    EffectParameter,
+    Setting,
+    Terms,
+    Worked,
+    fixed_list,
+    linear,
+    register,
+)
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = gain ratio q."""
+    return linear(values, {"gain": setting.at_joints(setting.travel, on)})
+
+
+GAIN = register(EffectKind(
+    "gain", "du = gain q", "ISO 230-2, linear part of the positioning deviation",
+    fixed_list(EffectParameter("gain", "1", low=-0.1, high=0.1, size=1e-5)), (), _terms,
+    worked=Worked({"gain": 1e-4}, {"travel": 0.5}, 5e-5)))

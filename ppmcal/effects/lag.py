@@ -1,0 +1,28 @@
+"""Lag: at the trigger the joint is behind what the controller reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ppmcal.effects.kind import (
+    Bools,
+    EffectKind,
+    EffectParameter,
+    Setting,
+    Terms,
+    Worked,
+    fixed_list,
+    linear,
+    register,
+)
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = -tau velocity."""
+    return linear(values, {"tau": setting.at_joints(-setting.velocity, on)})
+
+
+LAG = register(EffectKind(
+    "lag", "du = -tau velocity", "first-order delay between joint and trigger",
+    fixed_list(EffectParameter("tau", "s", low=-1.0, high=1.0, size=1e-5)), ("vel",), _terms,
+    worked=Worked({"tau": 1e-3}, {"velocity": 0.05}, -5e-5)))

@@ -1,0 +1,37 @@
+"""Error once per turn of a screw, a gear or a scale's period."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.effects.kind import (
+    Bools,
+    EffectKind,
+    EffectParameter,
+    Setting,
+    Terms,
+    Worked,
+    fixed_list,
+    register,
+    total,
+)
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = cos cos(w) + sin sin(w), w = 2 pi ratio q/period."""
+    period = values["period"]
+    w = 2.0 * np.pi * setting.travel / period
+    c, s = setting.at_joints(np.cos(w), on), setting.at_joints(np.sin(w), on)
+    slope = (values["cos"] * np.sin(w) - values["sin"] * np.cos(w)) * w / period
+    return Terms(total([c.times(values["cos"]), s.times(values["sin"])]),
+                 {"cos": c, "sin": s, "period": setting.at_joints(slope, on)})
+
+
+PERIODIC = register(EffectKind(
+    "periodic", "du = cos cos(2 pi q/period) + sin sin(2 pi q/period)",
+    "ISO 230-2, periodic positioning deviation (screw pitch, encoder)",
+    fixed_list(EffectParameter("cos", "joint"), EffectParameter("sin", "joint"),
+               EffectParameter("period", "joint", None, low=1e-9)), (), _terms,
+    worked=Worked({"cos": 2e-5, "sin": 1e-5, "period": 0.4}, {"travel": 0.1}, 1e-5)))

@@ -1,0 +1,32 @@
+"""Scale error of the measuring instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.effects.kind import (
+    Bools,
+    EffectKind,
+    EffectParameter,
+    Setting,
+    Shift,
+    Terms,
+    Worked,
+    fixed_list,
+    linear,
+    register,
+)
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Measured position = (1 + scale) true position, in the measuring frame."""
+    return linear(values, {"scale": Shift(stretch=np.eye(3)[None])})
+
+
+SENSOR_SCALE = register(EffectKind(
+    "sensor_scale", "measured position = (1 + scale) true position",
+    "scale of a camera or tracker (VDI/VDE 2634)",
+    fixed_list(EffectParameter("scale", "1", low=-0.1, high=0.1, size=1e-5)), (), _terms,
+    per_actuator=False, worked=Worked({"scale": 1e-4}, {}, 1e-4)))

@@ -1,0 +1,38 @@
+"""A measuring plane that is inclined: one direction looks shorter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.effects.kind import (
+    Bools,
+    EffectKind,
+    EffectParameter,
+    Setting,
+    Shift,
+    Terms,
+    Worked,
+    fixed_list,
+    register,
+)
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Measured = (1 - shrink d d^T) true, d = (cos direction, sin direction)."""
+    shrink, a = values["shrink"], values["direction"]
+    d, n = np.array([np.cos(a), np.sin(a), 0.0]), np.array([-np.sin(a), np.cos(a), 0.0])
+    one = -np.outer(d, d)[None]
+    turn = -(np.outer(d, n) + np.outer(n, d))[None]
+    return Terms(Shift(stretch=shrink * one),
+                 {"shrink": Shift(stretch=one), "direction": Shift(stretch=shrink * turn)})
+
+
+TILT = register(EffectKind(
+    "tilt", "measured = (1 - shrink d d^T) true, d at angle direction",
+    "a camera or plate inclined by a: shrink = 1 - cos a",
+    fixed_list(EffectParameter("shrink", "1", None, low=0.0, high=0.1, size=1e-5),
+               EffectParameter("direction", "angle", None, size=1e-2)), (), _terms,
+    per_actuator=False, motions=("planar",),
+    worked=Worked({"shrink": 1e-4, "direction": 0.0}, {}, -1e-4)))

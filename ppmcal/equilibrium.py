@@ -1,0 +1,129 @@
+"""Where a machine with effects goes, and what to send so that it goes there.
+
+Loads depend on the pose and, through compliance, the pose on the loads: the equilibrium
+is solved by repeating the forward kinematics with the loads of the pose before, which
+contracts by deflection over reach, some 1e-5, per round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.arrays import known
+from ppmcal.closure import Model
+from ppmcal.conditions import Conditions, unknown_conditions
+from ppmcal.effects import Shift
+from ppmcal.forward import Forward, forward, moved, newton
+from ppmcal.influence import shifted
+from ppmcal.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+ROUNDS = 40
+SETTLED = 1e-12
+"""Equilibrium: joint values and poses change by less than this part of the reach."""
+
+
+def uses_load(mechanism: Mechanism) -> bool:
+    """Whether an effect depends on the pose through the actuators' loads."""
+    return any(e.kind.uses_load for e in mechanism.effects)
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Poses that a machine with effects takes.
+
+    ``closed`` (N, 8): motors at which the limbs close; ``pose`` (N, 8): where the platform
+    is, drift and frame compliance included; ``model``: with its shift at these poses.
+    """
+
+    closed: Array
+    pose: Array
+    model: Model
+
+
+def platform_pose(closed: Array, shift: Shift | None) -> Array:
+    """Return closed poses (N, 8) displaced by the shift's platform twist."""
+    if shift is None or shift.pose is None:
+        return closed
+    return moved(closed, shift.pose)
+
+
+def reach(model: Model, q: Array, conditions: Conditions | None = None,
+          start: Array | None = None, start_q: Array | None = None) -> Reached:
+    """Return the poses at joint values ``q`` (N, k), in equilibrium; nan where there is none.
+
+    Args:
+        model: the machine at its parameters.
+        q: joint values, SI.
+        conditions: of the rows; None where nothing is known.
+        start: motors (N, 8) to start from, default home.
+        start_q: joint values there.
+    """
+    rows = conditions or unknown_conditions(*q.shape)
+    heavy = uses_load(model.mechanism)
+    first = forward(model, q, start, start_q) if heavy or not model.mechanism.effects else None
+    now = shifted(model, rows, q, first.pose if first else np.full((q.shape[0], 8), np.nan))
+    closed = first.pose if first and now is model else _forward(now, q, start, start_q).pose
+    if heavy:
+        closed, now = _settle(model, q, rows, closed)
+    return Reached(closed, platform_pose(closed, now.shift), now)
+
+
+def _forward(model: Model, q: Array, start: Array | None, start_q: Array | None) -> Forward:
+    """Forward kinematics of the rows whose shift is known."""
+    usable = row_known(model.shift, q.shape[0])
+    return forward(model, np.where(usable[:, None], q, np.nan), start, start_q)
+
+
+def row_known(shift: Shift | None, rows: int) -> NDArray[np.bool_]:
+    """Return which rows have all that their effects need (N,)."""
+    usable = np.ones(rows, dtype=bool)
+    if shift is not None:
+        for value in (*shift.slots.values(), *([] if shift.pose is None else [shift.pose])):
+            usable &= known(value.reshape(rows, -1))
+    return usable
+
+
+def settle(model: Model, q: Array, rows: Conditions, closed: Array) -> tuple[Array, Model]:
+    """Return closed poses (N, 8) near ``closed`` with the effects in equilibrium, and the model.
+
+    Rows that do not settle become nan.
+    """
+    now = shifted(model, rows, q, closed)
+    n = q.shape[0]
+    if not uses_load(model.mechanism):
+        return _newton(now, q, closed), now
+    return _settle(model, q, rows, _newton(now, q, np.where(
+        row_known(now.shift, n)[:, None], closed, np.nan)))
+
+
+def _newton(model: Model, q: Array, closed: Array) -> Array:
+    """Solve the closure from warm poses; rows that fail are led from home."""
+    out = np.full_like(closed, np.nan)
+    rows = np.flatnonzero(known(closed) & known(q) & row_known(model.shift, q.shape[0]))
+    if rows.size:
+        found, converged, _ = newton(model.take(rows).closure(q[rows]), closed[rows])
+        out[rows[converged]] = found[converged]
+        lost = rows[~converged]
+        if lost.size:
+            out[lost] = forward(model.take(lost), q[lost]).pose
+    return out
+
+
+def _settle(model: Model, q: Array, rows: Conditions, closed: Array) -> tuple[Array, Model]:
+    size = model.mechanism.reach
+    now = shifted(model, rows, q, closed)
+    change = np.full(q.shape[0], np.inf)
+    for _ in range(ROUNDS):
+        new = _newton(now, q, closed)
+        change = np.abs(cga.translation(new) - cga.translation(closed)).max(axis=1)
+        closed = new
+        now = shifted(model, rows, q, closed)
+        if not np.any(change[np.isfinite(change)] > SETTLED * size):
+            break
+    unsettled = np.isfinite(change) & (change > SETTLED * size)
+    return np.where(unsettled[:, None], np.nan, closed), now

@@ -1,0 +1,227 @@
+"""Reading and writing the ``effects`` of a mechanism or scenario file (contract section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from ppmcal.effects import EffectKind, EffectParameter, find_effect
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files.exact import to_file
+from ppmcal.files.schema import Flag, Label, Number, Spread, Strict, check, refuse, show
+from ppmcal.mechanism import Effect, Mechanism
+from ppmcal.parameters import Parameter, free_indices
+from ppmcal.units import Units
+
+GEOMETRY = "geometry"
+"""The effect whose parameters are slots: their changes go straight into the geometry."""
+
+
+class ValueFile(Strict):
+    """``{value, tolerance, free: true}``; ``nominal`` and ``sigma`` are written by identify."""
+
+    value: Number | None = None
+    tolerance: Spread | None = None
+    free: Flag | None = None
+    nominal: Number | None = None
+    sigma: Spread | None = None
+
+
+def _value(raw: object) -> object:
+    if isinstance(raw, dict):
+        return raw
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or not np.isfinite(raw):
+        raise refuse(f"{show(raw)} is not a parameter's value",
+                     "Write a number, or {value: 0.02, tolerance: 0.01, free: true}")
+    return {"value": raw}
+
+
+class EffectFile(Strict):
+    """``{kind: backlash, on: [leg1], parameters: {width: 0.02}}``."""
+
+    kind: Label
+    on: list[Label] | None = None
+    parameters: dict[Label, Annotated[ValueFile, BeforeValidator(_value)]] = Field(
+        default_factory=dict)
+
+
+class EffectsFile(Strict):
+    """The list of effects."""
+
+    effects: list[EffectFile]
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What an effect must know of the machine in order to be read."""
+
+    motion: str
+    actuators: Sequence[str]
+    quantities: Sequence[str]
+    units: Units
+    source: str
+
+
+def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -> Mechanism:
+    """Return the machine with the effects of a file added.
+
+    Args:
+        mechanism: the machine so far.
+        raw: the list as it stands in the file, or None.
+        units: of the file.
+        source: its path, for messages.
+
+    Raises:
+        BadInput: an unknown kind, actuator or parameter, a value out of range.
+    """
+    if raw is None or raw == []:
+        return mechanism
+    machine = Machine(mechanism.motion, mechanism.actuators, mechanism.actuator_quantity, units,
+                      source)
+    if not isinstance(raw, list):
+        raise BadInput(f"{show(raw)} is not a list of effects", f"{source}: effects",
+                       "Write [{kind: backlash, on: [leg1], parameters: {width: 0.02}}]")
+    file = check(EffectsFile, {"effects": raw}, source)
+    for i, one in enumerate(file.effects):
+        place = f"{source}: effects[{i + 1}]"
+        mechanism = (_geometry if one.kind == GEOMETRY else _added)(mechanism, one, machine, place)
+    return replace(mechanism, free=tuple(free_indices(mechanism.parameters,
+                                                      mechanism.free_patterns)))
+
+
+def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:
+    kind = find_effect(one.kind, f"{place}.kind")
+    on = _actuators(one, kind, machine, place)
+    if machine.motion not in kind.motions:
+        raise BadInput(f"{kind.name} exists only in {' and '.join(kind.motions)} motion",
+                       f"{place}.kind", "Remove it")
+    specs = kind.parameters(machine.motion)
+    _known_names(one, specs, place)
+    label = kind.name if all(on) else ".".join(
+        (kind.name, "+".join(a for a, used in zip(machine.actuators, on, strict=True) if used)))
+    names = set(mechanism.names)
+    base, count = label, 1
+    while any(n.startswith(f"{label}.") and n.count(".") == label.count(".") + 1 for n in names):
+        count += 1
+        label = f"{base}.{count}"
+    quantity = {q for q, used in zip(machine.quantities, on, strict=True) if used}
+    made = [_parameter(one, s, f"{label}.{s.name}", quantity, machine, place) for s in specs]
+    index = {s.name: len(mechanism.parameters) + i for i, s in enumerate(specs)}
+    if kind.name == "gain" and any(p.free for p in made):
+        _no_free_ratio(mechanism, on, place)
+    return replace(mechanism, parameters=(*mechanism.parameters, *made),
+                   effects=(*mechanism.effects, Effect(kind, on, index)))
+
+
+def _no_free_ratio(mechanism: Mechanism, on: Sequence[bool], place: str) -> None:
+    for limb in mechanism.limbs:
+        for slot, p in limb.slots.direct:
+            if slot == "ratio" and on[limb.actuator] and p in mechanism.free:
+                raise BadInput(f"the ratio of {limb.name} is itself free", f"{place}.kind",
+                               "Fix the ratio, or remove the gain: they are the same")
+
+
+def _actuators(one: EffectFile, kind: EffectKind, machine: Machine, place: str
+               ) -> tuple[bool, ...]:
+    if not kind.per_actuator and one.on is not None and set(one.on) != set(machine.actuators):
+        raise BadInput(f"{kind.name} acts on the whole machine", f"{place}.on", "Remove `on`")
+    chosen = list(machine.actuators) if one.on is None else one.on
+    for name in chosen:
+        if name not in machine.actuators:
+            raise unknown("actuator", name, machine.actuators, f"{place}.on")
+    on = tuple(a in chosen for a in machine.actuators)
+    quantities = {q for q, used in zip(machine.quantities, on, strict=True) if used}
+    if not any(on):
+        raise BadInput("the effect acts on no actuator", f"{place}.on", "Name at least one")
+    if kind.joints == "turning" and quantities != {"angle"}:
+        raise BadInput(f"{kind.name} is an effect of joints that turn", f"{place}.on",
+                       "Name rotary actuators only")
+    if kind.per_actuator and len(quantities) > 1:
+        raise BadInput("the effect is shared by actuators that slide and others that turn",
+                       f"{place}.on", "Write one effect for each sort")
+    return on
+
+
+def _known_names(one: EffectFile, specs: Sequence[EffectParameter], place: str) -> None:
+    names = [s.name for s in specs]
+    for name in one.parameters:
+        if name not in names:
+            raise unknown("parameter", name, names, f"{place}.parameters")
+
+
+def _parameter(one: EffectFile, spec: EffectParameter, name: str, quantity: set[str],
+               machine: Machine, place: str) -> Parameter:
+    own = resolved(spec.quantity, next(iter(quantity)))
+    factor = machine.units.factor(own)
+    where = f"{place}.parameters.{spec.name}"
+    given = one.parameters.get(spec.name, ValueFile())
+    value = spec.default if given.value is None else given.value * factor
+    if value is None:
+        raise BadInput(f"the parameter '{spec.name}' has no value", where,
+                       f"Add `{spec.name}: ...` in {machine.units.name(own) or 'plain numbers'}")
+    if not np.isnan(value) and not spec.low <= value <= spec.high:
+        low, high = spec.low / factor, spec.high / factor
+        raise BadInput(f"{value / factor:g} is outside the physical range "
+                       f"{low:g} to {high:g} {machine.units.name(own)}", where,
+                       "Check value and unit")
+    if given.free and spec.constant:
+        raise BadInput(f"'{spec.name}' cannot be fitted", where, "Remove `free`")
+    tolerance = None if given.tolerance is None else given.tolerance * factor
+    nominal = value if given.nominal is None else given.nominal * factor
+    free = bool(given.free)
+    return Parameter(name, own, value, nominal, tolerance, not free, False, (),
+                     None if given.sigma is None else given.sigma * factor, free,
+                     0.1 * value if spec.reciprocal else spec.size, spec.reciprocal)
+
+
+def resolved(quantity: str, joint: str) -> str:
+    """Return a quantity with ``joint`` and ``load`` replaced by the actuator's own."""
+    load = {"length": "N", "angle": "N.m"}[joint]
+    return quantity.replace("joint", joint).replace("load", load)
+
+
+def _geometry(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:
+    """Add errors of slots to the geometry itself."""
+    made = list(mechanism.parameters)
+    index = {n: i for i, p in enumerate(made) for n in (p.name, *p.aliases)}
+    for name, given in one.parameters.items():
+        if name not in index:
+            raise unknown("parameter", name, index, f"{place}.parameters")
+        p = made[index[name]]
+        f = machine.units.factor(p.quantity)
+        free = bool(given.free)
+        made[index[name]] = replace(
+            p, value=p.value + (given.value or 0.0) * f, free=p.free or free,
+            fixed=p.fixed and not free,
+            tolerance=p.tolerance if given.tolerance is None else given.tolerance * f)
+    return replace(mechanism, parameters=tuple(made))
+
+
+def effects_tree(mechanism: Mechanism) -> list[dict[str, Any]]:
+    """Return the ``effects`` list of a mechanism, in file units."""
+    return [_written(mechanism, e) for e in mechanism.effects]
+
+
+def _written(mechanism: Mechanism, effect: Effect) -> dict[str, Any]:
+    out: dict[str, Any] = {"kind": effect.kind.name}
+    if not all(effect.on):
+        out["on"] = [a for a, used in zip(mechanism.actuators, effect.on, strict=True) if used]
+    entries: dict[str, Any] = {}
+    for name, i in effect.parameters.items():
+        p = mechanism.parameters[i]
+        if np.isnan(p.value):
+            continue
+        factor = mechanism.units.factor(p.quantity)
+        parts: Mapping[str, float | None] = {
+            "value": p.value, "nominal": None if p.nominal == p.value else p.nominal,
+            "sigma": p.sigma, "tolerance": p.tolerance}
+        entry: dict[str, Any] = {k: to_file(v, factor) for k, v in parts.items() if v is not None}
+        if p.free:
+            entry["free"] = True
+        entries[name] = entry["value"] if set(entry) == {"value"} else entry
+    out["parameters"] = entries
+    return out

@@ -1,0 +1,203 @@
+"""What the effects of a machine do to it at given poses: shifted models, and derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.arrays import known
+from ppmcal.closure import Closure, Model
+from ppmcal.conditions import (
+    Conditions,
+    conditions,
+    unknown_conditions,
+    with_platform_directions,
+)
+from ppmcal.dataset import Dataset
+from ppmcal.effects import LimbSetting, Setting, Shift, Terms, total
+from ppmcal.forward import forward
+from ppmcal.inverse import solve_rows
+from ppmcal.mechanism import Effect, Mechanism
+from ppmcal.observation import View
+
+Array = NDArray[np.float64]
+
+
+def conditions_of(mechanism: Mechanism, data: Dataset) -> Conditions:
+    """Return the conditions of a data set's rows."""
+    found = conditions(data.columns, mechanism.actuators, mechanism.gravity, data.q,
+                       data.approach == "sequence")
+    axes = [f"dir_{c}" for c in "xyz"]
+    if not any(a in data.columns for a in axes):
+        return found
+    blank = np.full(len(data), np.nan)
+    by_axis = np.stack([data.columns.get(a, blank) for a in axes], axis=-1)
+    model = Model(mechanism.nominal())
+    pose = forward(model, data.q).pose
+    rows = np.flatnonzero(known(pose))
+    drive = np.zeros((len(data), len(mechanism.actuators), 3))
+    if rows.size:
+        closure = model.closure(data.q[rows])
+        lines = closure.lines(pose[rows])
+        moves = -np.linalg.pinv(closure.joint_matrix(pose[rows], lines)) @ closure.pose_matrix(
+            pose[rows], lines)
+        for column, c in enumerate(mechanism.dof):
+            if c < 3:
+                drive[rows, :, c] = moves[..., column]
+    return with_platform_directions(found, by_axis, drive)
+
+
+def setting(model: Model, conditions: Conditions, q: Array, pose: Array) -> Setting:
+    """Return what effects may know of N rows.
+
+    Args:
+        model: the machine without effects.
+        conditions: of the rows.
+        q: joint values (N, k).
+        pose: platform motors (N, 8).
+    """
+    mechanism = model.mechanism
+    ratio = np.ones(len(mechanism.actuators))
+    limbs = []
+    for i, limb in enumerate(mechanism.limbs):
+        values = model.limb_values[i]
+        ratio[limb.actuator] = values.get("ratio", 1.0)
+        bars = [s.name for s in limb.kind.slots
+                if s.tolerance_class == "length" and s.name != "lateral"]
+        struts = {s: np.asarray(values[s], dtype=float) for s in bars}
+        if not bars and limb.kind.actuator == "length":
+            struts = {"offset": model.joint_coordinate(i, q)}
+        ends = [{s: np.asarray(v, dtype=float) for s, v in values.items()
+                 if s.startswith(f"{end}.point.")} for end in ("base", "platform")]
+        limbs.append(LimbSetting(limb.actuator, struts, ends[0], ends[1]))
+    return Setting(
+        mechanism.motion, np.array([q == "angle" for q in mechanism.actuator_quantity]),
+        ratio * q, np.sort(ratio[:, None] * mechanism.limits, axis=1), conditions.approach,
+        ratio * conditions.velocity, conditions.temperature, conditions.wrench, conditions.time,
+        tuple(limbs), lambda: loads(model, q, pose, conditions.wrench))
+
+
+def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
+    """Return f = J_q^T wrench (N, k): the wrench's work per unit of each joint coordinate u.
+
+    [LIN] section 2.3: -A^-1 Jq carries joint motion to the platform, its transpose carries
+    the platform's wrench (N, 6), base axes at the platform origin, to the joints.
+    """
+    out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
+    rows = np.flatnonzero(known(q) & known(pose) & known(wrench))
+    if rows.size:
+        closure = model.take(rows).closure(q[rows])
+        lines = closure.lines(pose[rows])
+        a = closure.pose_matrix(pose[rows], lines)
+        jq = closure.joint_matrix(pose[rows], lines, drive=False)
+        # f = -Jq^T A^-T w; at a singular pose nothing bears the load: nan
+        reaction = solve_rows(np.swapaxes(a, -1, -2), wrench[rows][:, model.mechanism.dof])
+        out[rows] = -(np.swapaxes(jq, -1, -2) @ reaction[..., None])[..., 0]
+    return out
+
+
+def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effect, Terms]]:
+    """Return what each effect adds at parameters ``g`` (P,), with its derivatives."""
+    out = []
+    for effect in mechanism.effects:
+        values = {name: float(g[p]) for name, p in effect.parameters.items()}
+        out.append((effect, effect.kind.evaluate(at, np.array(effect.on), values)))
+    return out
+
+
+def shifted(model: Model, conditions: Conditions, q: Array, pose: Array) -> Model:
+    """Return the model with its effects at these rows; itself where it has none."""
+    if not model.mechanism.effects:
+        return model
+    bare = replace(model, shift=None)
+    parts = effect_terms(model.mechanism, model.parameters, setting(bare, conditions, q, pose))
+    n = q.shape[0]
+    whole = total([t.shift for _, t in parts])
+    slots = {s: np.broadcast_to(v, (n,)) for s, v in whole.slots.items()}
+    return replace(model, shift=Shift(slots, whole.pose, whole.stretch))
+
+
+def effect_columns(out: Array, free: Sequence[int], closure: Closure, pose: Array, lines: Array,
+                   spread: Array, seen: View, rows: Conditions) -> None:
+    """Fill the columns of free effect parameters (n, m, C), in place.
+
+    ``spread`` (n, m, d) is d prediction/d condition. The change of an actuator's load with
+    the pose is left out: it is smaller by deflection over reach, and only the step, not
+    the minimum, depends on it.
+    """
+    model = closure.model
+    if not model.mechanism.effects:
+        return
+    place = {p: c for c, p in enumerate(free)}
+    bare = replace(model, shift=None)
+    for effect, terms in effect_terms(model.mechanism, model.parameters,
+                                      setting(bare, rows, closure.q, pose)):
+        for name, p in effect.parameters.items():
+            if p in place:
+                out[..., place[p]] += shift_column(terms.by[name], closure, pose, lines, spread,
+                                                   seen)
+
+
+def shift_column(shift: Shift, closure: Closure, pose: Array, lines: Array, spread: Array,
+                 seen: View) -> Array:
+    """Return how predictions (n, m) move along a shift."""
+    out = np.zeros(seen.residual.shape)
+    by_limb: dict[int, list[str]] = {}
+    for limb, slot in shift.slots:
+        by_limb.setdefault(limb, []).append(slot)
+    for limb, slots in by_limb.items():
+        block = closure.slot_matrix(pose, limb, slots, lines)
+        change = np.stack([np.broadcast_to(shift.slots[limb, s], (len(out),)) for s in slots],
+                          axis=-1)
+        out += (spread @ (block @ change[..., None]))[..., 0]
+    if shift.pose is not None:
+        out += (seen.by_pose @ shift.pose[..., None])[..., 0]
+    if shift.stretch is not None:
+        out[:, :seen.places] += (shift.stretch @ seen.point[..., None])[:, :seen.places, 0]
+    return out
+
+
+def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
+    """Return the machine with strokes that the file leaves open taken from joints (N, k)."""
+    parameters = list(mechanism.parameters)
+    travel = setting(Model(mechanism), unknown_conditions(*q.shape), q,
+                     np.full((q.shape[0], 8), np.nan)).travel
+    for effect in mechanism.effects:
+        ends = [effect.parameters.get(n) for n in ("low", "high")]
+        on = np.array(effect.on)
+        if None in ends or np.isfinite(mechanism.limits[on]).all():
+            continue
+        for p, end in zip(ends, (np.nanmin, np.nanmax), strict=True):
+            if p is not None and np.isnan(parameters[p].value):
+                value = float(end(travel[:, on]))
+                parameters[p] = replace(parameters[p], value=value, nominal=value)
+    return replace(mechanism, parameters=tuple(parameters))
+
+
+def missing_columns(mechanism: Mechanism, rows: Conditions) -> Sequence[str]:
+    """Return the columns that the effects need and no row has, by name."""
+    out: list[str] = []
+    for effect in mechanism.effects:
+        on = [a for a, used in enumerate(effect.on) if used]
+        out += lacking(effect.kind.needs, [mechanism.actuators[a] for a in on], on, rows)
+    return tuple(dict.fromkeys(out))
+
+
+def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
+            rows: Conditions) -> list[str]:
+    """Return which of the needed columns have no value at all."""
+    out: list[str] = []
+    for need in needs:
+        if need in ("dir", "vel"):
+            part = rows.approach if need == "dir" else rows.velocity
+            out += [f"{need}_{n}" for n, a in zip(names, on, strict=True)
+                    if not np.isfinite(part[:, a]).any()]
+        elif need in ("load", "wrench"):
+            if not known(rows.wrench).any():
+                out.append("payload")
+        elif not np.isfinite(getattr(rows, need)).any():
+            out.append(need)
+    return out
