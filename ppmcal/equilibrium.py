@@ -122,7 +122,7 @@ def _settle(model: Model, q: Array, rows: Conditions, closed: Array) -> tuple[Ar
         new = _newton(now, q, closed)
         change = np.abs(cga.translation(new) - cga.translation(closed)).max(axis=1)
         closed = new
-        now = shifted(model, rows, q, closed)
+        now = shifted(now, rows, q, closed)
         if not np.any(change[np.isfinite(change)] > SETTLED * size):
             break
     unsettled = np.isfinite(change) & (change > SETTLED * size)

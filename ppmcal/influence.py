@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ from ppmcal.mechanism import Effect, Mechanism
 from ppmcal.observation import View
 
 Array = NDArray[np.float64]
+ROUNDS = 40
+SETTLED = 1e-12
+"""Loads and slots belong together: they change by less than this part of the reach."""
 
 
 def conditions_of(mechanism: Mechanism, data: Dataset) -> Conditions:
@@ -50,7 +54,8 @@ def conditions_of(mechanism: Mechanism, data: Dataset) -> Conditions:
     return with_platform_directions(found, by_axis, drive)
 
 
-def setting(model: Model, conditions: Conditions, q: Array, pose: Array) -> Setting:
+def setting(model: Model, conditions: Conditions, q: Array, pose: Array,
+            loaded: Model | None = None) -> Setting:
     """Return what effects may know of N rows.
 
     Args:
@@ -58,6 +63,7 @@ def setting(model: Model, conditions: Conditions, q: Array, pose: Array) -> Sett
         conditions: of the rows.
         q: joint values (N, k).
         pose: platform motors (N, 8).
+        loaded: the machine that closes at these poses, for the loads; default ``model``.
     """
     mechanism = model.mechanism
     ratio = np.ones(len(mechanism.actuators))
@@ -77,7 +83,7 @@ def setting(model: Model, conditions: Conditions, q: Array, pose: Array) -> Sett
         mechanism.motion, np.array([q == "angle" for q in mechanism.actuator_quantity]),
         ratio * q, np.sort(ratio[:, None] * mechanism.limits, axis=1), conditions.approach,
         ratio * conditions.velocity, conditions.temperature, conditions.wrench, conditions.time,
-        tuple(limbs), lambda: loads(model, q, pose, conditions.wrench))
+        tuple(limbs), lambda: loads(loaded or model, q, pose, conditions.wrench))
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -109,55 +115,93 @@ def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effe
 
 
 def shifted(model: Model, conditions: Conditions, q: Array, pose: Array) -> Model:
-    """Return the model with its effects at these rows; itself where it has none."""
+    """Return the model with its effects at these rows; itself where it has none.
+
+    Loads are those of the machine that closes at these poses, its effects included.
+    """
     if not model.mechanism.effects:
         return model
-    bare = replace(model, shift=None)
-    parts = effect_terms(model.mechanism, model.parameters, setting(bare, conditions, q, pose))
+    now = _shifted(model, conditions, q, pose)
+    if any(e.kind.uses_load for e in model.mechanism.effects):
+        for _ in range(ROUNDS):
+            before, now = now, _shifted(now, conditions, q, pose)
+            if _apart(before, now) < SETTLED * model.mechanism.reach:
+                break
+    return now
+
+
+def _shifted(model: Model, conditions: Conditions, q: Array, pose: Array) -> Model:
+    """Return the model with its effects, loads being those of ``model`` as it is."""
+    at = setting(replace(model, shift=None), conditions, q, pose, model)
+    whole = total([t.shift for _, t in effect_terms(model.mechanism, model.parameters, at)])
     n = q.shape[0]
-    whole = total([t.shift for _, t in parts])
     slots = {s: np.broadcast_to(v, (n,)) for s, v in whole.slots.items()}
     return replace(model, shift=Shift(slots, whole.pose, whole.stretch))
 
 
-def effect_columns(out: Array, free: Sequence[int], closure: Closure, pose: Array, lines: Array,
-                   spread: Array, seen: View, rows: Conditions) -> None:
-    """Fill the columns of free effect parameters (n, m, C), in place.
+def _apart(before: Model, now: Model) -> float:
+    """Return by how much slots of two shifted models differ at most."""
+    old, new = (m.shift.slots if m.shift else {} for m in (before, now))
+    return max((float(np.max(np.abs(v - old[s])[np.isfinite(v)], initial=0.0)) if s in old
+                else np.inf for s, v in new.items()), default=0.0)
 
-    ``spread`` (n, m, d) is d prediction/d condition. The change of an actuator's load with
-    the pose is left out: it is smaller by deflection over reach, and only the step, not
-    the minimum, depends on it.
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How the predictions of n rows move along shifts of any kind.
+
+    ``spread`` (n, m, d) is d prediction/d condition at closed poses ``pose`` (n, 8).
     """
-    model = closure.model
-    if not model.mechanism.effects:
-        return
-    place = {p: c for c, p in enumerate(free)}
-    bare = replace(model, shift=None)
-    for effect, terms in effect_terms(model.mechanism, model.parameters,
-                                      setting(bare, rows, closure.q, pose)):
-        for name, p in effect.parameters.items():
-            if p in place:
-                out[..., place[p]] += shift_column(terms.by[name], closure, pose, lines, spread,
-                                                   seen)
 
+    closure: Closure
+    pose: Array
+    lines: Array
+    spread: Array
+    seen: View
+    rows: Conditions
 
-def shift_column(shift: Shift, closure: Closure, pose: Array, lines: Array, spread: Array,
-                 seen: View) -> Array:
-    """Return how predictions (n, m) move along a shift."""
-    out = np.zeros(seen.residual.shape)
-    by_limb: dict[int, list[str]] = {}
-    for limb, slot in shift.slots:
-        by_limb.setdefault(limb, []).append(slot)
-    for limb, slots in by_limb.items():
-        block = closure.slot_matrix(pose, limb, slots, lines)
-        change = np.stack([np.broadcast_to(shift.slots[limb, s], (len(out),)) for s in slots],
-                          axis=-1)
-        out += (spread @ (block @ change[..., None]))[..., 0]
-    if shift.pose is not None:
-        out += (seen.by_pose @ shift.pose[..., None])[..., 0]
-    if shift.stretch is not None:
-        out[:, :seen.places] += (shift.stretch @ seen.point[..., None])[:, :seen.places, 0]
-    return out
+    @cached_property
+    def _by_slot(self) -> dict[tuple[int, str], Array]:
+        return {}
+
+    def by_slot(self, limb: int, slot: str) -> Array:
+        """Return d prediction/d slot (n, m)."""
+        if (limb, slot) not in self._by_slot:
+            block = self.closure.slot_matrix(self.pose, limb, (slot,), self.lines)
+            self._by_slot[limb, slot] = (self.spread @ block)[..., 0]
+        return self._by_slot[limb, slot]
+
+    def column(self, shift: Shift) -> Array:
+        """Return how predictions (n, m) move along a shift."""
+        out = np.zeros(self.seen.residual.shape)
+        for (limb, slot), change in shift.slots.items():
+            out += self.by_slot(limb, slot) * np.broadcast_to(change, (len(out),))[:, None]
+        if shift.pose is not None:
+            out += (self.seen.by_pose @ shift.pose[..., None])[..., 0]
+        if shift.stretch is not None:
+            places = self.seen.places
+            out[:, :places] += (shift.stretch @ self.seen.point[..., None])[:, :places, 0]
+        return out
+
+    def setting(self) -> Setting:
+        """Return what effects may know of these rows."""
+        model = self.closure.model
+        return setting(replace(model, shift=None), self.rows, self.closure.q, self.pose, model)
+
+    def effect_columns(self, out: Array, free: Sequence[int]) -> None:
+        """Fill the columns of free effect parameters (n, m, C), in place.
+
+        The change of an actuator's load with the pose is left out: it is smaller by deflection
+        over reach, and only the step, not the minimum, depends on it.
+        """
+        model = self.closure.model
+        if not model.mechanism.effects:
+            return
+        place = {p: c for c, p in enumerate(free)}
+        for effect, terms in effect_terms(model.mechanism, model.parameters, self.setting()):
+            for name, p in effect.parameters.items():
+                if p in place:
+                    out[..., place[p]] += self.column(terms.by[name])
 
 
 def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:

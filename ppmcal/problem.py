@@ -26,7 +26,7 @@ from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
 from ppmcal.effects import Shift
 from ppmcal.equilibrium import platform_pose, reach, settle
-from ppmcal.influence import conditions_of, effect_columns, shifted
+from ppmcal.influence import Response, conditions_of, shifted
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, View, noise, pivot, view, whitener
 
@@ -50,7 +50,8 @@ class Rows:
 
     ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
     ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
-    ``index`` (n,) rows of the data set.
+    ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
+    None where no Jacobian was asked for.
     """
 
     dataset: int
@@ -60,6 +61,7 @@ class Rows:
     observed: Bools
     raw: Array
     whitener: Array
+    response: Response | None = None
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,8 @@ class Problem:
 
         Homing is counted in 1e-3 of the largest range of a joint.
         """
-        joint = max(float(np.nanmax(np.ptp(d.q, axis=0))) for d in self.datasets) or 1.0
+        ends = [d.q[known(d.q)] for d in self.datasets if known(d.q).any()]
+        joint = max((float(np.ptp(q, axis=0).max()) for q in ends), default=1.0) or 1.0
 
         def unit(column: str) -> float:
             what, part = column.split(" of ")[0].split(".", 1)
@@ -215,15 +218,16 @@ class Problem:
         with_noise = bool(np.any(data.sigma_actuator > 0.0))
         n, m = seen.residual.shape
         full = np.zeros((n, m, len(self.columns) if jacobian else 0))
-        by_joint = None
+        by_joint, response = None, None
         if jacobian or with_noise:
             closure = model.closure(q, self.free if jacobian else ())
             lines = closure.lines(pose)
             spread = self._spread(seen, closure, pose, lines, shift)
+            response = Response(closure, pose, lines, spread, seen, rows)
             by_joint = spread @ closure.joint_matrix(pose, lines)
             if jacobian:
-                self._geometry(i, full, closure, pose, lines, spread, by_joint)
-                effect_columns(full, self.free, closure, pose, lines, spread, seen, rows)
+                self._geometry(i, full, response, by_joint)
+                response.effect_columns(full, self.free)
                 self._stations(i, full, seen)
         white = whitener(seen, noise(part, self.mechanism.motion), by_joint, data.sigma_actuator)
         full = np.where(seen.observed[..., None], full, 0.0)
@@ -232,7 +236,7 @@ class Problem:
         else:
             diagonal = np.diagonal(white, axis1=-2, axis2=-1)
             residual, full = diagonal * seen.residual, diagonal[..., None] * full
-        return Rows(i, index, residual, full, seen.observed, seen.residual, white)
+        return Rows(i, index, residual, full, seen.observed, seen.residual, white, response)
 
     def _spread(self, seen: View, closure: Closure, pose: Array, lines: Array,
                 shift: Shift | None) -> Array:
@@ -247,12 +251,12 @@ class Problem:
             np.swapaxes(closure.pose_matrix(pose, lines), -1, -2),
             np.swapaxes(by_pose[..., self.mechanism.dof], -1, -2)), -1, -2)
 
-    def _geometry(self, i: int, out: Array, closure: Closure, pose: Array, lines: Array,
-                  spread: Array, by_joint: Array) -> None:
+    def _geometry(self, i: int, out: Array, response: Response, by_joint: Array) -> None:
         """Fill the columns of geometry and homing."""
         place = {p: c for c, p in enumerate(self.free)}
-        for rows, parameters, block in closure.error_blocks(pose, lines):
-            out[..., [place[p] for p in parameters]] += spread[..., rows] @ block
+        for rows, parameters, block in response.closure.error_blocks(response.pose,
+                                                                     response.lines):
+            out[..., [place[p] for p in parameters]] += response.spread[..., rows] @ block
         homing = self.opens[i].homing
         if homing.stop > homing.start:
             out[..., homing] = by_joint

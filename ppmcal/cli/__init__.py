@@ -20,6 +20,7 @@ COMMANDS = {
     "kinematics": "Inverse, forward or velocity kinematics of a table.",
     "simulate": "Simulate measurements of a machine with injected errors.",
     "identify": "Identify the machine's geometry from measurements.",
+    "diagnose": "Find the effect that the model misses, name it and add it.",
     "compensate": "Turn wanted poses into corrected commands.",
     "report": "Gather output folders into one HTML page.",
     "demo": "Run the whole job once on the sample data.",
@@ -65,7 +66,7 @@ def cli() -> None:
     """Calibrate parallel mechanisms: hexapods, planar stages, 3-RPS, delta robots.
 
     Start with `ppmcal init 6-UPS`, then `ppmcal check`, `simulate` or measure,
-    `identify`, `compensate` and `report`.
+    `identify`, `diagnose`, `compensate` and `report`.
     """
 
 

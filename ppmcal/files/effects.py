@@ -9,12 +9,13 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from ppmcal.effects import EffectKind, EffectParameter, find_effect
+from ppmcal.acting import Given, joint_quantity, resolved, with_effect
+from ppmcal.effects import EffectKind, EffectParameter, effect_kinds, find_effect
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.exact import to_file
 from ppmcal.files.schema import Flag, Label, Number, Spread, Strict, check, refuse, show
 from ppmcal.mechanism import Effect, Mechanism
-from ppmcal.parameters import Parameter, free_indices
+from ppmcal.parameters import free_indices
 from ppmcal.units import Units
 
 GEOMETRY = "geometry"
@@ -94,27 +95,23 @@ def with_effects(mechanism: Mechanism, raw: object, units: Units, source: str) -
 
 
 def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:
-    kind = find_effect(one.kind, f"{place}.kind")
+    if one.kind not in effect_kinds():
+        raise unknown("effect", one.kind, [*effect_kinds(), GEOMETRY], f"{place}.kind")
+    kind = find_effect(one.kind)
     on = _actuators(one, kind, machine, place)
     if machine.motion not in kind.motions:
         raise BadInput(f"{kind.name} exists only in {' and '.join(kind.motions)} motion",
                        f"{place}.kind", "Remove it")
     specs = kind.parameters(machine.motion)
     _known_names(one, specs, place)
-    label = kind.name if all(on) else ".".join(
-        (kind.name, "+".join(a for a, used in zip(machine.actuators, on, strict=True) if used)))
-    names = set(mechanism.names)
-    base, count = label, 1
-    while any(n.startswith(f"{label}.") and n.count(".") == label.count(".") + 1 for n in names):
-        count += 1
-        label = f"{base}.{count}"
-    quantity = {q for q, used in zip(machine.quantities, on, strict=True) if used}
-    made = [_parameter(one, s, f"{label}.{s.name}", quantity, machine, place) for s in specs]
-    index = {s.name: len(mechanism.parameters) + i for i, s in enumerate(specs)}
-    if kind.name == "gain" and any(p.free for p in made):
+    given = {s.name: _given(one, s, resolved(s.quantity, joint_quantity(mechanism, on)), machine,
+                            place) for s in specs}
+    if kind.name == "gain" and any(g.free for g in given.values()):
         _no_free_ratio(mechanism, on, place)
-    return replace(mechanism, parameters=(*mechanism.parameters, *made),
-                   effects=(*mechanism.effects, Effect(kind, on, index)))
+    if {"low", "high"} <= set(given) and given["low"].value >= given["high"].value:
+        raise BadInput("the stroke ends where it begins, or before", f"{place}.parameters.high",
+                       "Give a `high` above `low`, or neither")
+    return with_effect(mechanism, kind, on, given)
 
 
 def _no_free_ratio(mechanism: Mechanism, on: Sequence[bool], place: str) -> None:
@@ -153,35 +150,29 @@ def _known_names(one: EffectFile, specs: Sequence[EffectParameter], place: str) 
             raise unknown("parameter", name, names, f"{place}.parameters")
 
 
-def _parameter(one: EffectFile, spec: EffectParameter, name: str, quantity: set[str],
-               machine: Machine, place: str) -> Parameter:
-    own = resolved(spec.quantity, next(iter(quantity)))
-    factor = machine.units.factor(own)
+def _given(one: EffectFile, spec: EffectParameter, quantity: str, machine: Machine,
+           place: str) -> Given:
+    factor = machine.units.factor(quantity)
     where = f"{place}.parameters.{spec.name}"
     given = one.parameters.get(spec.name, ValueFile())
     value = spec.default if given.value is None else given.value * factor
     if value is None:
+        unit = machine.units.name(quantity) or "plain numbers"
         raise BadInput(f"the parameter '{spec.name}' has no value", where,
-                       f"Add `{spec.name}: ...` in {machine.units.name(own) or 'plain numbers'}")
+                       f"Add `{spec.name}: ...` in {unit}")
     if not np.isnan(value) and not spec.low <= value <= spec.high:
         low, high = spec.low / factor, spec.high / factor
         raise BadInput(f"{value / factor:g} is outside the physical range "
-                       f"{low:g} to {high:g} {machine.units.name(own)}", where,
+                       f"{low:g} to {high:g} {machine.units.name(quantity)}", where,
                        "Check value and unit")
     if given.free and spec.constant:
         raise BadInput(f"'{spec.name}' cannot be fitted", where, "Remove `free`")
-    tolerance = None if given.tolerance is None else given.tolerance * factor
-    nominal = value if given.nominal is None else given.nominal * factor
-    free = bool(given.free)
-    return Parameter(name, own, value, nominal, tolerance, not free, False, (),
-                     None if given.sigma is None else given.sigma * factor, free,
-                     0.1 * value if spec.reciprocal else spec.size, spec.reciprocal)
 
+    def scaled(number: float | None) -> float | None:
+        return None if number is None else number * factor
 
-def resolved(quantity: str, joint: str) -> str:
-    """Return a quantity with ``joint`` and ``load`` replaced by the actuator's own."""
-    load = {"length": "N", "angle": "N.m"}[joint]
-    return quantity.replace("joint", joint).replace("load", load)
+    return Given(value, scaled(given.tolerance), bool(given.free), scaled(given.nominal),
+                 scaled(given.sigma))
 
 
 def _geometry(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) -> Mechanism:

@@ -16,7 +16,7 @@ from ppmcal.files.effects import with_effects
 from ppmcal.files.pose_text import COORDINATES, pose_from_map
 from ppmcal.files.poses import read_poses
 from ppmcal.files.scenario_schema import PosesFile, ScenarioFile
-from ppmcal.files.schema import check, hint, show
+from ppmcal.files.schema import LARGEST, check, hint, show
 from ppmcal.files.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.files.yaml_text import read_yaml
 from ppmcal.mechanism import Mechanism
@@ -99,7 +99,8 @@ def _errors(raw: object, mechanism: Mechanism, units: Units, source: str
 
 
 def _error(value: object, parameter: Parameter, units: Units, place: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not (
+            abs(value) <= LARGEST):
         raise BadInput(f"{show(value)} is not a number", place, "Write a number such as 0.5")
     return float(value) * units.factor(parameter.quantity)
 

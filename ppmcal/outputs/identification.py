@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from ppmcal.analysis import Estimate, Identification
 from ppmcal.files import csv_text, json_text, write_mechanism
+from ppmcal.fit import Fit
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
+from ppmcal.residuals import Residuals
 from ppmcal.targets import pose_vector
 from ppmcal.units import Units
 
@@ -27,7 +29,7 @@ def files(result: Identification, provenance: Mapping[str, Any], method: str) ->
             result.mechanism, f"identified by ppmcal {provenance.get('version', '')} from "
             + ", ".join(d.name for d in result.fit.problem.datasets)),
         "parameters.csv": parameters_csv(result),
-        "residuals.csv": residuals_csv(result),
+        "residuals.csv": residuals_csv(result.fit, result.before, result.after),
         "identification.json": json_text(summary(result, provenance, method, True)),
     }
 
@@ -180,13 +182,13 @@ def parameters_csv(result: Identification) -> str:
     return csv_text(header, [[r[h] for r in rows] for h in header])
 
 
-def residuals_csv(result: Identification) -> str:
+def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> str:
     """Return residuals.csv: one line per input row, data set by data set.
 
     Rows that held nothing usable come last, with their reason.
     """
-    problem: Problem = result.fit.problem
-    units, motion = result.mechanism.units, problem.mechanism.motion
+    problem: Problem = fit.problem
+    units, motion = problem.mechanism.units, problem.mechanism.motion
     used_coordinates = sorted({c for d in problem.datasets for c in coordinates(d, motion)})
     dropped = [(d.name, row, reason) for d in problem.datasets for row, reason in d.dropped]
     total = sum(len(d) for d in problem.datasets) + len(dropped)
@@ -196,8 +198,8 @@ def residuals_csv(result: Identification) -> str:
         [*(d.name for d in problem.datasets for _ in range(len(d))), *(n for n, _, _ in dropped)]]
     for c in used_coordinates:
         f = units.factor("length" if c < 3 else "angle")
-        for label, source in (("before", result.before.vector), ("after", result.after.vector),
-                              ("sigma", result.after.sigma)):
+        for label, source in (("before", before.vector), ("after", after.vector),
+                              ("sigma", after.sigma)):
             values = np.full(total, np.nan)
             at = 0
             for d, v in zip(problem.datasets, source, strict=True):
@@ -208,8 +210,8 @@ def residuals_csv(result: Identification) -> str:
             header.append(f"{label}_{POSE_COORDINATES[c]}")
             columns.append(values)
     header += ["used", "reason"]
-    columns.append([*(int(u) for k in result.fit.keep for u in k), *(0 for _ in dropped)])
+    columns.append([*(int(u) for k in fit.keep for u in k), *(0 for _ in dropped)])
     columns.append([*(r.get(n, "") for r, d in
-                      zip(result.fit.reasons, problem.datasets, strict=True)
+                      zip(fit.reasons, problem.datasets, strict=True)
                       for n in range(len(d))), *(reason for _, _, reason in dropped)])
     return csv_text(header, columns)

@@ -9,14 +9,13 @@ import numpy as np
 import yaml
 
 from ppmcal.files import csv_text, json_text
+from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.files.effects import effects_tree
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.tables import joint_columns
 from ppmcal.scenario import Scenario
 from ppmcal.simulate import Campaign
 from ppmcal.units import Units
-
-ZERO_CELSIUS = 273.15
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,

@@ -1,0 +1,165 @@
+"""``ppmcal diagnose``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ppmcal.cli.campaign import load
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    command_line,
+    counted,
+    finish,
+    json_option,
+    leave,
+    number,
+    out_option,
+    quiet_option,
+    seed_option,
+)
+
+if TYPE_CHECKING:
+    from ppmcal.diagnose.result import Diagnosis
+
+HEADLINE = {
+    "none": "Nothing is missing that these data could show.",
+    "weak": "Something may be missing, but it is too weak to be named.",
+    "named": "The missing effect is named.",
+    "named-set": "Something is missing; these data cannot tell a few effects apart.",
+    "partial": "Part of what is missing is named; something else is left.",
+    "unnamed": "Something is missing that ppmcal does not know.",
+}
+
+
+@click.command("diagnose")
+@click.argument("mech", type=FILE)
+@click.argument("data", type=FILE, nargs=-1, required=True)
+@out_option("diagnosed")
+@click.option("--free", "patterns", multiple=True, metavar="PATTERN",
+              help="Geometry that the fit may change, in place of the file's choice; frozen slots "
+              "are candidates.")
+@click.option("--kind", "kinds", multiple=True, metavar="KIND",
+              help="Try only these kinds of effect (may be repeated)  [default: all].")
+@click.option("--holdout", type=click.FloatRange(0.0, 0.9), default=0.27, show_default=True,
+              help="Part of the poses that no fit sees, on which the gap is measured.")
+@click.option("--draws", type=click.IntRange(200, 100000), default=2000, show_default=True,
+              help="Simulated campaigns of noise behind the thresholds.")
+@seed_option
+@quiet_option
+@json_option
+def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, ...],
+            kinds: tuple[str, ...], holdout: float, draws: int, seed: int | None, quiet: bool,
+            as_json: bool) -> None:
+    """Find the physical effect that the model of MECH misses in the measurements DATA.
+
+    Names it with its size, adds it to the model and shows on held-out poses how much of the
+    gap is gone; or says that nothing is missing, what cannot be told apart and what to
+    measure next. Writes model.yaml, effects.csv, residuals.csv, diagnosis.json.
+    """
+    from ppmcal.diagnose.run import Options, diagnose
+    from ppmcal.files import Output, provenance
+    from ppmcal.outputs.diagnosis import files, summary
+    from ppmcal.problem import Problem
+
+    console = Console(quiet, as_json)
+    _known_kinds(kinds)
+    mechanism, datasets = load(mech, data, patterns)
+    seed = 0 if seed is None else seed
+    problem = Problem(mechanism, datasets, mechanism.free)
+    with console.progress("Diagnosing") as show:
+        result = diagnose(problem, Options(holdout, seed, draws, kinds or None), show)
+    inputs = [*mechanism.inputs, *(str(t) for t in data),
+              *(str(t.with_suffix(".yaml")) for t in data)]
+    source = provenance(inputs, command_line(), seed)
+    with Output(out) as output:
+        for name, text in files(result, source).items():
+            output.add(name, text)
+    tell(result, console)
+    finish(out, list(output.files), console)
+    console.summary(summary(result, source))
+    leave(bool(result.findings) or result.verdict not in ("none", "named"))
+
+
+def _known_kinds(kinds: tuple[str, ...]) -> None:
+    if kinds:
+        from ppmcal.effects import effect_kinds
+        from ppmcal.errors import unknown
+
+        for kind in kinds:
+            if kind != "geometry" and kind not in effect_kinds():
+                raise unknown("effect", kind, [*effect_kinds(), "geometry"], "--kind")
+
+
+def tell(result: Diagnosis, console: Console) -> None:
+    """Print the story in a few lines."""
+    if not console.speaks:
+        return
+    console.say(f"{result.identification.mechanism.name}: {HEADLINE[result.verdict]}")
+    console.say("Disagreement: " + _where(result))
+    for line in _what(result):
+        console.say(line)
+    gap = result.gap
+    if gap is not None and result.effects:
+        closed = "nothing exceeded the noise before" if gap.closed is None else (
+            f"{gap.closed:.0%} of the gap closed" + (
+                f" ({gap.interval[0]:.0%} to {gap.interval[1]:.0%})" if gap.interval else ""))
+        console.say(f"Held-out poses ({gap.poses}): {gap.before:.2f} -> {gap.after:.2f} times the "
+                    f"noise, {closed}.")
+    if result.swallowed:
+        worst = result.swallowed[0]
+        console.say(f"Geometry had swallowed part of it: "
+                    f"{counted(len(result.swallowed), 'parameter')} moved beyond tolerance, most "
+                    f"{worst.name}.")
+    if result.untestable:
+        console.say("Not testable: " + "; ".join(
+            f"{u.kind} (needs {', '.join(u.missing[:2])}{' ...' if len(u.missing) > 2 else ''})"
+            for u in result.untestable) + ".")
+    console.say(f"Next: {result.proposal.reason}."
+                + (" See next.csv." if result.proposal.rows else ""))
+    console.warn(result.findings)
+
+
+def _where(result: Diagnosis) -> str:
+    strong = [p for p in result.localised if p.by == "actuator" and p.p_value < 0.01]
+    strong.sort(key=lambda p: -p.rms_ratio)
+    text = f"residuals are {result.start.ratio:.2f} times the {result.start.source} noise"
+    if strong:
+        text += ", most at " + ", ".join(f"{p.value} ({p.rms_ratio:.1f} x)" for p in strong[:3])
+    return text + "."
+
+
+def _what(result: Diagnosis) -> list[str]:
+    from ppmcal.outputs.diagnosis import parameter_entries
+
+    out = []
+    for e in result.effects:
+        values = ", ".join(_value(n, v) for n, v in parameter_entries(result, e).items()
+                           if v["sigma"] is not None)
+        where = f" on {', '.join(e.on)}" if e.on else ""
+        out.append(f"{e.kind}{where}: {values}; p = {_p(e.log_p)}.")
+        if e.alternatives:
+            out.append(f"  Cannot be told from: {'; '.join(e.alternatives)}.")
+    out += [f"Suspected: {c.form.label} (p = {c.p_value:.1g})." for c in result.possible
+            if c.status == "weak"]
+    left = result.remainder
+    if not left.adequate:
+        follows = f" and follows {left.follows} (p = {left.p_value:.2g})" if (
+            left.p_value < 0.05) else ""
+        out.append(f"What is left is {left.ratio:.2f} times the {left.source} noise{follows}.")
+    return out
+
+
+def _value(name: str, entry: dict[str, Any]) -> str:
+    return (f"{name} {number(entry['value'])} +- {number(1.96 * entry['sigma'], 2)} "
+            f"{entry['unit']}").rstrip()
+
+
+def _p(log_p: float) -> str:
+    import math
+
+    power = log_p / math.log(10.0)
+    return f"1e{power:.0f}" if power < -3.0 else f"{10.0**power:.2g}"

@@ -1,0 +1,1 @@
+"""Find where machine and measurements disagree, name the missing effect, show the gap shrink."""

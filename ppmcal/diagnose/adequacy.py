@@ -1,0 +1,139 @@
+"""Is it enough? What is left, against the noise and against everything that was recorded.
+
+The kernel (score) test asks whether residuals of nearby inputs are alike: e^T K e, with K a
+sum of two Gaussian kernels over the inputs, against the same figure of simulated noise
+that went through the same projections. It describes; it never names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.diagnose.noise import PureError
+from ppmcal.diagnose.stage import Stage, explained
+from ppmcal.diagnose.system import System
+from ppmcal.targets import pose_vector
+
+Array = NDArray[np.float64]
+MOST_ROWS = 600
+DRAWS = 1000
+LEVEL = 0.01
+"""What is left follows an input where chance would show it more rarely over all inputs."""
+TOO_MUCH = 3.5
+"""Residuals exceed the noise where their mean square does so by this many sigmas."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left.
+
+    Attributes:
+        ratio: rms over the noise reference; excess: how many sigmas above it.
+        reference: noise over the stated noise, and where it is from.
+        follows: the input that residuals follow most, and p over all inputs.
+        by_input: p of each input alone.
+    """
+
+    ratio: float
+    excess: float
+    reference: float
+    source: str
+    follows: str
+    p_value: float
+    by_input: dict[str, float]
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing is left to explain."""
+        return self.p_value >= LEVEL and self.excess < TOO_MUCH
+
+
+def remainder(stage: Stage, seed: int) -> Remainder:
+    """Return what the chosen effects leave."""
+    basis, left = explained(stage)
+    freedom = max(stage.system.count - basis.shape[1], 1)
+    ratio, excess, reference, source = _against_noise(stage, left, freedom)
+    by_input, p, follows = kernel_test(stage.system, basis, left, seed)
+    return Remainder(ratio, excess, reference, source, follows, p, by_input)
+
+
+def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, float, float, str]:
+    """Return rms over the noise, its excess in sigmas, the reference and its source."""
+    rows = np.sum(left.reshape(stage.system.residual.shape) ** 2, axis=1)
+    mean = float(rows.sum()) / freedom
+    error = float(rows.std()) * np.sqrt(rows.size) / freedom
+    reference, source, own = 1.0, "stated", 0.0
+    pure: PureError | None = stage.pure
+    if pure is not None and pure.freedom >= 30:
+        reference, source = pure.ratio, "repeats"
+        own = pure.ratio**2 * np.sqrt(2.0 / pure.freedom)
+    spread = np.hypot(error, own)
+    return (float(np.sqrt(mean)) / reference, float((mean - reference**2) / max(spread, 1e-300)),
+            reference, source)
+
+
+def inputs(system: System) -> dict[str, tuple[Array, tuple[float, ...]]]:
+    """Return what residuals might follow: name -> (N, p) values and kernel widths."""
+    def stacked(name: str) -> Array:
+        return np.concatenate([np.asarray(getattr(p.response.rows, name)).reshape(
+            p.at.stop - p.at.start, -1) for p in system.parts])
+
+    pose = pose_vector(np.concatenate([p.response.pose for p in system.parts]))
+    travel = np.concatenate([p.setting.travel for p in system.parts])
+    mechanism = system.problem.mechanism
+    places = [c for c in mechanism.dof if c < 3]
+    turns = [c for c in mechanism.dof if c >= 3]
+    wide, fine, slow = (0.6, 1.5), (0.25, 1.0), (0.1, 0.5)
+    out = {"position": (pose[:, places], wide)}
+    if turns:
+        out["rotation"] = (pose[:, turns], wide)
+    out |= {name: (travel[:, [a]], fine) for a, name in enumerate(mechanism.actuators)}
+    out |= {"direction": (stacked("approach"), wide), "velocity": (stacked("velocity"), wide),
+            "temperature": (stacked("temperature"), fine), "payload": (stacked("wrench"), fine)}
+    order = np.arange(len(travel), dtype=float)[:, None]
+    time = stacked("time")
+    out["time"] = (time if np.isfinite(time).all() and np.ptp(time) > 0 else order, slow)
+    out["previous move"] = (np.diff(travel, axis=0, prepend=travel[:1]), wide)
+    return {n: (v, w) for n, (v, w) in out.items() if np.isfinite(v).all() and np.ptp(v) > 0.0}
+
+
+def kernel_test(system: System, basis: Array, left: Array, seed: int
+                ) -> tuple[dict[str, float], float, str]:
+    """Return p by input, p over all inputs, and the input followed most."""
+    rng = np.random.default_rng(seed)
+    n, m = system.residual.shape
+    draws = rng.normal(size=(n * m, DRAWS)) * system.observed.reshape(-1, 1)
+    draws -= basis @ (basis.T @ draws)
+    both = np.concatenate([left[:, None], draws], axis=1)
+    both /= np.sqrt(np.mean(both**2, axis=0))
+    both = both.reshape(n, m, -1)
+    some = np.sort(rng.permutation(n)[:MOST_ROWS])
+    p_values: dict[str, Array] = {}
+    for name, (values, widths) in inputs(system).items():
+        smooth = _kernel(values[some], widths)
+        figure = np.einsum("nmb,nk,kmb->b", both[some], smooth, both[some], optimize=True)
+        rank = np.argsort(np.argsort(-figure)) + 1.0
+        p_values[name] = rank / figure.size
+    table = np.stack(list(p_values.values()))
+    smallest = table.min(axis=0)
+    p = float(np.mean(smallest <= smallest[0]))
+    names = list(p_values)
+    tied = [i for i in range(len(names)) if table[i, 0] <= smallest[0]]
+    follows = names[tied[0]]
+    return {name: float(v[0]) for name, v in p_values.items()}, p, follows
+
+
+def _kernel(values: Array, widths: tuple[float, ...]) -> Array:
+    """Return the centred kernel (N, N) of standardised inputs, summed over widths."""
+    spread = values.std(axis=0)
+    x = (values[:, spread > 0.0] - values.mean(axis=0)[spread > 0.0]) / spread[spread > 0.0]
+    square = np.sum(x**2, axis=1)
+    apart = np.maximum(square[:, None] + square[None, :] - 2.0 * x @ x.T, 0.0) / x.shape[1]
+    kernel = sum((np.exp(-apart / (2.0 * w * w)) for w in widths), np.zeros_like(apart))
+    kernel = kernel - kernel.mean(axis=0)
+    centred = kernel - kernel.mean(axis=1, keepdims=True)
+    # a row's likeness to itself says nothing of its neighbours
+    return np.asarray(centred - np.diag(np.diagonal(centred)))

@@ -1,0 +1,114 @@
+"""What is gone of the gap, on poses that no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from ppmcal.dataset import Dataset
+from ppmcal.fit import Fit, prediction_covariance
+from ppmcal.holdout import fresh_state
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+DRAWS = 2000
+REJECT = 0.05
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Held-out errors in units of the noise.
+
+    Attributes:
+        noise: of the measurements, over the stated one.
+        before, after: rms over the noise without and with the effects.
+        closed: 1 - excess(after)/excess(before), None where nothing exceeded it before.
+        interval: 95 % of ``closed``, by bootstrap over poses; None as ``closed``.
+        confirmed: whether the improvement's interval excludes zero.
+        poses: how many were held out.
+    """
+
+    noise: float
+    before: float
+    after: float
+    closed: float | None
+    interval: tuple[float, float] | None
+    confirmed: bool
+    poses: int
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Per row: squared white error, variance from the parameters, values, pose label."""
+
+    square: Array
+    variance: Array
+    count: Array
+    group: Ints
+
+
+def _errors(fit: Fit, held: Sequence[Dataset]) -> _Rows:
+    about = tuple(o.about for o in fit.problem.opens)
+    problem = replace(fit.problem, datasets=tuple(held), pivots=about)
+    state = fresh_state(problem, fit.state)
+    covariance = prediction_covariance(fit)
+    parts: list[list[Array]] = [[], [], [], []]
+    for rows in problem.rows(state):
+        parts[0].append(np.sum(rows.residual**2, axis=1))
+        parts[1].append(np.einsum("nmc,cd,nmd->n", rows.jacobian, covariance, rows.jacobian))
+        parts[2].append(rows.observed.sum(axis=1).astype(float))
+        groups = problem.datasets[rows.dataset].groups[rows.index].astype(float)
+        parts[3].append(groups * len(held) + rows.dataset)
+    square, variance, count, label = (np.concatenate(p) for p in parts)
+    return _Rows(square, variance, count, np.asarray(label, dtype=np.int64))
+
+
+def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, seed: int
+                ) -> Gap | None:
+    """Return the held-out gap, None if the held-out rows are not predictable.
+
+    Args:
+        before: the fit without the effects.
+        after: the fit with them.
+        held: rows that neither has seen.
+        noise: over the stated one.
+        seed: of the bootstrap.
+    """
+    old, new = _errors(before, held), _errors(after, held)
+    if old.square.size != new.square.size or new.square.size == 0:
+        return None
+    good = chdtrc(np.maximum(new.count, 1.0), new.square / (noise**2 + new.variance / np.maximum(
+        new.count, 1.0))) * new.square.size >= REJECT
+    if not good.any():
+        good = np.ones_like(good)
+    labels, group = np.unique(new.group[good], return_inverse=True)
+
+    def per_pose(values: Array) -> Array:
+        sums = np.bincount(group.reshape(-1), weights=values[good], minlength=labels.size)
+        return np.asarray(sums, dtype=np.float64)
+
+    table = np.stack([per_pose(v) for v in (old.square, new.square, old.variance, new.variance,
+                                            new.count)])
+    whole = table.sum(axis=1)
+    drawn = np.random.default_rng(seed).integers(labels.size, size=(DRAWS, labels.size))
+    sums = table[:, drawn].sum(axis=-1)
+    closed, change = _closed(whole, noise), (sums[0] - sums[1]) / sums[4]
+    interval = None
+    if closed is not None:
+        values = [_closed(s, noise) for s in sums.T]
+        known = [v for v in values if v is not None]
+        low, high = np.quantile(known, [0.025, 0.975]) if known else (closed, closed)
+        interval = float(low), float(high)
+    return Gap(noise, float(np.sqrt(whole[0] / whole[4])) / noise,
+               float(np.sqrt(whole[1] / whole[4])) / noise, closed, interval,
+               bool(np.quantile(change, 0.025) > 0.0), int(labels.size))
+
+
+def _closed(sums: Array, noise: float) -> float | None:
+    before = max(0.0, float((sums[0] - sums[2]) / sums[4]) - noise**2)
+    after = max(0.0, float((sums[1] - sums[3]) / sums[4]) - noise**2)
+    return None if before <= 0.0 else 1.0 - float(np.sqrt(after / before))

@@ -1,0 +1,136 @@
+"""Inner products of the projected columns: every test is a small solve on them.
+
+With J the geometry, M = I - QQ^T and Q a basis of J's range, the added-variable test of
+columns C on the residual r needs only G = C^T M C, b = C^T M r and |M r|^2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betainc, betaln
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+VISIBLE = 1e-8
+"""Squared length left of a column, over its own, below which the geometry swallows it."""
+TINY = 1e-200
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    """Tests for T columns.
+
+    Attributes:
+        gram: C^T M C (T, T) and right: C^T M r (T,) of columns scaled to unit length.
+        length: their length (T,) before M: a coefficient is right/gram/length.
+        square: |M r|^2; freedom: n - rank J.
+        null: C^T M z of simulated noise (T, B), and null_square (B,).
+    """
+
+    gram: Array
+    right: Array
+    length: Array
+    square: float
+    freedom: int
+    null: Array
+    null_square: Array
+
+    def given(self, chosen: Sequence[int]) -> Gram:
+        """Return the tests that are left when the columns ``chosen`` are in the model."""
+        if not chosen:
+            return self
+        s = list(chosen)
+        inverse = pseudo_inverse(self.gram[np.ix_(s, s)])
+        back = self.gram[:, s] @ inverse
+        rank = int(np.round(np.trace(inverse @ self.gram[np.ix_(s, s)])))
+        null_fit = inverse @ self.null[s]
+        return replace(
+            self, gram=self.gram - back @ self.gram[s], right=self.right - back @ self.right[s],
+            square=self.square - float(self.right[s] @ inverse @ self.right[s]),
+            freedom=self.freedom - rank, null=self.null - back @ self.null[s],
+            null_square=self.null_square - np.sum(self.null[s] * null_fit, axis=0))
+
+    def extended(self, weights: Array) -> Gram:
+        """Return the tests with further columns: combinations C ``weights`` (T, E)."""
+        w = weights * self.length[:, None]
+        norm = np.linalg.norm(w, axis=0)
+        unit = w / norm
+        cross = self.gram @ unit
+        gram = np.block([[self.gram, cross], [cross.T, unit.T @ cross]])
+        return replace(self, gram=gram, right=np.append(self.right, unit.T @ self.right),
+                       length=np.append(self.length, norm),
+                       null=np.concatenate([self.null, unit.T @ self.null]))
+
+    def fit(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+        """Return coefficients of the columns ``chosen`` and their covariance, SI."""
+        s = list(chosen)
+        inverse = pseudo_inverse(self.gram[np.ix_(s, s)])
+        left = self.square - float(self.right[s] @ inverse @ self.right[s])
+        variance = max(left, 0.0) / max(self.freedom - len(s), 1)
+        scale = 1.0 / self.length[s]
+        return inverse @ self.right[s] * scale, inverse * variance * np.outer(scale, scale)
+
+    def survival(self, chosen: Sequence[int]) -> float:
+        """Return which part of the columns' length the geometry leaves."""
+        s = list(chosen)
+        return float(np.sqrt(max(float(np.mean(np.diagonal(self.gram)[s])), 0.0)))
+
+    def explained(self, groups: Ints, null: bool = False) -> tuple[Array, Ints]:
+        """Return |P^T r|^2 of groups of columns (F, k), and the ranks (F,).
+
+        With ``null`` of the simulated noise, (F, B).
+        """
+        blocks = self.gram[groups[:, :, None], groups[:, None, :]]
+        w, v = np.linalg.eigh(blocks)
+        use = w > VISIBLE
+        root = np.where(use, 1.0 / np.sqrt(np.where(use, w, 1.0)), 0.0)
+        right = self.null[groups] if null else self.right[groups][..., None]
+        parts = root[..., None] * (np.swapaxes(v, -1, -2) @ right)
+        square = np.sum(parts**2, axis=1)
+        return (square if null else square[:, 0]), use.sum(axis=1)
+
+
+def pseudo_inverse(block: Array) -> Array:
+    """Return the inverse of a symmetric block, its invisible directions left out."""
+    w, v = np.linalg.eigh(block)
+    use = w > VISIBLE
+    return np.asarray((v[:, use] / w[use]) @ v[:, use].T)
+
+
+def build_gram(basis: Array, columns: Array, residual: Array, measured: NDArray[np.bool_],
+               draws: int, rng: np.random.Generator) -> Gram:
+    """Return the tests of columns (n, T) on a residual (n,), J having the basis (n, r).
+
+    ``measured`` (n,): the other values are zero everywhere.
+    """
+    length = np.linalg.norm(columns, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    unit = columns / length
+    unit = unit - basis @ (basis.T @ unit)
+    noise = rng.normal(size=(residual.size, draws)) * measured[:, None]
+    across = basis.T @ noise
+    clean = residual - basis @ (basis.T @ residual)
+    return Gram(unit.T @ unit, unit.T @ clean, length, float(clean @ clean),
+                int(measured.sum()) - basis.shape[1], unit.T @ noise,
+                np.sum(noise**2, axis=0) - np.sum(across**2, axis=0))
+
+
+def log_p(explained: Array, square: Array | float, size: Array | Ints | int, freedom: int) -> Array:
+    """Return the log p-value of the F test (added variable), also where p underflows.
+
+    R^2 = explained/square has a Beta(k/2, (nu - k)/2) distribution under the null.
+    """
+    a = np.asarray(size, dtype=float) / 2.0
+    b = np.maximum(freedom / 2.0 - a, 0.5)
+    x = np.clip(np.asarray(explained) / np.maximum(square, 1e-300), 0.0, 1.0 - 1e-15)
+    safe = np.where(a > 0.0, a, 0.5)
+    p = betainc(b, safe, 1.0 - x)
+    with np.errstate(divide="ignore"):
+        far = b * np.log1p(-x) + (safe - 1.0) * np.log(np.maximum(x, 1e-300)) - np.log(
+            b) - betaln(safe, b)
+        out = np.where(p > TINY, np.log(np.maximum(p, 1e-300)), np.minimum(far, np.log(TINY)))
+    return np.asarray(np.where(a > 0.0, out, 0.0), dtype=float)

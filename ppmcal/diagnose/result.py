@@ -1,0 +1,110 @@
+"""What a diagnosis found, as plain data; SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ppmcal.analysis import Identification
+from ppmcal.diagnose.adequacy import Remainder
+from ppmcal.diagnose.candidates import Form, Untestable
+from ppmcal.diagnose.gap import Gap
+from ppmcal.diagnose.localise import Place
+from ppmcal.diagnose.model import Added
+from ppmcal.diagnose.nextup import Proposal
+from ppmcal.diagnose.stage import Stage
+from ppmcal.fit import Fit
+
+VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """One effect that the data ask for.
+
+    ``parameters``: names in the model; ``p_value`` of it given the others, ``log_p`` its
+    logarithm; ``survival``: the part that geometry leaves; ``alternatives``: labels of other
+    families that the data cannot tell from it, with the odds for this one against each.
+    """
+
+    kind: str
+    on: tuple[str, ...]
+    parameters: tuple[str, ...]
+    p_value: float
+    log_p: float
+    survival: float
+    alternatives: tuple[str, ...]
+    odds: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One hypothesis of the library and what became of it.
+
+    ``p_value`` before anything was named; ``status``: named, alternative, explained (by what
+    was named), not needed, weakly testable, not testable. ``detectable``: the smallest value
+    of its (first) parameter that these data would show 9 times in 10, SI; 0 where unknown.
+    """
+
+    form: Form
+    p_value: float
+    survival: float
+    status: str
+    alternatives: tuple[str, ...]
+    detectable: float
+
+
+@dataclass(frozen=True)
+class Swallowed:
+    """A parameter that had moved to imitate an effect: error before and after, SI."""
+
+    name: str
+    quantity: str
+    before: float
+    after: float
+    tolerance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Fits and tests on the training rows: without and with effects, first and last tests."""
+
+    before: Fit
+    after: Fit
+    first: Stage
+    last: Stage
+    added: tuple[Added, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Everything that a diagnosis found.
+
+    Attributes:
+        verdict: one of :data:`VERDICTS`.
+        effects: what was named. possible: what is there but cannot be named.
+        remainder: what is left; start: of the fit without effects.
+        gap: on held-out poses, None where none could be held out.
+        localised, localised_after: where residuals are, without and with the effects.
+        candidates, untestable, swallowed: tables.
+        before: fit to all rows without the effects; identification: with them.
+        found: fits and tests on the training rows.
+        proposal: what to measure next.
+        findings: what the user must look at.
+    """
+
+    verdict: str
+    effects: tuple[NamedEffect, ...]
+    possible: tuple[Candidate, ...]
+    remainder: Remainder
+    start: Remainder
+    gap: Gap | None
+    localised: tuple[Place, ...]
+    localised_after: tuple[Place, ...]
+    candidates: tuple[Candidate, ...]
+    untestable: tuple[Untestable, ...]
+    swallowed: tuple[Swallowed, ...]
+    before: Fit
+    identification: Identification
+    found: Found
+    proposal: Proposal
+    findings: tuple[str, ...]

@@ -1,0 +1,226 @@
+"""The diagnosis from measurements to verdict, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.analysis import report
+from ppmcal.dataset import Dataset
+from ppmcal.diagnose import tables
+from ppmcal.diagnose.adequacy import Remainder, remainder
+from ppmcal.diagnose.gap import Gap, measure_gap
+from ppmcal.diagnose.localise import localise
+from ppmcal.diagnose.model import Added, with_named
+from ppmcal.diagnose.nextup import Proposal, nothing, propose
+from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect
+from ppmcal.diagnose.rivals import rivals
+from ppmcal.diagnose.search import own_log_p
+from ppmcal.diagnose.stage import DRAWS, run_stage
+from ppmcal.fit import Fit
+from ppmcal.fit import Options as FitOptions
+from ppmcal.holdout import split
+from ppmcal.identify import identify
+from ppmcal.observation import coordinates
+from ppmcal.problem import Problem
+
+Bools = NDArray[np.bool_]
+Say = Callable[[str], None]
+MOST_ROWS = 1500
+"""Effects are searched in at most so many rows, evenly spread; fits use them all."""
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Options:
+    """``holdout``: part of the poses kept back; ``draws``: of noise; ``kinds``: to try, or all."""
+
+    holdout: float = 0.27
+    seed: int = 0
+    draws: int = DRAWS
+    kinds: tuple[str, ...] | None = None
+    fit: FitOptions = field(default_factory=FitOptions)
+
+
+def diagnose(problem: Problem, options: Options | None = None, say: Say | None = None
+             ) -> Diagnosis:
+    """Find what is missing in the machine's model, add it, and say how sure that is.
+
+    Args:
+        problem: machine, data and free geometry.
+        options: seed and the like.
+        say: called with what is being done.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.identify.identify`.
+    """
+    options = options or Options()
+    say = say or (lambda text: None)
+    training, held = _split(problem, options)
+    found = _find(training, options, say)
+    say("judging what is left")
+    left = remainder(found.last, options.seed)
+    start = left if found.last is found.first else remainder(
+        replace(found.first, chosen=()), options.seed)
+    effects = _effects(found)
+    noise = start.reference if start.source == "repeats" else 1.0
+    gap = _gap(found, held, noise, options)
+    verdict = _verdict(found, left, start, effects)
+    say("fitting all rows")
+    before = final = identify(problem, options.fit)
+    named = bool(effects) and verdict != "unnamed"
+    if named:
+        mechanism = found.after.problem.mechanism
+        final = identify(replace(problem, mechanism=mechanism, free=mechanism.free),
+                         options.fit)
+    return Diagnosis(
+        verdict, effects if named else (), tables.possible(found, effects, verdict), left, start,
+        gap, localise(replace(found.first, chosen=()), options.seed),
+        localise(found.last, options.seed), tables.candidates(found, effects if named else ()),
+        found.first.library.untestable, tables.swallowed(before, final), before,
+        report(final, options.fit, 0.0, options.seed), found,
+        _proposal(found, verdict, options), _findings(before, final, left, effects, gap))
+
+
+def _split(problem: Problem, options: Options) -> tuple[Problem, tuple[Dataset, ...]]:
+    """Put whole commanded poses aside, where that leaves enough to fit."""
+    out = split(problem.datasets, options.holdout, options.seed)
+    values = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
+                 for o, d in zip(out, problem.datasets, strict=True))
+    if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
+        return problem, ()
+    training = replace(problem, datasets=tuple(d.take(~o) for d, o in
+                                               zip(problem.datasets, out, strict=True)))
+    return training, tuple(d.take(o) for d, o in zip(problem.datasets, out, strict=True))
+
+
+def _find(training: Problem, options: Options, say: Say) -> Found:
+    """Fit, test, add what was chosen, and again at the new fit until the choice stands."""
+    say("fitting geometry")
+    before = identify(training, options.fit)
+    say("testing effects against simulated noise")
+    first = run_stage(training, before.state, _thinned(before.keep), options.seed,
+                      options.kinds, options.draws)
+    after, last = before, first
+    added: tuple[Added, ...] = ()
+    for _ in range(ROUNDS):
+        if not last.chosen:
+            return Found(before, before, first, last, ())
+        mechanism, added = with_named(training.mechanism, last.search, last.chosen)
+        say("fitting geometry and " + ", ".join(f.label for f in last.named))
+        after = identify(replace(training, mechanism=mechanism, free=mechanism.free),
+                         options.fit)
+        names = {n for a in added for n in a.parameters}
+        columns = [c for c, p in enumerate(after.problem.free)
+                   if mechanism.parameters[p].name in names]
+        again = run_stage(after.problem, after.state, _thinned(after.keep), options.seed,
+                          options.kinds, options.draws, columns)
+        same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
+        last = again
+        if same:
+            break
+    return Found(before, after, first, last, added)
+
+
+def _thinned(keep: Sequence[Bools]) -> list[Bools]:
+    """Return masks with at most :data:`MOST_ROWS` rows in all, evenly spread."""
+    total = sum(int(k.sum()) for k in keep)
+    if total <= MOST_ROWS:
+        return list(keep)
+    out = []
+    for k in keep:
+        rows = np.flatnonzero(k)
+        some = np.linspace(0, rows.size - 1, max(1, MOST_ROWS * rows.size // total)).astype(int)
+        mask = np.zeros_like(k)
+        mask[rows[some]] = True
+        out.append(mask)
+    return out
+
+
+def _effects(found: Found) -> tuple[NamedEffect, ...]:
+    """Return what was named, with its rivals."""
+    out = []
+    stage = found.last
+    for i in stage.chosen:
+        form = stage.forms[i]
+        others = rivals(stage.search, stage.chosen, i)
+        value = own_log_p(stage.search, stage.chosen, i)
+        for added in found.added:
+            if (added.form.family, added.form.on) != (form.family, form.on):
+                continue
+            out.append(NamedEffect(
+                form.kind, added.on, added.parameters, float(np.exp(max(value, -740.0))), value,
+                stage.search.gram.survival(form.columns),
+                tuple(stage.forms[r.form].label for r in others), tuple(r.odds for r in others)))
+    return tuple(out)
+
+
+def _gap(found: Found, held: Sequence[Dataset], noise: float, options: Options) -> Gap | None:
+    if not held:
+        return None
+    return measure_gap(found.before, found.after, held, noise, options.seed)
+
+
+def _verdict(found: Found, left: Remainder, start: Remainder,
+             effects: Sequence[NamedEffect]) -> str:
+    """Return the verdict of diagnosis.md, step 11."""
+    search = found.first.search
+    smallest = float(found.first.log_p.min(initial=0.0))
+    if not effects:
+        if not left.adequate or smallest < search.name:
+            return "unnamed"
+        return "weak" if smallest < search.detect else "none"
+    if not left.adequate:
+        explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
+        little = explained < MOSTLY and (left.p_value < FOLLOWS or left.source == "repeats")
+        return "unnamed" if little else "partial"
+    return "named-set" if any(e.alternatives for e in effects) else "named"
+
+
+MOSTLY, FOLLOWS = 0.5, 0.05
+"""Effects that explain less than this of what exceeds the noise, while the rest follows
+something with this p, are no more than an imitation."""
+
+
+def _proposal(found: Found, verdict: str, options: Options) -> Proposal:
+    """Return measurements that tell the first rivals apart."""
+    stage, joints = found.last, len(found.last.system.problem.mechanism.actuators)
+    for i in stage.chosen:
+        others = rivals(stage.search, stage.chosen, i)
+        if others and not stage.forms[i].slot:
+            likeliest = min(others, key=lambda r: r.odds)
+            return propose(stage, i, likeliest.form, options.seed)
+    return nothing({"none": "nothing is missing that these data could show",
+                    "weak": "repeat the campaign: the suspicion grows or goes with more rows",
+                    "named": "what was found is settled"}.get(
+                        verdict, "record more of what might matter (load, temperature, time)"),
+                   joints)
+
+
+def _findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEffect],
+              gap: Gap | None) -> tuple[str, ...]:
+    out = [f for d in after.problem.datasets for f in d.findings]
+    for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
+                                  strict=True):
+        if reasons:
+            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
+                       "residuals.csv for each reason")
+        back = sorted(set(old) - set(reasons))
+        if back:
+            out.append(f"{data.name}: {len(back)} rows that looked like outliers are explained "
+                       "by the effects and back in use")
+    if left.excess >= 3.5:
+        out.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
+                   "unrecorded, or a sigma that is too small")
+    weak = [e.kind for e in effects if e.survival < 0.2]
+    if weak:
+        out.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
+                   "testable), so its size is uncertain")
+    if effects and gap is not None and not gap.confirmed:
+        out.append("the held-out poses do not confirm the improvement: too few, or too small")
+    if not after.converged:
+        out.append(f"the fit had not converged after {after.iterations} iterations")
+    return tuple(out)

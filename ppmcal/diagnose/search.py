@@ -1,0 +1,310 @@
+"""Choosing effects: the smallest p-value first, then what the others explain goes again.
+
+The library is searched, so thresholds are quantiles of the *smallest* p-value that noise
+alone gives, simulated through the same projections. Shared against single actuators is
+settled by BIC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from ppmcal.diagnose.candidates import Form
+from ppmcal.diagnose.gram import Gram, log_p
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+MOST_EFFECTS = 6
+STARTS = 6
+DETECT, NAME = 0.05, 0.01
+OUT_OF_RANGE = 2.5
+"""A coefficient may miss its physical range by so many standard deviations."""
+BETTER = 2.0
+"""An exchange has to lower BIC by this."""
+SWALLOWED, MOSTLY = 0.2, 0.75
+"""See :func:`doubtful`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Tests and thresholds for a library of forms.
+
+    ``detect``, ``name``: log p below which something is there, and may be named; ``smallest``
+    (B,) of noise.
+    """
+
+    gram: Gram
+    forms: tuple[Form, ...]
+    detect: float
+    name: float
+    smallest: Array
+
+    def calibrated(self, value: float) -> float:
+        """Return how often noise alone shows a log p as small as ``value`` somewhere."""
+        return float((np.sum(self.smallest <= value) + 1) / (self.smallest.size + 1))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Chosen forms (indices) and the first test's smallest log p."""
+
+    chosen: tuple[int, ...]
+    bic: float
+
+
+def scan(gram: Gram, forms: Sequence[Form]) -> Array:
+    """Return the log p of every form (F,), the model's columns being projected out already."""
+    out = np.zeros(len(forms))
+    for size in {f.size for f in forms}:
+        which = [i for i, f in enumerate(forms) if f.size == size]
+        groups = np.array([forms[i].columns for i in which])
+        square, rank = gram.explained(groups)
+        out[which] = log_p(square, gram.square, rank, gram.freedom)
+    return out
+
+
+def null_scan(gram: Gram, forms: Sequence[Form]) -> Array:
+    """Return the smallest log p over all forms for each draw of noise (B,)."""
+    smallest = np.zeros(gram.null.shape[1])
+    for size in {f.size for f in forms}:
+        which = [i for i, f in enumerate(forms) if f.size == size]
+        for begin in range(0, len(which), 256):
+            groups = np.array([forms[i].columns for i in which[begin:begin + 256]])
+            square, rank = gram.explained(groups, null=True)
+            values = log_p(square, gram.null_square, rank[:, None], gram.freedom)
+            smallest = np.minimum(smallest, values.min(axis=0))
+    return smallest
+
+
+def prepare(gram: Gram, forms: Sequence[Form]) -> Search:
+    """Return the search with its thresholds from simulated noise."""
+    smallest = null_scan(gram, forms) if forms else np.zeros(gram.null.shape[1])
+    detect, name = np.quantile(smallest, [DETECT, NAME])
+    return Search(gram, tuple(forms), float(detect), float(name), smallest)
+
+
+def choose(search: Search, level: float | None = None) -> Choice:
+    """Return the best set of effects, from several first guesses.
+
+    ``level``: log p that every effect must reach; default the naming threshold.
+    """
+    level = search.name if level is None else level
+    values = scan(search.gram, search.forms)
+    order = np.argsort(values, kind="stable")
+    starts: list[int] = []
+    for i in order:
+        if values[i] > level or len(starts) == STARTS:
+            break
+        if possible(search, [int(i)]) and all(
+                search.forms[i].family != search.forms[j].family
+                or search.forms[i].size != search.forms[j].size for j in starts):
+            starts.append(int(i))
+    best = Choice((), bic(search, ()))
+    for start in starts:
+        chosen = _grown(search, [start], level)
+        chosen = _exchanged(search, chosen, level)
+        value = bic(search, chosen)
+        if value < best.bic - 1e-9:
+            best = Choice(tuple(chosen), value)
+    return best
+
+
+def columns_of(search: Search, chosen: Sequence[int]) -> list[int]:
+    """Return the columns of chosen forms, each once."""
+    return list(dict.fromkeys(c for i in chosen for c in search.forms[i].columns))
+
+
+def bic(search: Search, chosen: Sequence[int]) -> float:
+    """Return n log(RSS/n) + k log n + 2 log C(families, effects), the extended BIC.
+
+    Constants of a grid count as parameters; the last term pays for the search.
+    """
+    columns = columns_of(search, chosen)
+    left = search.gram.given(columns)
+    n = search.gram.freedom
+    searched = sum(1 for i in chosen if search.forms[i].kind in ("periodic", "tilt"))
+    hypotheses = len({(f.family, f.on, f.shared) for f in search.forms})
+    k = len(chosen)
+    looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
+    return float(n * np.log(max(left.square, 1e-300) / n)
+                 + (len(columns) + searched) * np.log(n) + 2.0 * looked)
+
+
+def possible(search: Search, chosen: Sequence[int]) -> bool:
+    """Whether all coefficients of the chosen forms are physical."""
+    columns = columns_of(search, chosen)
+    value, covariance = search.gram.fit(columns)
+    slack = OUT_OF_RANGE * np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    place = {c: j for j, c in enumerate(columns)}
+    for i in chosen:
+        form = search.forms[i]
+        at = [place[c] for c in form.columns]
+        if form.size == 1:
+            slack = np.where(np.isin(np.arange(len(columns)), at), 0.0, slack)
+        if np.any(value[at] < np.array(form.low) - slack[at]) or np.any(
+                value[at] > np.array(form.high) + slack[at]):
+            return False
+    return True
+
+
+def _grown(search: Search, chosen: list[int], level: float) -> list[int]:
+    """Add the form of smallest p, drop what the others explain, until nothing changes."""
+    for _ in range(2 * MOST_EFFECTS):
+        added = _added(search, chosen, level) if len(chosen) < MOST_EFFECTS else None
+        if added is None:
+            break
+        new = _pruned(search, [*chosen, added], level)
+        if set(new) == set(chosen):
+            break
+        chosen = new
+    return chosen
+
+
+def _added(search: Search, chosen: Sequence[int], level: float) -> int | None:
+    values = scan(search.gram.given(columns_of(search, chosen)), search.forms)
+    for i in np.argsort(values, kind="stable"):
+        if values[i] > level:
+            return None
+        if int(i) not in chosen and possible(search, [*chosen, int(i)]):
+            return int(i)
+    return None
+
+
+def _pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
+    """Drop forms that add nothing to the others, weakest first."""
+    left = list(chosen)
+    while len(left) > 1:
+        values = [own_log_p(search, left, i) for i in left]
+        weakest = int(np.argmax(values))
+        if values[weakest] <= level:
+            break
+        left.pop(weakest)
+    return left
+
+
+def own_log_p(search: Search, chosen: Sequence[int], form: int) -> float:
+    """Return the log p of one chosen form given the others."""
+    others = [j for j in chosen if j != form]
+    rest = search.gram.given(columns_of(search, others))
+    return float(scan(rest, [search.forms[form]])[0])
+
+
+def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:
+    """Replace forms one for one while that lowers BIC, then grow and prune again."""
+    for _ in range(3 * MOST_EFFECTS):
+        better = _best_exchange(search, chosen, level)
+        if better is None:
+            break
+        chosen = _grown(search, _pruned(search, better, level), level)
+    return chosen
+
+
+def _best_exchange(search: Search, chosen: Sequence[int], level: float) -> list[int] | None:
+    now = bic(search, chosen)
+    best: tuple[float, list[int]] | None = None
+    for form in chosen:
+        others = [j for j in chosen if j != form]
+        rest = search.gram.given(columns_of(search, others))
+        values = scan(rest, search.forms)
+        for i in np.argsort(values, kind="stable")[:12]:
+            trial = [*others, int(i)]
+            if int(i) in chosen or values[i] > level or not possible(search, trial):
+                continue
+            value = bic(search, trial)
+            if value < now - BETTER and (best is None or value < best[0]):
+                best = value, trial
+    return None if best is None else best[1]
+
+
+def doubtful(search: Search, chosen: Sequence[int], effect: int) -> bool:
+    """Whether a chosen form may only imitate something by its freedom.
+
+    A kind with a value of its own on every actuator fits much that it is not. Unless it
+    survives the geometry and most of its values stand out one by one, any other family
+    that explains as much is a rival, however many parameters that takes.
+    """
+    form = search.forms[effect]
+    if form.shared:
+        return False
+    if search.gram.survival(form.columns) < SWALLOWED:
+        return True
+    size = form.size // len(form.on)
+    parts = [list(form.columns[a:a + size]) for a in range(0, form.size, size)]
+    others = columns_of(search, [j for j in chosen if j != effect])
+    significant = 0
+    for part in parts:
+        rest = search.gram.given([*others, *(c for p in parts if p is not part for c in p)])
+        square, rank = rest.explained(np.array([part]))
+        significant += bool(log_p(square, rest.square, rank, rest.freedom)[0] < np.log(0.01))
+    return significant < MOSTLY * len(parts)
+
+
+def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ...]]:
+    """Settle, kind by kind, on which actuators an effect acts and with how many values.
+
+    Tried are one value for the actuators that were named and one for each of them, besides
+    what was chosen; BIC decides.
+    """
+    kinds = list(dict.fromkeys(search.forms[i].kind for i in chosen
+                               if search.forms[i].on and not search.forms[i].slot))
+    best = tuple(chosen)
+    for kind in kinds:
+        mine = [i for i in best if search.forms[i].kind == kind]
+        others = [i for i in best if i not in mine]
+        search, options = _options(search, kind, mine, others)
+        values = [(bic(search, [*others, *o]), n, o) for n, o in enumerate(options)
+                  if possible(search, [*others, *o])]
+        if values:
+            best = (*others, *min(values)[2])
+    return search, best
+
+
+def _options(search: Search, kind: str, mine: Sequence[int], others: Sequence[int]
+             ) -> tuple[Search, list[tuple[int, ...]]]:
+    """Return sets of forms of one kind that might replace ``mine``."""
+    forms = search.forms
+    options: list[tuple[int, ...]] = [tuple(mine)]
+    constants = forms[mine[0]].constants
+    single = {f.on[0]: i for i, f in enumerate(forms)
+              if f.kind == kind and len(f.on) == 1 and f.constants == constants}
+    named = [a for a in single if any(a in forms[i].on for i in mine)]
+    strong = [a for a in named if _stands_out(search, [*others, *(single[b] for b in named)],
+                                              single[a])]
+    for subset in (named, strong):
+        if not subset:
+            continue
+        alone = [single[a] for a in subset]
+        if all(own_log_p(search, [*others, *alone], i) <= search.name for i in alone):
+            options.append(tuple(alone))
+        if len(subset) > 1:
+            search, together = _together(search, [forms[single[a]] for a in subset])
+            options.append((together,))
+    return search, options
+
+
+def _stands_out(search: Search, chosen: Sequence[int], form: int) -> bool:
+    return bool(own_log_p(search, list(dict.fromkeys(chosen)), form) < np.log(0.01))
+
+
+def _together(search: Search, parts: Sequence[Form]) -> tuple[Search, int]:
+    """Return the form in which several actuators share one value, added where it is new."""
+    wanted = {a for part in parts for a in part.on}
+    for i, form in enumerate(search.forms):
+        if form.kind == parts[0].kind and form.shared and set(form.on) == wanted and (
+                form.constants == parts[0].constants or "low" in form.constants):
+            return search, i
+    total = search.gram.right.size
+    size = parts[0].size
+    weights = np.zeros((total, size))
+    for part in parts:
+        for j, c in enumerate(part.columns):
+            weights[c, j] = 1.0
+    on = tuple(a for part in parts for a in part.on)
+    form = replace(parts[0], on=on, columns=tuple(range(total, total + size)))
+    return replace(search, gram=search.gram.extended(weights),
+                   forms=(*search.forms, form)), len(search.forms)

@@ -1,0 +1,154 @@
+"""One pass: linearise at a fit, whiten, test the library, choose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.diagnose.candidates import Form, Library, library
+from ppmcal.diagnose.gram import build_gram
+from ppmcal.diagnose.noise import PureError, estimate, pure_error
+from ppmcal.diagnose.search import Choice, Search, choose, columns_of, merged, prepare, scan
+from ppmcal.diagnose.system import INVISIBLE, System, Whitening, build, range_basis
+from ppmcal.linear import column_scale
+from ppmcal.problem import Problem, State
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+DRAWS = 2000
+WEAK_SURVIVAL = 0.2
+"""Effects of which the geometry leaves less than this are weakly testable."""
+NOT_LINEAR = (".period", ".direction")
+"""Parameters whose contribution is not value times derivative; they only shape others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """The linear problem at one state, its tests and what was chosen.
+
+    Attributes:
+        system, library, noise: rows, hypotheses, whitening.
+        basis: of the geometry, whitened (n, r); residual (n,) whitened, the contributions
+            of effects that the state already has added back.
+        columns: whitened library (n, T).
+        search: tests and thresholds; chosen: indices of forms.
+        log_p: of every form before anything is chosen (F,).
+        pure: scatter of repeats, if there are any.
+        added: columns of the problem that belong to effects under test.
+    """
+
+    system: System
+    library: Library
+    noise: Whitening
+    basis: Array
+    residual: Array
+    columns: Array
+    search: Search
+    chosen: tuple[int, ...]
+    log_p: Array
+    pure: PureError | None
+    added: tuple[int, ...] = ()
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """All hypotheses, those made while choosing included."""
+        return self.search.forms
+
+    @property
+    def named(self) -> tuple[Form, ...]:
+        """The chosen hypotheses."""
+        return tuple(self.search.forms[i] for i in self.chosen)
+
+
+def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
+              kinds: Sequence[str] | None = None, draws: int = DRAWS,
+              added: Sequence[int] = ()) -> Stage:
+    """Return the tests at a state.
+
+    Args:
+        problem: machine, data and what is free.
+        state: the fit.
+        keep: rows to use, by data set.
+        seed: of the simulated noise.
+        kinds: which kinds to try; default all.
+        draws: of noise, for the thresholds.
+        added: columns of the problem that belong to effects under test: they count as
+            hypotheses, not as geometry.
+    """
+    system = build(problem, state, keep)
+    system = without(system, added)
+    found = library(system, kinds)
+    noise = estimate(system, found)
+    rng = np.random.default_rng(seed)
+    for _ in range(2):
+        stage = _tested(system, found, noise, rng, draws)
+        grids = [c for i in stage.chosen for c in stage.forms[i].columns
+                 if stage.forms[i].constants and c < found.columns.shape[-1]]
+        if not grids or noise.rho == 0.0:
+            break
+        noise = estimate(system, found, grids)
+    return replace(stage, added=tuple(added))
+
+
+def without(system: System, added: Sequence[int]) -> System:
+    """Take effects that a fit already has out of the geometry, and put back what they do."""
+    if not added:
+        return system
+    rest = [c for c in range(system.jacobian.shape[-1]) if c not in set(added)]
+    scale = column_scale(system.problem)
+    residual = system.residual.copy()
+    for c in added:
+        parameter = system.problem.mechanism.parameters[system.problem.free[c]]
+        value = float(system.state.g[system.problem.free[c]])
+        if parameter.size is None:
+            value -= parameter.nominal
+        if not parameter.name.endswith(tuple(NOT_LINEAR)):
+            sign = -1.0 if parameter.reciprocal else 1.0
+            residual += sign * system.jacobian[..., c] / scale[c] * value
+    return replace(system, jacobian=system.jacobian[..., rest], residual=residual)
+
+
+def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,
+            draws: int) -> Stage:
+    jacobian = noise.apply(system.jacobian, system)
+    basis = range_basis(jacobian, INVISIBLE)
+    residual = noise.apply(system.residual[..., None], system)[:, 0]
+    columns = noise.apply(found.columns, system)
+    gram = build_gram(basis, columns, residual, system.observed.reshape(-1), draws, rng)
+    search = prepare(gram, found.forms)
+    choice: Choice = choose(search)
+    search, chosen = merged(search, choice.chosen)
+    return Stage(system, found, noise, basis, residual, columns, search, chosen,
+                 scan(gram, found.forms), pure_error(system))
+
+
+def explained(stage: Stage) -> tuple[Array, Array]:
+    """Return a basis (n, r) of geometry and chosen effects, and the residual free of both."""
+    chosen = columns_of(stage.search, stage.chosen)
+    columns = _columns(stage, chosen)
+    extra = columns - stage.basis @ (stage.basis.T @ columns)
+    length = np.linalg.norm(extra, axis=0)
+    basis = np.concatenate([stage.basis, range_basis(extra / np.where(length > 0, length, 1.0))],
+                           axis=1)
+    return basis, stage.residual - basis @ (basis.T @ stage.residual)
+
+
+def _columns(stage: Stage, chosen: list[int]) -> Array:
+    """Return whitened columns; those made while merging are sums of the library's."""
+    total = stage.columns.shape[1]
+    if all(c < total for c in chosen):
+        return stage.columns[:, chosen]
+    out = [stage.columns[:, c] for c in chosen if c < total]
+    singles = {(f.kind, f.on[0], tuple(f.constants.items())): f for f in stage.forms
+               if len(f.on) == 1}
+    for i in stage.chosen:
+        form = stage.forms[i]
+        if form.columns[0] >= total:
+            for j in range(form.size):
+                parts = [singles[form.kind, a, tuple(form.constants.items())].columns[j]
+                         for a in form.on]
+                out.append(stage.columns[:, parts].sum(axis=1))
+    return np.stack(out, axis=-1)

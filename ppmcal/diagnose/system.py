@@ -1,0 +1,155 @@
+"""The linearised problem that effects are searched in: rows as plain arrays, whitened.
+
+N rows of m coordinates; a row that lacks a coordinate carries zeros there. All arrays are
+white with respect to the stated noise; :class:`Whitening` adds what the residuals show
+beyond it: covariance within a row, and correlation from row to row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.effects import Setting, Shift
+from ppmcal.influence import Response
+from ppmcal.linear import column_scale
+from ppmcal.problem import Problem, State
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+RANK = 1e-9
+"""Directions below this part of the strongest are round-off."""
+INVISIBLE = 0.3
+"""A direction of which one tolerance changes all residuals together by less than this many
+sigmas cannot have made a noticeable error, nor may it imitate an effect."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Rows ``at`` (slice of the system) of one data set: how they respond to shifts."""
+
+    at: slice
+    dataset: int
+    response: Response
+    whitener: Array
+
+    @cached_property
+    def setting(self) -> Setting:
+        """What effects may know of these rows."""
+        return self.response.setting()
+
+    def column(self, shift: Shift) -> Array:
+        """Return the white column (n, m) of a shift."""
+        raw = np.where(self.response.seen.observed, self.response.column(shift), 0.0)
+        return np.asarray((self.whitener @ raw[..., None])[..., 0])
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Rows of a fit: ``residual`` (N, m), ``jacobian`` (N, m, C) scaled, ``observed``.
+
+    ``dataset``, ``row`` (N,) say where each came from; ``group`` (N,) the commanded pose.
+    """
+
+    problem: Problem
+    state: State
+    parts: tuple[Part, ...]
+    residual: Array
+    jacobian: Array
+    observed: Bools
+    dataset: Ints
+    row: Ints
+    group: Ints
+
+    @property
+    def count(self) -> int:
+        """Number of measured values n."""
+        return int(self.observed.sum())
+
+    def column(self, shifts: Sequence[Shift]) -> Array:
+        """Return the white column (N, m) of one shift per part."""
+        out = np.zeros(self.residual.shape)
+        for part, shift in zip(self.parts, shifts, strict=True):
+            column = part.column(shift)
+            out[part.at, :column.shape[1]] = column
+        return out
+
+
+def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
+    """Return the system of the rows ``keep`` (N,) of each data set at a state."""
+    chunks = list(problem.rows(state, True, keep))
+    width = max(c.residual.shape[1] for c in chunks)
+    total = sum(c.residual.shape[0] for c in chunks)
+    columns = len(problem.columns)
+    residual, observed = np.zeros((total, width)), np.zeros((total, width), dtype=bool)
+    jacobian = np.zeros((total, width, columns))
+    dataset, row = np.zeros(total, dtype=np.int64), np.zeros(total, dtype=np.int64)
+    parts, begin = [], 0
+    for c in chunks:
+        n, m = c.residual.shape
+        at = slice(begin, begin + n)
+        residual[at, :m], observed[at, :m] = c.residual, c.observed
+        jacobian[at, :m] = c.jacobian
+        dataset[at], row[at] = c.dataset, c.index
+        if c.response is not None:
+            parts.append(Part(at, c.dataset, c.response, c.whitener))
+        begin += n
+    group = _groups(problem, dataset, row)
+    return System(problem, state, tuple(parts), residual, jacobian * column_scale(problem),
+                  observed, dataset, row, group)
+
+
+def _groups(problem: Problem, dataset: Ints, row: Ints) -> Ints:
+    """Return one label per commanded pose, different in different data sets (N,)."""
+    label = np.zeros(dataset.size, dtype=np.int64)
+    for i, data in enumerate(problem.datasets):
+        mine = dataset == i
+        label[mine] = data.groups[row[mine]]
+    return np.asarray(np.unique(np.stack([dataset, label]), axis=1, return_inverse=True)[1]
+                      ).reshape(-1).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """What makes the residuals white: ``inner`` (D, m, m) by data set, ``rho`` of AR(1).
+
+    ``scale``: noise over the stated noise that ``inner`` takes out, root mean square.
+    """
+
+    inner: Array
+    rho: float
+    scale: float = 1.0
+
+    def apply(self, values: Array, system: System) -> Array:
+        """Return values (N, m, c) whitened, as a matrix (N m, c)."""
+        out = self.inner[system.dataset] @ values
+        if self.rho:
+            follows = (system.dataset[1:] == system.dataset[:-1])[:, None, None]
+            before = np.where(follows, out[:-1], 0.0)
+            tail = (out[1:] - self.rho * before) / np.where(
+                follows, np.sqrt(1.0 - self.rho**2), 1.0)
+            out = np.concatenate([out[:1], tail])
+        return np.asarray(np.where(system.observed[..., None], out, 0.0)).reshape(
+            -1, values.shape[-1])
+
+
+def plain(system: System) -> Whitening:
+    """Return the whitening that changes nothing."""
+    m = system.residual.shape[1]
+    return Whitening(np.tile(np.eye(m), (len(system.problem.datasets), 1, 1)), 0.0)
+
+
+def range_basis(matrix: Array, least: float = 0.0) -> Array:
+    """Return an orthonormal basis (n, rank) of a matrix's columns.
+
+    Directions of a singular value below ``least`` are left out.
+    """
+    if matrix.shape[1] == 0:
+        return np.zeros((matrix.shape[0], 0))
+    u, s, _ = np.linalg.svd(matrix, full_matrices=False)
+    return np.asarray(u[:, (s > RANK * s.max(initial=1e-300)) & (s > least)])

@@ -1,0 +1,175 @@
+"""diagnosis.json, effects.csv, residuals.csv, model.yaml and next.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppmcal.diagnose.result import Diagnosis, NamedEffect
+from ppmcal.files import csv_text, json_text, write_mechanism
+from ppmcal.files.columns import ZERO_CELSIUS
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.outputs.identification import residuals_csv
+from ppmcal.outputs.identification import summary as identification_summary
+from ppmcal.outputs.tables import joint_columns
+from ppmcal.residuals import residuals
+
+
+def files(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, str]:
+    """Return file name -> text of everything that diagnose writes."""
+    fit = result.identification.fit
+    before = residuals(result.before.problem, result.before.state)
+    out = {
+        "model.yaml": write_mechanism(
+            result.identification.mechanism,
+            f"diagnosed by ppmcal {provenance.get('version', '')}: {result.verdict}; from "
+            + ", ".join(d.name for d in fit.problem.datasets)),
+        "effects.csv": effects_csv(result),
+        "residuals.csv": residuals_csv(fit, before, result.identification.after),
+        "diagnosis.json": json_text(summary(result, provenance)),
+        "identification.json": json_text(identification_summary(
+            result.identification, provenance, "prior", True)),
+    }
+    if result.proposal.rows:
+        out["next.csv"] = next_csv(result)
+    return out
+
+
+def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of diagnosis.json, numbers in the machine's units."""
+    mechanism = result.identification.mechanism
+    units = mechanism.units
+    gap = result.gap
+    left, noise = result.remainder, result.found.last.noise
+    return {
+        "format": "ppmcal/diagnosis/1",
+        "name": mechanism.name,
+        "verdict": result.verdict,
+        "effects": [effect_entry(result, e) for e in result.effects],
+        "possible": [{"kind": c.form.kind, "on": list(c.form.on), "p_value": c.p_value,
+                      "survival": c.survival, "status": c.status} for c in result.possible],
+        "remainder": {"follows": None if left.p_value >= 0.01 else left.follows,
+                      "p_value": left.p_value, "rms_ratio": left.ratio,
+                      "noise_reference": left.source, "noise_ratio": left.reference,
+                      "by_input": left.by_input},
+        "gap": {"noise": 1.0, "before": None, "after": None, "closed": None, "interval": None,
+                "confirmed": None, "poses": 0} if gap is None else {
+            "noise": 1.0, "before": gap.before, "after": gap.after, "closed": gap.closed,
+            "interval": None if gap.interval is None else list(gap.interval),
+            "confirmed": gap.confirmed, "poses": gap.poses},
+        "fit": {"before": result.start.ratio, "after": left.ratio,
+                "rows": sum(int(k.sum()) for k in result.identification.fit.keep)},
+        "noise": {"covariance_ratio": noise.scale, "serial_correlation": noise.rho,
+                  "detect_p": float(np.exp(result.found.first.search.detect)),
+                  "name_p": float(np.exp(result.found.first.search.name))},
+        "localised": [{"by": p.by, "value": p.value, "rms_ratio": p.rms_ratio,
+                       "p_value": p.p_value, "rms_ratio_after": q.rms_ratio}
+                      for p, q in _paired(result)],
+        "not_testable": [{"kind": u.kind, "missing": list(u.missing), "reason": u.reason}
+                         for u in result.untestable],
+        "swallowed": [{"name": s.name, "before": s.before / units.factor(s.quantity),
+                       "after": s.after / units.factor(s.quantity),
+                       "tolerance": s.tolerance / units.factor(s.quantity),
+                       "unit": units.name(s.quantity)} for s in result.swallowed],
+        "next_measurements": {"reason": result.proposal.reason,
+                              "file": "next.csv" if result.proposal.rows else None,
+                              "rows": result.proposal.rows,
+                              "odds_before": result.proposal.odds_before,
+                              "odds_after": result.proposal.odds_after},
+        "excluded": [{"dataset": d.name, "row": int(d.rows[n]), "reason": reason}
+                     for d, reasons in zip(result.identification.fit.problem.datasets,
+                                           result.identification.fit.reasons, strict=True)
+                     for n, reason in sorted(reasons.items())],
+        "findings": list(result.findings),
+        "units": {"length": units.length, "angle": units.angle},
+        "provenance": dict(provenance),
+    }
+
+
+def _paired(result: Diagnosis) -> list[tuple[Any, Any]]:
+    after = {(p.by, p.value): p for p in result.localised_after}
+    return [(p, after.get((p.by, p.value), p)) for p in result.localised]
+
+
+def effect_entry(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
+    """Return one effect's entry, file units."""
+    return {
+        "kind": effect.kind, "on": list(effect.on),
+        "parameters": parameter_entries(result, effect), "p_value": effect.p_value,
+        "log10_p": effect.log_p / np.log(10.0), "survival": effect.survival,
+        "alternatives": [a.split(" on ")[0] for a in effect.alternatives],
+        "alternatives_on": list(effect.alternatives), "odds": list(effect.odds)}
+
+
+def parameter_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, dict[str, Any]]:
+    """Return parameter -> value, sigma, unit of one named effect, file units."""
+    units = result.identification.mechanism.units
+    values = {e.name: e for e in result.identification.estimates}
+    out: dict[str, dict[str, Any]] = {}
+    for name in effect.parameters:
+        e = values[name]
+        f = units.factor(e.quantity)
+        geometry = effect.kind == "geometry"
+        short = name if geometry else name.rsplit(".", 1)[1]
+        known = e.sigma is not None and np.isfinite(e.sigma)
+        out[short] = {"value": (e.error if geometry else e.value) / f,
+                      "sigma": (e.sigma or 0.0) / f if known else None,
+                      "unit": units.name(e.quantity)}
+    return out
+
+
+def effects_csv(result: Diagnosis) -> str:
+    """Return effects.csv: one row per candidate, in the order of what became of it."""
+    mechanism = result.identification.mechanism
+    rows = []
+    for c in result.candidates:
+        smallest, unit = _detectable(mechanism, result, c)
+        rows.append([c.form.family, " ".join(c.form.on),
+                     "shared" if c.form.shared else "each", c.p_value, c.survival, c.status,
+                     "; ".join(c.alternatives), smallest, unit])
+    for u in result.untestable:
+        rows.append([u.kind, "", "", np.nan, np.nan, "not testable",
+                     f"needs {', '.join(u.missing)}", np.nan, ""])
+    header = ["kind", "on", "form", "p_value", "survival", "status", "alternatives",
+              "detectable", "unit"]
+    return csv_text(header, [[r[i] for r in rows] for i in range(len(header))])
+
+
+def _detectable(mechanism: Mechanism, result: Diagnosis, candidate: Any) -> tuple[float, str]:
+    """Return the smallest value that the data would show, and its unit."""
+    from ppmcal.acting import resolved
+    from ppmcal.effects import effect_kinds
+
+    if candidate.detectable <= 0.0:
+        return np.nan, ""
+    if candidate.form.slot:
+        p = next(p for p in mechanism.parameters if p.name == candidate.form.slot)
+        return candidate.detectable / mechanism.units.factor(p.quantity), mechanism.units.name(
+            p.quantity)
+    spec = next(s for s in effect_kinds()[candidate.form.kind].parameters(mechanism.motion)
+                if s.name == candidate.form.names[0])
+    on = candidate.form.on or mechanism.actuators
+    joint = mechanism.actuator_quantity[mechanism.actuators.index(on[0])]
+    quantity = resolved(spec.quantity, joint)
+    value = candidate.detectable
+    if spec.reciprocal:
+        value = 1.0 / value
+    return value / mechanism.units.factor(quantity), mechanism.units.name(quantity)
+
+
+def next_csv(result: Diagnosis) -> str:
+    """Return next.csv: joints, poses and settings of the measurements to take."""
+    mechanism = result.identification.mechanism
+    proposal = result.proposal
+    columns: dict[str, Any] = dict(joint_columns(mechanism, proposal.q, "q_{}"))
+    for c in mechanism.dof:
+        f = mechanism.units.factor("length" if c < 3 else "angle")
+        columns[POSE_COORDINATES[c]] = proposal.pose[:, c] / f
+    for name, values in proposal.columns.items():
+        if name.startswith("vel_"):
+            a = mechanism.actuators.index(name.removeprefix("vel_"))
+            values = values / mechanism.joint_units[a][0]
+        columns[name] = values - ZERO_CELSIUS if name.startswith("temperature") else values
+    return csv_text(list(columns), list(columns.values()))
