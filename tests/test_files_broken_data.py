@@ -65,6 +65,12 @@ BROKEN = [
      "2 or 3 numbers"),
     ("target rotation", SIDE, "target_rotation: known", "target_rotation: [1, 2]",
      "target_rotation", "[rx, ry, rz]"),
+    ("target with a huge whole number", SIDE, "target: unknown\n",
+     "target: [100000000000000000000, 0]\n", "target", "2 or 3 numbers"),
+    ("target rotation beyond reason", SIDE, "target_rotation: known",
+     "target_rotation: [0, 0, 1e300]", "target_rotation", "[rx, ry, rz]"),
+    ("drives beyond reason", SIDE, "actuator: 0.003", "actuator: 1e300",
+     "instrument.sigma.actuator", "0 or more"),
     ("odd approach", SIDE, "approach: columns", "approach: column", "approach", "'columns'"),
     ("unknown key", SIDE, "approach: columns", "aproach: columns", "run.yaml", "'approach'"),
     ("plane without height", SIDE, "kind: pose", "kind: plane", "header", "height"),
@@ -118,6 +124,16 @@ def test_missing_sidecar_shows_one(tmp_path):
         read_dataset(path, BENCH)
 
 
+@pytest.mark.parametrize("suffix", [".yaml", ".yml"])
+def test_same_as_names_the_file_that_says_it(tmp_path, suffix):
+    for name, frame in (("a", "{same_as: b}"), ("b", "{same_as: nobody}")):
+        (tmp_path / f"{name}.csv").write_text((GOOD / CSV).read_text())
+        (tmp_path / f"{name}{suffix}").write_text((GOOD / SIDE).read_text().replace(
+            "run 3", name).replace("frame: unknown", f"frame: {frame}"))
+    with pytest.raises(BadInput, match=rf"b\{suffix}: frame.same_as: unknown data set 'nobody'"):
+        read_campaign([tmp_path / "a.csv", tmp_path / "b.csv"], BENCH)
+
+
 @pytest.mark.parametrize("column", ["q_leg2", "x", "rz"])
 def test_an_empty_column_is_refused(tmp_path, column):
     lines = [line.split(",") for line in (GOOD / CSV).read_text().splitlines()]
@@ -165,7 +181,7 @@ SCENARIOS = [
     ("error value", "leg2.offset: -0.3", "leg2.offset: much", "errors.leg2.offset", "number"),
     ("random", "{leg1.base.point.x: 0.5, leg2.offset: -0.3}", "{random: 1}", "errors.random",
      "scale"),
-    ("effects", "effects: []", "effects: [{kind: lag}]", "effects", "no effects yet"),
+    ("effects", "effects: []", "effects: [{kind: lagg}]", "effects[1].kind", "mean 'lag'"),
     ("frame", "frame: {x: 5, y: -3, rz: 1}", "frame: unknown", "frame", "true value"),
     ("tails", "tails: normal", "tails: heavy", "noise.tails", "t4"),
     ("ar", "ar: 0.0", "ar: 1.0", "noise.ar", "between"),

@@ -88,8 +88,19 @@ def test_pose_labels(tmp_path):
                           "b,1,2,3,4,5,6\na,1,2,3,4,5,6\nb,1,2,3,4,5,6\n,1,2,3,4,5,6\n")
     np.testing.assert_array_equal(d.groups, [0, 1, 0, 2])
     d = dataset(tmp_path, "pose,q_leg1,q_leg2,q_leg3,x,y,rz\n"
+                          "b,1,2,3,4,5,6\nnan,1,2,3,4,5,6\nNaN,1,2,3,4,5,6\nnan,1,2,3,4,5,6\n")
+    np.testing.assert_array_equal(d.groups, [0, 1, 2, 3])
+    d = dataset(tmp_path, "pose,q_leg1,q_leg2,q_leg3,x,y,rz\n"
                           "7,1,2,3,4,5,6\n2,1,2,3,4,5,6\n7,1,2,3,4,5,6\n,1,2,3,4,5,6\n")
     np.testing.assert_array_equal(d.groups, [0, 1, 0, 2])
+
+
+@pytest.mark.parametrize(("cells", "labels"), [
+    (("0.1", "7", "nan", ""), ("0.1", "7", "", "")), (("am", "nan", "", "1"), ("am", "", "", "1"))])
+def test_session_labels(tmp_path, cells, labels):
+    rows = "".join(f"1,2,3,4,5,6,{c}\n" for c in cells)
+    d = dataset(tmp_path, "q_leg1,q_leg2,q_leg3,x,y,rz,session\n" + rows)
+    assert d.sessions == labels
 
 
 def test_row_sigmas_override(tmp_path):
@@ -108,6 +119,31 @@ def test_commanded_poses(tmp_path):
     assert np.isnan(d.q).all()
     with pytest.raises(BadInput, match="cmd_rz"):
         dataset(tmp_path, "cmd_x,cmd_y,x,y,rz\n1,2,4,5,6\n")
+
+
+def test_commanded_coordinates_that_the_machine_does_not_have(tmp_path):
+    """A cmd_z of a planar machine once lengthened its struts without a word."""
+    with pytest.raises(BadInput, match="row 2, column cmd_z: a planar machine has no"):
+        dataset(tmp_path, "cmd_x,cmd_y,cmd_z,cmd_rz,x,y,rz\n1,2,0,3,4,5,6\n1,2,7,3,4,5,6\n")
+    with pytest.raises(BadInput, match="row 1, column cmd_quat_x: a planar machine has no"):
+        dataset(tmp_path, "cmd_x,cmd_y,cmd_quat_x,cmd_quat_y,cmd_quat_z,cmd_quat_w,x,y,rz\n"
+                          "1,2,1,0,0,0,4,5,6\n")
+    d = dataset(tmp_path, "cmd_x,cmd_y,cmd_z,cmd_rz,x,y,rz\n1,2,0,3,4,5,6\n1,2,,3,4,5,6\n")
+    assert d.commanded is not None
+    np.testing.assert_array_equal(d.commanded[:, 2:5], 0.0)
+
+
+def test_rows_whose_commanded_pose_is_incomplete(tmp_path):
+    d = dataset(tmp_path, "cmd_x,cmd_y,cmd_rz,x,y,rz\n1,2,3,4,5,6\n1,,3,4,5,6\n1,2,3,,,\n")
+    assert d.dropped == ((2, "a commanded coordinate is missing"), (3, "nothing was measured"))
+    assert d.rows.tolist() == [1]
+    with pytest.raises(BadInput, match="a commanded pose and a measurement"):
+        dataset(tmp_path, "cmd_x,cmd_y,cmd_rz,x,y,rz\n1,2,,4,5,6\n1,,3,4,5,6\n,2,3,4,5,6\n")
+
+
+def test_columns_of_another_instrument_are_named(tmp_path):
+    d = dataset(tmp_path, "q_leg1,q_leg2,q_leg3,x,y,rz,height,to_q_leg1\n1,2,3,4,5,6,7,8\n")
+    assert any("columns height, to_q_leg1: not used" in f for f in d.findings)
 
 
 def test_position_instrument_ignores_rotation(tmp_path):
@@ -195,6 +231,10 @@ def test_foreign_hexapod_header(tmp_path):
                 RAILS)
     np.testing.assert_allclose(d.q[0, 5], 12e-3)
     assert "in order" in d.findings[0]
+    d = dataset(tmp_path, "x1,y1,z1,phix1,phiy1,phiz1,a,b,c,d,e,f,temperature_room\n"
+                "1,2,3,4,5,6,7,8,9,10,11,12,20\n", RAILS)
+    np.testing.assert_allclose(d.q[0, 5], 12e-3)
+    np.testing.assert_allclose(d.columns["temperature_room"], 293.15)
 
 
 def test_foreign_motion_capture_header(tmp_path):
@@ -263,6 +303,15 @@ def test_pose_files(tmp_path):
     assert twists(read_poses(path, BENCH).extra, BENCH) is None
     path.write_text("x,y,z,quat_x,quat_y,quat_z,quat_w\n1,2,3,1,0,0,0\n")
     np.testing.assert_allclose(read_poses(path, RAILS).poses[0, 3:], [np.pi, 0, 0])
+
+
+def test_numbers_that_are_only_repeated_may_be_large(tmp_path):
+    path = tmp_path / "p.csv"
+    path.write_text("x,y,rz,stamp\n1,2,3,1700000000000000000\n")
+    assert read_poses(path, BENCH).extra["stamp"] == [1.7e18]
+    path.write_text("x,y,rz,stamp\n1e16,2,3,4\n")
+    with pytest.raises(BadInput, match="row 1, column x: 1e\\+16 is too large"):
+        read_poses(path, BENCH)
 
 
 def test_joint_files(tmp_path):

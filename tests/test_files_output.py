@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,6 +76,31 @@ def test_output_refuses_a_file_as_folder(tmp_path):
         Output(tmp_path / "out" / "deeper").write()
 
 
+def test_output_into_a_folder_on_another_file_system(tmp_path):
+    """The folder may be a mount, and what is above it need not be writable."""
+    other = Path("/dev/shm")
+    if not other.is_dir() or other.stat().st_dev == tmp_path.stat().st_dev:
+        pytest.skip("there is only one file system")
+    with tempfile.TemporaryDirectory(dir=other) as folder:
+        (tmp_path / "out").symlink_to(folder)
+        with Output(tmp_path / "out") as out:
+            out.add("a.csv", "x\n")
+        assert os.listdir(folder) == ["a.csv"]
+    assert os.listdir(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "a\0b"])
+def test_output_refuses_an_impossible_name(tmp_path, name):
+    with pytest.raises(BadInput, match="cannot be written"):
+        Output(tmp_path / name).write()
+
+
+def test_output_writes_names_that_utf8_cannot_hold(tmp_path):
+    with Output(tmp_path / "out") as out:
+        out.add("a.json", json_text({"file": os.fsdecode(b"run_\xe4")}))
+    assert json.loads((tmp_path / "out" / "a.json").read_text()) == {"file": "run_\udce4"}
+
+
 def test_output_names_are_plain():
     out = Output("x")
     for name in ("", "a/b", ".."):
@@ -116,10 +142,10 @@ def test_json_is_plain():
 
     obj = {"a": np.nan, "b": np.array([1.0, np.inf]), "c": np.float64(2.5), "d": np.int64(3),
            "e": (True, None), "f": Thing(1.5), "g": np.bool_(True), "h": Path("x"),
-           "i": {1: np.array(2.0)}}
+           "i": {1: np.array(2.0)}, "j": np.str_("abc")}
     assert json.loads(json_text(obj)) == {
         "a": None, "b": [1.0, None], "c": 2.5, "d": 3, "e": [True, None], "f": {"x": 1.5},
-        "g": True, "h": "x", "i": {"1": 2.0}}
+        "g": True, "h": "x", "i": {"1": 2.0}, "j": "abc"}
 
 
 def test_provenance(tmp_path):

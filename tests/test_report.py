@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import time
+import warnings
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,12 @@ import pytest
 from ppmcal.errors import BadInput
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
+from ppmcal.report.data import Identified, Simulated
 from ppmcal.report.numbers import NBSP, probability, sig, to_sigma
 from ppmcal.report.residuals import envelope, spread
 from ppmcal.report.svg import Axis, span
 from ppmcal.report.text import noise_verdict, redundancy
+from ppmcal.report.truth import compare
 
 VOID = {"meta", "br", "wbr", "path", "circle", "rect", "polyline", "link", "img", "hr"}
 
@@ -187,6 +190,52 @@ def test_truth_of_other_measurements_is_marked(tmp_path: Path) -> None:
     assert "may not belong together" in to_html(data)
 
 
+def test_truth_of_a_ratio_is_compared_in_the_units_of_the_fit() -> None:
+    ratio = {"name": "leg1.ratio", "error": 2e-5, "sigma": 1e-5, "unit": "m/unit"}
+    truth = {"errors": {"leg1.ratio": 0.02}, "units": {"length": "mm", "angle": "deg"}}
+    one = Identified("fit", {}, (ratio,))
+    (c,) = compare([one], [Simulated("sim", truth, None)])
+    assert c.rows[0].true == pytest.approx(2e-5)
+    odd = {"errors": {"leg1.ratio": {"error": 0.02, "unit": "mm"}, "a": 1.0}}
+    a = {"name": "a", "error": 1.0}
+    own = {"provenance": {"inputs": {"1": "x", "2": "y"}}}
+    found = compare([Identified("fit", own, (ratio, a))],
+                    [Simulated("sim", odd, None, "x"), Simulated("again", odd, None, "y")])
+    assert [c.note for c in found] == ["Units do not match and are left out: leg1.ratio."] * 2
+
+
+def test_truth_beyond_reason_makes_a_page(tmp_path: Path) -> None:
+    sim, fit = write_simulation(tmp_path / "sim"), write_fit(tmp_path / "fit", identification())
+    (sim / "truth.json").write_text('{"errors": {"leg1.offset": -1.7e308, "leg1.lateral": 1}}')
+    read(to_html(collect([sim, fit])))
+
+
+def test_tiny_numbers_make_a_drawing(tmp_path: Path) -> None:
+    tiny = {"x": ["5e-324"] * 3, "error_position_before": ["5e-324"] * 3,
+            "error_position_after": ["5e-324"] * 3, "status": ["ok"] * 3}
+    write_csv(tmp_path / "commands.csv", tiny)
+    write_csv(tmp_path / "residuals.csv", {
+        "row": range(3), "x": range(3), "y": range(3), "before_x": ["5e-324"] * 3,
+        "before_y": [0.0] * 3, "after_x": ["5e-324"] * 3, "after_y": [0.0] * 3})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        html = to_html(collect([tmp_path]))
+    assert "Mnan" not in html and "lnan" not in html
+
+
+def test_columns_of_the_targets_may_have_any_name(tmp_path: Path) -> None:
+    """commands.csv repeats the columns of the targets, whatever they hold."""
+    folder = write_commands(tmp_path / "comp")
+    lines = (folder / "commands.csv").read_text().splitlines()
+    extra = ["value,error_note,row", "A1,a,-", "A2,b,-", "A3,c,-"]
+    (folder / "commands.csv").write_text(
+        "\n".join(f"{a},{b}" for a, b in zip(extra, lines, strict=True)) + "\n")
+    page = read(to_html(collect([folder])))
+    assert {"A1", "b"} <= set(page.text)
+    (folder / "commands.csv").rename(folder / "poses.csv")
+    assert collect([folder]).others[0].table is not None
+
+
 def test_page_says_it_all_with_units(everything: list[Path]) -> None:
     html = to_html(collect(everything))
     page = read(html)
@@ -274,6 +323,9 @@ def test_diagnosis(tmp_path: Path) -> None:
                   "lag cannot be tested: missing vel_leg1", "0.930", "next.csv"):
         assert piece in text, piece
     assert to_json(data)["diagnoses"][0]["diagnosis"] == record
+    (tmp_path / "diagnosis.json").write_text('{"units": "mm"}')
+    with pytest.raises(BadInput, match="units: should be an object"):
+        collect([tmp_path])
 
 
 def test_unknown_folders_are_refused(tmp_path: Path) -> None:
@@ -291,6 +343,8 @@ def test_unknown_folders_are_refused(tmp_path: Path) -> None:
         collect([tmp_path / "demo"])
     with pytest.raises(BadInput, match="is a file"):
         collect([tmp_path / "demo" / "comp" / "commands.csv"])
+    with pytest.raises(BadInput, match="cannot be read"):
+        collect([tmp_path / ("a" * 300)])
 
 
 BROKEN_JSON = {
@@ -306,6 +360,7 @@ BROKEN_JSON = {
     '{"noise": 3}': "noise: should be an object",
     '{"units": {"length": 1}}': "units.length: should be text",
     '{"provenance": {"inputs": ["a"]}}': "provenance.inputs",
+    '{"rank": ' + "1" * 5000 + "}": "cannot be read as JSON",
 }
 
 
