@@ -84,7 +84,7 @@ def row_known(shift: Shift | None, rows: int) -> NDArray[np.bool_]:
     usable = np.ones(rows, dtype=bool)
     if shift is not None:
         for value in (*shift.slots.values(), *([] if shift.pose is None else [shift.pose])):
-            usable &= known(value.reshape(rows, -1))
+            usable &= known(value.reshape(rows, int(np.prod(value.shape[1:]))))
     return usable
 
 

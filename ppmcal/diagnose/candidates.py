@@ -19,6 +19,10 @@ GEOMETRY = "geometry"
 FEWEST_PERIODS, MOST_PERIODS = 1.5, 60.0
 """Periods per stroke that are tried; a longer wave is a curvature."""
 DIRECTIONS = 12
+LOCAL, DISTORTION = "local", "distortion"
+SHAPES = (*((i / 12.0, w) for i in range(13) for w in (0.05, 0.1)),
+          *((i / 8.0, 0.0) for i in range(1, 8)))
+"""Anonymous shapes: place and width in parts of the stroke; width 0 is a kink."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,9 @@ class Form:
         names: parameters by column; with one value for each actuator ``leg1:width``.
         constants: parameters that are not linear: period, direction.
         slot: the frozen parameter's name, for ``geometry``.
+        anonymous: a shape without a cause; it takes part so that no kind has to imitate
+            it, and is never named.
+        searched: how many constants a grid has chosen.
         low, high: physical range of each column's coefficient.
         columns: where its columns are in the library.
     """
@@ -45,6 +52,8 @@ class Form:
     columns: tuple[int, ...]
     constants: dict[str, float] = field(default_factory=dict)
     slot: str = ""
+    anonymous: bool = False
+    searched: int = 0
 
     @property
     def size(self) -> int:
@@ -53,7 +62,9 @@ class Form:
 
     @property
     def family(self) -> str:
-        """What it is told apart as: the kind, or the frozen slot."""
+        """What it is told apart as: the kind, the frozen slot, or the shape's place."""
+        if self.anonymous:
+            return self.label
         return f"{GEOMETRY} {self.slot}" if self.slot else self.kind
 
     @property
@@ -61,6 +72,8 @@ class Form:
         """Return words for people: ``backlash on leg2``."""
         if self.slot:
             return f"{GEOMETRY} {self.slot}"
+        if self.anonymous:
+            return f"an unknown shape along {' '.join(self.on) or 'the position'}"
         return f"{self.kind} on {', '.join(self.on)}" if self.on else self.kind
 
 
@@ -129,10 +142,12 @@ class _Maker:
         low = tuple(0.0 if s.reciprocal else s.low for s in specs)
         high = tuple(s.high for s in specs)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
+        searched = int(kind.name in ("periodic", "tilt"))
         names = tuple(s.name for s in specs)
         if not kind.per_actuator:
             where = tuple(self._column(kind, on, values, s.name, s.reciprocal) for s in specs)
-            self.forms.append(Form(kind.name, (), True, names, low, high, where, shown))
+            self.forms.append(Form(kind.name, (), True, names, low, high, where, shown,
+                                   searched=searched))
             return
         own: dict[int, tuple[int, ...]] = {}
         for a in np.flatnonzero(on):
@@ -141,16 +156,18 @@ class _Maker:
             own[int(a)] = tuple(self._column(kind, one, values | ends, s.name, s.reciprocal)
                                 for s in specs)
             self.forms.append(Form(kind.name, (self.actuators[a],), True, names, low, high,
-                                   own[int(a)], shown | ends))
+                                   own[int(a)], shown | ends, searched=searched))
         same = len(set(self.turning[on].tolist())) == 1
         if len(own) > 1 and same:
             where = tuple(self._column(kind, on, values, s.name, s.reciprocal) for s in specs)
             on_names = tuple(self.actuators[a] for a in own)
-            self.forms.append(Form(kind.name, on_names, True, names, low, high, where, shown))
+            self.forms.append(Form(kind.name, on_names, True, names, low, high, where, shown,
+                                   searched=searched))
             self.forms.append(Form(
                 kind.name, on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
-                high * len(own), tuple(c for cs in own.values() for c in cs), shown))
+                high * len(own), tuple(c for cs in own.values() for c in cs), shown,
+                searched=searched))
 
     def _column(self, kind: EffectKind, on: Bools, values: dict[str, float], name: str,
                 reciprocal: bool) -> int:
@@ -211,6 +228,34 @@ class _Maker:
         travel = np.concatenate([p.setting.travel for p in self.system.parts])
         return float(np.ptp(travel, axis=0).max()) or 1.0
 
+    def shapes(self) -> None:
+        """Add anonymous shapes: bumps and kinks along each joint, distortion of positions.
+
+        They are what local damage, a bent guide or a lens does, and more; what they fit has no
+        name here.
+        """
+        everything = np.ones_like(self.turning)
+        for a, name in enumerate(self.actuators):
+            one = np.arange(everything.size) == a
+            travel = np.concatenate([p.setting.travel[:, a] for p in self.system.parts])
+            low, length = float(travel.min()), float(np.ptp(travel)) or 1.0
+            for at, width in SHAPES:
+                shifts = [p.setting.at_joints(_shape(p.setting.travel, low + at * length,
+                                                     width * length), one)
+                          for p in self.system.parts]
+                self.forms.append(Form(
+                    LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
+                    (self.add(self.system.column(shifts)),), anonymous=True,
+                    searched=2 if width else 1))
+        middle = np.concatenate([p.response.seen.point for p in self.system.parts]).mean(axis=0)
+        shifts = []
+        for p in self.system.parts:
+            away = p.response.seen.point - middle
+            swell = np.sum(away**2, axis=1) / max(float(np.sum(middle**2)), 1e-12)
+            shifts.append(Shift(stretch=swell[:, None, None] * np.eye(3)))
+        self.forms.append(Form(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
+                               (self.add(self.system.column(shifts)),), anonymous=True))
+
     def geometry(self) -> None:
         """Add every frozen slot."""
         problem = self.system.problem
@@ -227,6 +272,12 @@ class _Maker:
             column = self.add(self.system.column(shifts))
             self.forms.append(Form(GEOMETRY, on, True, (parameter.name,), (-np.inf,), (np.inf,),
                                    (column,), slot=parameter.name))
+
+
+def _shape(travel: Array, at: float, width: float) -> Array:
+    """Return a bump of a width, or a kink where the width is 0."""
+    away = travel - at
+    return np.asarray(np.exp(-0.5 * (away / width) ** 2) if width else np.maximum(away, 0.0))
 
 
 def slot_shift(system: System, parameter: int) -> Shift:
@@ -250,6 +301,8 @@ def library(system: System, kinds: Sequence[str] | None = None) -> Library:
             maker.kind(kind)
     if kinds is None or GEOMETRY in kinds:
         maker.geometry()
+    if kinds is None:
+        maker.shapes()
     shape = (*system.residual.shape, 0)
     columns = np.stack(maker.columns, axis=-1) if maker.columns else np.zeros(shape)
     return Library(columns, tuple(maker.forms), tuple(maker.untestable))

@@ -40,19 +40,28 @@ class Gram:
     null_square: Array
 
     def given(self, chosen: Sequence[int]) -> Gram:
-        """Return the tests that are left when the columns ``chosen`` are in the model."""
+        """Return the tests that are left when the columns ``chosen`` are in the model.
+
+        The simulated noise is not carried along: thresholds are made once, at the start.
+        """
         if not chosen:
             return self
         s = list(chosen)
         inverse = pseudo_inverse(self.gram[np.ix_(s, s)])
         back = self.gram[:, s] @ inverse
         rank = int(np.round(np.trace(inverse @ self.gram[np.ix_(s, s)])))
-        null_fit = inverse @ self.null[s]
         return replace(
             self, gram=self.gram - back @ self.gram[s], right=self.right - back @ self.right[s],
-            square=self.square - float(self.right[s] @ inverse @ self.right[s]),
-            freedom=self.freedom - rank, null=self.null - back @ self.null[s],
-            null_square=self.null_square - np.sum(self.null[s] * null_fit, axis=0))
+            square=self.left(s), freedom=self.freedom - rank, null=self.null[:, :0],
+            null_square=self.null_square[:0])
+
+    def left(self, chosen: Sequence[int]) -> float:
+        """Return |M r|^2 with the columns ``chosen`` in the model."""
+        s = list(chosen)
+        if not s:
+            return self.square
+        inverse = pseudo_inverse(self.gram[np.ix_(s, s)])
+        return self.square - float(self.right[s] @ inverse @ self.right[s])
 
     def extended(self, weights: Array) -> Gram:
         """Return the tests with further columns: combinations C ``weights`` (T, E)."""

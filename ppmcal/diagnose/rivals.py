@@ -18,6 +18,8 @@ from ppmcal.diagnose.search import (
 )
 
 Array = NDArray[np.float64]
+NOTICEABLE = float(np.log(1e-3))
+"""A rival has to explain something itself: log p."""
 ADDS_NOTHING = 0.01
 """An effect adds nothing to its rival if its p-value exceeds this."""
 AS_GOOD = 10.0
@@ -43,18 +45,21 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
     rest = search.gram.given(columns_of(search, others))
     values = scan(rest, search.forms)
     now = bic(search, chosen)
-    limit = np.inf if doubtful(search, chosen, effect) else AS_GOOD
+    doubt = doubtful(search, chosen, effect)
     mine = search.forms[effect].family
     taken = {search.forms[i].family for i in chosen}
     best: dict[str, Rival] = {}
     for i in np.argsort(values, kind="stable"):
         form = search.forms[int(i)]
-        if values[i] > search.name:
+        if values[i] > NOTICEABLE:
             break
-        if form.family == mine or form.family in taken or form.family in best:
+        if form.anonymous or form.family == mine or form.family in taken or form.family in best:
             continue
         trial = (*others, int(i))
         worse = bic(search, trial) - now
+        limit = np.inf if doubt else AS_GOOD
+        if form.shared:  # a kind is not out for having more parameters, unless one per joint
+            limit += np.log(search.gram.freedom) * max(0, form.size - search.forms[effect].size)
         if worse > limit or not possible(search, trial):
             continue
         if own_log_p(search, [*trial, effect], effect) > np.log(ADDS_NOTHING):

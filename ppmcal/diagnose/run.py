@@ -19,7 +19,7 @@ from ppmcal.diagnose.nextup import Proposal, nothing, propose
 from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect
 from ppmcal.diagnose.rivals import rivals
 from ppmcal.diagnose.search import own_log_p
-from ppmcal.diagnose.stage import DRAWS, run_stage
+from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
 from ppmcal.fit import Fit
 from ppmcal.fit import Options as FitOptions
 from ppmcal.holdout import split
@@ -62,7 +62,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     training, held = _split(problem, options)
     found = _find(training, options, say)
     say("judging what is left")
-    left = remainder(found.last, options.seed)
+    left = _left(found.last, options.seed)
     start = left if found.last is found.first else remainder(
         replace(found.first, chosen=()), options.seed)
     effects = _effects(found)
@@ -83,6 +83,18 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         found.first.library.untestable, tables.swallowed(before, final), before,
         report(final, options.fit, 0.0, options.seed), found,
         _proposal(found, verdict, options), _findings(before, final, left, effects, gap))
+
+
+def _left(stage: Stage, seed: int) -> Remainder:
+    """Return what named effects leave; an anonymous shape that was chosen says what it follows."""
+    left = remainder(replace(stage, chosen=named_only(stage)), seed)
+    for i in stage.chosen:
+        form = stage.forms[i]
+        if form.anonymous:
+            p = float(np.exp(max(own_log_p(stage.search, stage.chosen, i), -740.0)))
+            left = replace(left, follows=" ".join(form.on) or "position",
+                           p_value=min(p, left.p_value))
+    return left
 
 
 def _split(problem: Problem, options: Options) -> tuple[Problem, tuple[Dataset, ...]]:
@@ -107,9 +119,9 @@ def _find(training: Problem, options: Options, say: Say) -> Found:
     after, last = before, first
     added: tuple[Added, ...] = ()
     for _ in range(ROUNDS):
-        if not last.chosen:
+        if not named_only(last):
             return Found(before, before, first, last, ())
-        mechanism, added = with_named(training.mechanism, last.search, last.chosen)
+        mechanism, added = with_named(training.mechanism, last.search, named_only(last))
         say("fitting geometry and " + ", ".join(f.label for f in last.named))
         after = identify(replace(training, mechanism=mechanism, free=mechanism.free),
                          options.fit)
@@ -144,7 +156,7 @@ def _effects(found: Found) -> tuple[NamedEffect, ...]:
     """Return what was named, with its rivals."""
     out = []
     stage = found.last
-    for i in stage.chosen:
+    for i in named_only(stage):
         form = stage.forms[i]
         others = rivals(stage.search, stage.chosen, i)
         value = own_log_p(stage.search, stage.chosen, i)
@@ -188,7 +200,7 @@ something with this p, are no more than an imitation."""
 def _proposal(found: Found, verdict: str, options: Options) -> Proposal:
     """Return measurements that tell the first rivals apart."""
     stage, joints = found.last, len(found.last.system.problem.mechanism.actuators)
-    for i in stage.chosen:
+    for i in named_only(stage):
         others = rivals(stage.search, stage.chosen, i)
         if others and not stage.forms[i].slot:
             likeliest = min(others, key=lambda r: r.odds)

@@ -26,6 +26,8 @@ OUT_OF_RANGE = 2.5
 """A coefficient may miss its physical range by so many standard deviations."""
 BETTER = 2.0
 """An exchange has to lower BIC by this."""
+ANONYMOUS = 6.0
+"""BIC that an anonymous shape must make up for before it is preferred to a kind."""
 SWALLOWED, MOSTLY = 0.2, 0.75
 """See :func:`doubtful`."""
 
@@ -125,13 +127,14 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
     Constants of a grid count as parameters; the last term pays for the search.
     """
     columns = columns_of(search, chosen)
-    left = search.gram.given(columns)
+    left = search.gram.left(columns)
     n = search.gram.freedom
-    searched = sum(1 for i in chosen if search.forms[i].kind in ("periodic", "tilt"))
+    searched = sum(search.forms[i].searched for i in chosen)
     hypotheses = len({(f.family, f.on, f.shared) for f in search.forms})
     k = len(chosen)
     looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
-    return float(n * np.log(max(left.square, 1e-300) / n)
+    anonymous = sum(1 for i in chosen if search.forms[i].anonymous)
+    return float(n * np.log(max(left, 1e-300) / n) + ANONYMOUS * anonymous
                  + (len(columns) + searched) * np.log(n) + 2.0 * looked)
 
 
@@ -222,17 +225,17 @@ def _best_exchange(search: Search, chosen: Sequence[int], level: float) -> list[
 
 
 def doubtful(search: Search, chosen: Sequence[int], effect: int) -> bool:
-    """Whether a chosen form may only imitate something by its freedom.
+    """Whether a chosen form may only imitate something.
 
-    A kind with a value of its own on every actuator fits much that it is not. Unless it
-    survives the geometry and most of its values stand out one by one, any other family
-    that explains as much is a rival, however many parameters that takes.
+    What the geometry nearly swallows looks like much that it is not, and so does a kind
+    with a value of its own on every actuator, unless most of its values stand out one by
+    one. Any other family that explains as much is then a rival, whatever parameters it takes.
     """
     form = search.forms[effect]
-    if form.shared:
-        return False
     if search.gram.survival(form.columns) < SWALLOWED:
         return True
+    if form.shared:
+        return False
     size = form.size // len(form.on)
     parts = [list(form.columns[a:a + size]) for a in range(0, form.size, size)]
     others = columns_of(search, [j for j in chosen if j != effect])
@@ -250,8 +253,9 @@ def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ..
     Tried are one value for the actuators that were named and one for each of them, besides
     what was chosen; BIC decides.
     """
-    kinds = list(dict.fromkeys(search.forms[i].kind for i in chosen
-                               if search.forms[i].on and not search.forms[i].slot))
+    kinds = list(dict.fromkeys(
+        search.forms[i].kind for i in chosen if search.forms[i].on and not search.forms[i].slot
+        and not search.forms[i].anonymous))
     best = tuple(chosen)
     for kind in kinds:
         mine = [i for i in best if search.forms[i].kind == kind]

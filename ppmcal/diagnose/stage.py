@@ -59,8 +59,13 @@ class Stage:
 
     @property
     def named(self) -> tuple[Form, ...]:
-        """The chosen hypotheses."""
-        return tuple(self.search.forms[i] for i in self.chosen)
+        """The chosen hypotheses that have a name."""
+        return tuple(self.search.forms[i] for i in named_only(self))
+
+
+def named_only(stage: Stage) -> tuple[int, ...]:
+    """Return the chosen forms without anonymous shapes."""
+    return tuple(i for i in stage.chosen if not stage.forms[i].anonymous)
 
 
 def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,

@@ -8,7 +8,7 @@ import numpy as np
 
 from ppmcal.diagnose.result import Candidate, Found, NamedEffect, Swallowed
 from ppmcal.diagnose.search import columns_of, scan
-from ppmcal.diagnose.stage import WEAK_SURVIVAL, Stage
+from ppmcal.diagnose.stage import WEAK_SURVIVAL, Stage, named_only
 from ppmcal.fit import Fit
 
 POWER = 1.2816
@@ -22,10 +22,12 @@ def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate,
     named = {(f.family, f.on, f.shared) for f in chosen}
     families = {f.family for f in chosen}
     rivals = {a.split(" on ")[0] for e in effects for a in e.alternatives}
-    left = first.search.gram.given(columns_of(first.search, first.chosen))
+    left = first.search.gram.given(columns_of(first.search, named_only(first)))
     after = scan(left, first.library.forms)
     best: dict[tuple[str, tuple[str, ...], bool], int] = {}
     for i, form in enumerate(first.library.forms):
+        if form.anonymous:
+            continue
         key = (form.family, form.on, form.shared)
         if key not in best or first.log_p[i] < first.log_p[best[key]]:
             best[key] = i

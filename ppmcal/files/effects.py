@@ -160,7 +160,9 @@ def _given(one: EffectFile, spec: EffectParameter, quantity: str, machine: Machi
         unit = machine.units.name(quantity) or "plain numbers"
         raise BadInput(f"the parameter '{spec.name}' has no value", where,
                        f"Add `{spec.name}: ...` in {unit}")
-    if not np.isnan(value) and not spec.low <= value <= spec.high:
+    # a fit may end beyond the range: what it found stands, with its sigma, and must read back
+    fitted = given.sigma is not None and spec.low <= 0.0
+    if not np.isnan(value) and not fitted and not spec.low <= value <= spec.high:
         low, high = spec.low / factor, spec.high / factor
         raise BadInput(f"{value / factor:g} is outside the physical range "
                        f"{low:g} to {high:g} {machine.units.name(quantity)}", where,

@@ -1,0 +1,255 @@
+"""How well does ``ppmcal diagnose`` do? A study on campaigns with hidden effects.
+
+    python benchmarks/diagnosis_study.py --out study --count 200       # the full study
+    python benchmarks/diagnosis_study.py --out study --minutes 10      # as much as fits
+    python benchmarks/diagnosis_study.py --out study --summary         # the table again
+
+Every campaign is one line of ``study.csv``; a study that was stopped goes on where it was.
+The campaigns come from :mod:`hidden`, which shares no code with the package's effects.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+import multiprocessing
+import os
+import sys
+import time
+import zlib
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import numpy as np  # noqa: E402
+from hidden import Hidden, Impossible, Options, applicable, hide  # noqa: E402
+from hidden_unknown import UNKNOWN  # noqa: E402
+
+from ppmcal.acting import Given, with_effect  # noqa: E402
+from ppmcal.diagnose.gap import measure_gap  # noqa: E402
+from ppmcal.diagnose.result import Diagnosis  # noqa: E402
+from ppmcal.diagnose.run import Options as RunOptions  # noqa: E402
+from ppmcal.diagnose.run import diagnose  # noqa: E402
+from ppmcal.effects import effect_kinds  # noqa: E402
+from ppmcal.errors import PpmcalError  # noqa: E402
+from ppmcal.holdout import split  # noqa: E402
+from ppmcal.identify import identify  # noqa: E402
+from ppmcal.problem import Problem  # noqa: E402
+
+MACHINES = ("3-RPR", "3-RRR-1", "3-PRR-1", "delta-rotary", "delta-linear", "6-UPS", "linapod",
+            "6-RUS")
+NOISES = {"plain": {}, "ar 0.6": {"ar": 0.6}, "t4": {"tails": "t4"},
+          "5 % outliers": {"outliers": 0.05}, "10 % outliers": {"outliers": 0.1},
+          "actuator": {"actuator": (3e-6, 1e-5)}, "row sigmas": {"row_sigmas": True}}
+POSES = 90
+SMALLEST, LARGEST = 0.05, 3.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """One campaign to run."""
+
+    cell: str
+    machine: str
+    seed: int
+    noise: str
+    kinds: str
+    where: str
+    eta: float
+
+    @property
+    def key(self) -> str:
+        """Return what identifies the campaign in a stopped study."""
+        return f"{self.cell}|{self.machine}|{self.seed}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one campaign; one line of study.csv."""
+
+    cell: str
+    machine: str
+    seed: int
+    noise: str
+    kinds: str
+    where: str
+    eta: float
+    survival: float
+    freedom: int
+    verdict: str
+    named: str
+    alternatives: str
+    right: int
+    alone: int
+    wrong: int
+    set_size: float
+    covered: str
+    closed: str
+    closed_truth: str
+    seconds: float
+
+
+def jobs(count: int, seed: int) -> Iterator[Job]:
+    """Yield all campaigns, cell by cell in turns, so that a short study sees every cell."""
+    def job(cell: str, n: int, noise: str, kinds: str, machine: str, where: str, eta: float) -> Job:
+        own = zlib.crc32(f"{seed}|{cell}|{n}".encode()) % 2**31
+        return Job(cell, machine, own, noise, kinds, where, eta)
+
+    for n in range(count):
+        rng = np.random.default_rng([seed, n])
+        for c, noise in enumerate(NOISES):
+            yield job(f"none, {noise}", n, noise, "", MACHINES[(n + c) % len(MACHINES)], "", 0.0)
+        names = sorted({k for m in MACHINES for k in applicable(m)} - set(UNKNOWN))
+        for kind in names:
+            able = [m for m in MACHINES if kind in applicable(m)]
+            eta = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
+            where = ("all", "one", "some")[n % 3]
+            yield job(f"one, {kind}", n, "plain", kind, able[int(rng.integers(len(able)))], where,
+                      eta)
+        for size, cell in ((2, "two"), (3, "three")):
+            machine = MACHINES[int(rng.integers(len(MACHINES)))]
+            pool = [k for k in applicable(machine) if k not in UNKNOWN and k != "geometry"]
+            chosen = rng.permutation(pool)[:size]
+            yield job(cell, n, "plain", "+".join(chosen), machine, "",
+                      float(rng.uniform(0.5, 2.0)))
+        for kind in UNKNOWN:
+            able = [m for m in MACHINES if kind in applicable(m)]
+            yield job(f"unknown, {kind}", n, "plain", kind, able[int(rng.integers(len(able)))], "",
+                      1.0)
+
+
+def run(job: Job) -> Outcome | None:
+    """Return what a diagnosis makes of one campaign; None where it cannot be made."""
+    options = Options(poses=POSES, **NOISES[job.noise])  # type: ignore[arg-type]
+    kinds = [k for k in job.kinds.split("+") if k]
+    start = time.perf_counter()
+    try:
+        found = hide(job.machine, job.seed, kinds, job.eta or 1.0, options, job.where or None)
+        problem = Problem(found.mechanism, (found.dataset,), found.mechanism.free)
+        result = diagnose(problem, RunOptions(seed=job.seed % 1000))
+    except Impossible:
+        return None
+    except PpmcalError as error:
+        print(f"{job.key}: {error}", file=sys.stderr)
+        return None
+    return judge(job, found, result, time.perf_counter() - start)
+
+
+def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome:
+    """Compare a diagnosis with the truth."""
+    truth = {t.kind for t in found.truth}
+    families = [({e.kind} | {a.split(" ")[0] for a in e.alternatives}) for e in result.effects]
+    named = {e.kind for e in result.effects}
+    hit = {t for t in truth if any(t in f for f in families)}
+    wrong = sum(1 for f in {frozenset(f) for f in families} if not f & truth)
+    closed = result.gap.closed if result.gap else None
+    return Outcome(
+        **asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
+        freedom=result.found.first.search.gram.freedom, verdict=result.verdict,
+        named="+".join(sorted(named)),
+        alternatives="+".join(sorted({a for e in result.effects for a in e.alternatives})),
+        right=int(bool(truth) and hit == truth), alone=int(truth == named), wrong=wrong,
+        set_size=float(np.mean([len(f) for f in families])) if families else 0.0,
+        covered=coverage(found, result), closed="" if closed is None else f"{closed:.4f}",
+        closed_truth=told(found, result, job.seed % 1000), seconds=round(seconds, 2))
+
+
+def coverage(found: Hidden, result: Diagnosis) -> str:
+    """Return ``hits/intervals`` of the named effects' 95 % intervals that hold the truth."""
+    values = {e.name: e for e in result.identification.estimates}
+    hits = total = 0
+    for effect, truth in itertools.product(result.effects, found.truth):
+        same = effect.kind == truth.kind and set(effect.on) == set(truth.on)
+        if not same or effect.kind == "geometry":
+            continue
+        for name in effect.parameters:
+            short = name.rsplit(".", 1)[1]
+            e = values[name]
+            if short in truth.parameters and e.sigma and np.isfinite(e.sigma):
+                total += 1
+                hits += abs(e.value - truth.parameters[short]) <= 1.96 * e.sigma
+    return f"{hits}/{total}"
+
+
+def told(found: Hidden, result: Diagnosis, seed: int) -> str:
+    """Return the gap that a fit closes which is told what is hidden; empty where unknown."""
+    if not found.truth or any(t.kind not in effect_kinds() for t in found.truth):
+        return ""
+    mechanism = found.mechanism
+    for t in found.truth:
+        kind = effect_kinds()[t.kind]
+        on = tuple(not t.on or a in t.on for a in mechanism.actuators)
+        linear = {s.name for s in kind.parameters(mechanism.motion) if not s.constant}
+        given = {n: Given(float(v), free=n in linear) for n, v in t.parameters.items()
+                 if n in {s.name for s in kind.parameters(mechanism.motion)}}
+        mechanism = with_effect(mechanism, kind, on, given)
+    before = result.found.before
+    out = split((found.dataset,), RunOptions().holdout, seed)
+    training = found.dataset.take(~out[0])
+    try:
+        fit = identify(replace(before.problem, mechanism=mechanism, free=mechanism.free,
+                               datasets=(training,)))
+    except PpmcalError:
+        return ""
+    gap = measure_gap(before, fit, (found.dataset.take(out[0]),), 1.0, 0)
+    return "" if gap is None or gap.closed is None else f"{gap.closed:.4f}"
+
+
+def work(path: Path, todo: list[Job], minutes: float, cores: int) -> None:
+    """Run what is not in the file yet, until the time is over."""
+    end = time.monotonic() + 60.0 * minutes if minutes else None
+    names = [f.name for f in fields(Outcome)]
+    with path.open("a", newline="", encoding="utf-8") as file, multiprocessing.Pool(cores) as pool:
+        writer = csv.writer(file)
+        if path.stat().st_size == 0:
+            writer.writerow(names)
+        for n, outcome in enumerate(pool.imap_unordered(run, todo), 1):
+            if outcome is not None:
+                writer.writerow([getattr(outcome, name) for name in names])
+                file.flush()
+            if sys.stderr.isatty():
+                print(f"\r{n} of {len(todo)} campaigns", end="", file=sys.stderr)
+            if end is not None and time.monotonic() > end:
+                pool.terminate()
+                break
+
+
+def main() -> None:
+    """Run the study and print its table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("study"))
+    parser.add_argument("--count", type=int, default=200, help="campaigns per cell")
+    parser.add_argument("--minutes", type=float, default=0.0, help="stop after this time")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cell", default="", help="only cells whose name begins so")
+    parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--summary", action="store_true", help="only print the table")
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    path = given.out / "study.csv"
+    if not given.summary:
+        done = {f"{r['cell']}|{r['machine']}|{r['seed']}" for r in read(path)}
+        todo = [j for j in jobs(given.count, given.seed)
+                if j.cell.startswith(given.cell) and j.key not in done]
+        work(path, todo, given.minutes, given.cores)
+    from study_summary import table
+
+    text = table(read(path))
+    (given.out / "summary.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    """Return the lines of study.csv."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+if __name__ == "__main__":
+    main()
