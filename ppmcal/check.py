@@ -7,7 +7,7 @@ and three standard deviations of the tolerances, carried to each limb's conditio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,10 +147,23 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     poses[:, own] += rng.uniform(-1.0, 1.0, (TRIAL_POSES, len(own))) * spread[own]
     if len(mechanism.actuators) < mechanism.conditions:
         poses = named_only(mechanism, poses)
-    table = inverse_table(Model(mechanism), poses)
+    table = inverse_table(Model(replace(mechanism, effects=())), poses)
     q = table.q[np.array([s == "ok" for s in table.status])]
-    return Dataset.of_poses("poses about home", q, np.zeros((q.shape[0], 6)),
+    data = Dataset.of_poses("poses about home", q, np.zeros((q.shape[0], 6)),
                             (1e-3 * mechanism.length_scale, 1e-3), fitted=False)
+    return replace(data, columns=_trial_conditions(mechanism, len(data), rng))
+
+
+def _trial_conditions(mechanism: Mechanism, n: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Return every column that effects may depend on, all of them varied."""
+    columns = {"temperature": rng.uniform(288.15, 298.15, n), "time": rng.uniform(0.0, 3600.0, n),
+               "payload": rng.uniform(0.0, 20.0, n)}
+    columns |= {f: rng.uniform(-50.0, 50.0, n) for f in ("fx", "fy", "fz")}
+    columns |= {m: rng.uniform(-50.0, 50.0, n) * mechanism.length_scale for m in ("mx", "my", "mz")}
+    for a in mechanism.actuators:
+        columns[f"dir_{a}"] = rng.choice([-1.0, 1.0], n)
+        columns[f"vel_{a}"] = rng.uniform(-0.1, 0.1, n)
+    return columns
 
 
 def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]

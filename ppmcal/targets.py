@@ -19,6 +19,8 @@ from ppmcal.observation import Station, measured_pose
 
 Array = NDArray[np.float64]
 ITERATIONS = 50
+NEAR = 1e-11
+"""Wanted coordinates are met to this, m (or part of a larger reach) and rad."""
 LACKING = "a condition that the machine's effects depend on is not given"
 
 
@@ -57,13 +59,28 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
         usable = row_known(now.shift, len(asked))
         before = found.q
         found = _inverse_named(now, np.where(usable[:, None], asked, np.nan), ~usable)
-        real = platform_pose(found.pose, now.shift)
-        asked = asked + np.nan_to_num(coordinates - pose_vector(real))
+        miss = _missed(model.mechanism, coordinates, platform_pose(found.pose, now.shift))
+        asked = asked + miss
         pose = found.pose
         change = np.abs(found.q - before)
-        if np.max(change[np.isfinite(change)], initial=0.0) < SETTLED * model.mechanism.reach:
+        if (np.max(change[np.isfinite(change)], initial=0.0) < SETTLED * model.mechanism.reach
+                and np.max(np.abs(miss), initial=0.0) < NEAR * max(1.0, model.mechanism.reach)):
             break
     return Inverse(found.q, platform_pose(found.pose, now.shift), found.reason)
+
+
+def _missed(mechanism: Mechanism, wanted: Array, real: Array) -> Array:
+    """Return wanted coordinates (N, 6) less those of real poses; 0 where left open or unknown."""
+    vector = pose_vector(real)
+    angle = np.linalg.norm(vector[:, 3:], axis=1, keepdims=True)
+    # beyond half a turn the same rotation has a second vector; take the one that was asked for
+    whole = np.where(angle > 0.0, 1.0 - 2.0 * np.pi / np.where(angle > 0.0, angle, 1.0), 1.0)
+    far = np.nansum((wanted[:, 3:] - vector[:, 3:]) * vector[:, 3:], axis=1, keepdims=True)
+    vector[:, 3:] *= np.where(far < -np.pi * angle, whole, 1.0)
+    miss = np.zeros_like(wanted)
+    dof = list(mechanism.dof)
+    miss[:, dof] = np.nan_to_num(wanted - vector)[:, dof]
+    return miss
 
 
 def _inverse_named(model: Model, coordinates: Array,

@@ -29,7 +29,7 @@ def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
             raise unknown("parameter", pattern, mechanism.names, "--free")
         mechanism = mechanism.with_free(patterns)
     datasets = readable(mechanism, data)
-    if mechanism.effects:
+    if mechanism.effects and datasets:
         mechanism = with_strokes(mechanism, np.concatenate([d.q for d in datasets]))
         for d in datasets:
             _recorded(mechanism, d)

@@ -256,11 +256,11 @@ class _Maker:
         self.forms.append(Form(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
                                (self.add(self.system.column(shifts)),), anonymous=True))
 
-    def geometry(self) -> None:
-        """Add every frozen slot."""
+    def geometry(self, tried: Sequence[int]) -> None:
+        """Add every frozen slot, and those that were freed to be tried."""
         problem = self.system.problem
         effects = {p for e in problem.mechanism.effects for p in e.parameters.values()}
-        taken = set(problem.free) | effects
+        taken = (set(problem.free) - set(tried)) | effects
         for p, parameter in enumerate(problem.mechanism.parameters):
             if p in taken or parameter.per_unit or is_joint_component(parameter.name):
                 continue
@@ -293,14 +293,18 @@ def slot_shift(system: System, parameter: int) -> Shift:
     return Shift(slots)
 
 
-def library(system: System, kinds: Sequence[str] | None = None) -> Library:
-    """Return every hypothesis that these data could test."""
+def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = ()
+            ) -> Library:
+    """Return every hypothesis that these data could test.
+
+    ``kinds``: only these; ``tried``: parameters that the fit frees only under test.
+    """
     maker = _Maker(system)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
             maker.kind(kind)
     if kinds is None or GEOMETRY in kinds:
-        maker.geometry()
+        maker.geometry(tried)
     if kinds is None:
         maker.shapes()
     shape = (*system.residual.shape, 0)

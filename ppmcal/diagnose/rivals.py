@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.diagnose.candidates import Form
 from ppmcal.diagnose.search import (
     Search,
     bic,
@@ -28,7 +30,7 @@ AS_GOOD = 10.0
 
 @dataclass(frozen=True)
 class Rival:
-    """A form that could take the place of another.
+    """A form (or the first of a few on several actuators) that could take another's place.
 
     ``angle``: between their columns, seen past geometry and the other effects, rad; ``odds``:
     how much likelier the chosen one is, e^(BIC difference/2).
@@ -44,34 +46,45 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
     others = [i for i in chosen if i != effect]
     rest = search.gram.given(columns_of(search, others))
     values = scan(rest, search.forms)
-    now = bic(search, chosen)
-    doubt = doubtful(search, chosen, effect)
-    mine = search.forms[effect].family
+    now, doubt = bic(search, chosen), doubtful(search, chosen, effect)
+    form = search.forms[effect]
     taken = {search.forms[i].family for i in chosen}
     best: dict[str, Rival] = {}
-    for i in np.argsort(values, kind="stable"):
-        form = search.forms[int(i)]
-        if values[i] > NOTICEABLE:
-            break
-        if form.anonymous or form.family == mine or form.family in taken or form.family in best:
+    for rival in [*((int(i),) for i in np.argsort(values, kind="stable")
+                    if values[i] <= NOTICEABLE), *_elsewhere(search, form)]:
+        first = search.forms[rival[0]]
+        if first.anonymous or first.family in taken or first.family in best:
             continue
-        trial = (*others, int(i))
+        trial = (*others, *rival)
         worse = bic(search, trial) - now
+        size = sum(search.forms[i].size for i in rival)
         limit = np.inf if doubt else AS_GOOD
-        if form.shared:  # a kind is not out for having more parameters, unless one per joint
-            limit += np.log(search.gram.freedom) * max(0, form.size - search.forms[effect].size)
+        if first.shared:  # a kind is not out for having more parameters, unless one per joint
+            limit += np.log(search.gram.freedom) * max(0, size - form.size)
         if worse > limit or not possible(search, trial):
             continue
         if own_log_p(search, [*trial, effect], effect) > np.log(ADDS_NOTHING):
-            best[form.family] = Rival(int(i), _angle(search, others, effect, int(i)),
-                                      float(np.exp(min(worse / 2.0, 50.0))))
+            best[first.family] = Rival(rival[0], _angle(search, others, effect, rival),
+                                       float(np.exp(min(worse / 2.0, 50.0))))
     return list(best.values())
 
 
-def _angle(search: Search, others: list[int], one: int, two: int) -> float:
+def _elsewhere(search: Search, form: Form) -> list[tuple[int, ...]]:
+    """Return other kinds on just the actuators of ``form``, one value for each."""
+    if len(form.on) < 2:
+        return []
+    single: dict[str, dict[str, int]] = {}
+    for i, other in enumerate(search.forms):
+        if len(other.on) == 1 and other.on[0] in form.on and not other.slot and (
+                other.kind not in ("periodic", form.kind)):
+            single.setdefault(other.kind, {}).setdefault(other.on[0], i)
+    return [tuple(have.values()) for have in single.values() if len(have) == len(form.on)]
+
+
+def _angle(search: Search, others: list[int], one: int, rival: Sequence[int]) -> float:
     """Return the smallest principal angle between two forms' columns."""
     rest = search.gram.given(columns_of(search, others))
-    a, b = list(search.forms[one].columns), list(search.forms[two].columns)
+    a, b = list(search.forms[one].columns), columns_of(search, rival)
 
     def root(block: Array) -> Array:
         w, v = np.linalg.eigh(block)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.analysis import report
+from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.diagnose import tables
 from ppmcal.diagnose.adequacy import Remainder, remainder
+from ppmcal.diagnose.candidates import Form
 from ppmcal.diagnose.gap import Gap, measure_gap
 from ppmcal.diagnose.localise import localise
 from ppmcal.diagnose.model import Added, with_named
@@ -94,7 +97,25 @@ def _left(stage: Stage, seed: int) -> Remainder:
             p = float(np.exp(max(own_log_p(stage.search, stage.chosen, i), -740.0)))
             left = replace(left, follows=" ".join(form.on) or "position",
                            p_value=min(p, left.p_value))
+    for i, j in combinations(named_only(stage), 2):
+        a, b = stage.forms[i], stage.forms[j]
+        joint = set(a.on) & set(b.on)
+        if joint and _slow(stage, a) and _slow(stage, b) and a.kind != b.kind:
+            # two smooth kinds on one joint are a shape that is neither
+            p = float(np.exp(max(own_log_p(stage.search, stage.chosen, j), -740.0)))
+            left = replace(left, follows=sorted(joint)[0], p_value=min(p, left.p_value))
     return left
+
+
+def _slow(stage: Stage, form: Form) -> bool:
+    """Whether a form is smooth over the stroke; a wave is if it has few periods there."""
+    if form.kind == "periodic":
+        travel = np.concatenate([p.setting.travel for p in stage.system.parts])
+        return float(np.ptp(travel, axis=0).max()) < FEW_PERIODS * form.constants["period"]
+    return form.kind in ("curvature", "eccentricity")
+
+
+FEW_PERIODS = 4.0
 
 
 def _split(problem: Problem, options: Options) -> tuple[Problem, tuple[Dataset, ...]]:
@@ -110,12 +131,36 @@ def _split(problem: Problem, options: Options) -> tuple[Problem, tuple[Dataset, 
 
 
 def _find(training: Problem, options: Options, say: Say) -> Found:
-    """Fit, test, add what was chosen, and again at the new fit until the choice stands."""
+    """Fit, test, add what was chosen, and again at the new fit until the choice stands.
+
+    Rows that look like outliers may be the effect itself: where there are many, the search
+    is made with them too, and holds if its effects explain most of them.
+    """
     say("fitting geometry")
     before = identify(training, options.fit)
     say("testing effects against simulated noise")
     first = run_stage(training, before.state, _thinned(before.keep), options.seed,
                       options.kinds, options.draws)
+    found = _settled(training, before, first, options, say)
+    out = sum(len(r) for r in before.reasons)
+    if out <= MANY_OUT * sum(k.size for k in before.keep):
+        return found
+    say("testing effects with the outliers")
+    everything = [known(p) for p in before.state.poses]
+    second = run_stage(training, before.state, _thinned(everything), options.seed,
+                       options.kinds, options.draws)
+    other = _settled(training, before, second, options, say)
+    explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
+        len(r) for r in found.after.reasons)
+    return other if other.added and explained else found
+
+
+MANY_OUT = 0.02
+"""More outliers than this part of the rows may be an effect."""
+
+
+def _settled(training: Problem, before: Fit, first: Stage, options: Options, say: Say) -> Found:
+    """Add what a stage chose, refit, test again, until the choice stands."""
     after, last = before, first
     added: tuple[Added, ...] = ()
     for _ in range(ROUNDS):
@@ -129,7 +174,7 @@ def _find(training: Problem, options: Options, say: Say) -> Found:
         columns = [c for c, p in enumerate(after.problem.free)
                    if mechanism.parameters[p].name in names]
         again = run_stage(after.problem, after.state, _thinned(after.keep), options.seed,
-                          options.kinds, options.draws, columns)
+                          options.kinds, options.draws, columns, first.search)
         same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
         last = again
         if same:

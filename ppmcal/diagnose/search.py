@@ -83,8 +83,10 @@ def null_scan(gram: Gram, forms: Sequence[Form]) -> Array:
     return smallest
 
 
-def prepare(gram: Gram, forms: Sequence[Form]) -> Search:
-    """Return the search with its thresholds from simulated noise."""
+def prepare(gram: Gram, forms: Sequence[Form], like: Search | None = None) -> Search:
+    """Return the search with its thresholds from simulated noise, or those of ``like``."""
+    if like is not None:
+        return replace(like, gram=gram, forms=tuple(forms))
     smallest = null_scan(gram, forms) if forms else np.zeros(gram.null.shape[1])
     detect, name = np.quantile(smallest, [DETECT, NAME])
     return Search(gram, tuple(forms), float(detect), float(name), smallest)
@@ -106,12 +108,13 @@ def choose(search: Search, level: float | None = None) -> Choice:
                 search.forms[i].family != search.forms[j].family
                 or search.forms[i].size != search.forms[j].size for j in starts):
             starts.append(int(i))
-    best = Choice((), bic(search, ()))
+    # against nothing the calibrated threshold decides; BIC only chooses between effects
+    best = Choice((), np.inf)
     for start in starts:
         chosen = _grown(search, [start], level)
         chosen = _exchanged(search, chosen, level)
         value = bic(search, chosen)
-        if value < best.bic - 1e-9:
+        if chosen and value < best.bic - 1e-9:
             best = Choice(tuple(chosen), value)
     return best
 

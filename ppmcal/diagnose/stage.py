@@ -70,7 +70,7 @@ def named_only(stage: Stage) -> tuple[int, ...]:
 
 def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
               kinds: Sequence[str] | None = None, draws: int = DRAWS,
-              added: Sequence[int] = ()) -> Stage:
+              added: Sequence[int] = (), like: Search | None = None) -> Stage:
     """Return the tests at a state.
 
     Args:
@@ -82,14 +82,15 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         draws: of noise, for the thresholds.
         added: columns of the problem that belong to effects under test: they count as
             hypotheses, not as geometry.
+        like: an earlier search of the same library and rows, whose thresholds hold.
     """
     system = build(problem, state, keep)
     system = without(system, added)
-    found = library(system, kinds)
+    found = library(system, kinds, [problem.free[c] for c in added])
     noise = estimate(system, found)
     rng = np.random.default_rng(seed)
     for _ in range(2):
-        stage = _tested(system, found, noise, rng, draws)
+        stage = _tested(system, found, noise, rng, draws, like)
         grids = [c for i in stage.chosen for c in stage.forms[i].columns
                  if stage.forms[i].constants and c < found.columns.shape[-1]]
         if not grids or noise.rho == 0.0:
@@ -117,13 +118,14 @@ def without(system: System, added: Sequence[int]) -> System:
 
 
 def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,
-            draws: int) -> Stage:
+            draws: int, like: Search | None) -> Stage:
     jacobian = noise.apply(system.jacobian, system)
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     columns = noise.apply(found.columns, system)
-    gram = build_gram(basis, columns, residual, system.observed.reshape(-1), draws, rng)
-    search = prepare(gram, found.forms)
+    gram = build_gram(basis, columns, residual, system.observed.reshape(-1),
+                      0 if like else draws, rng)
+    search = prepare(gram, found.forms, like)
     choice: Choice = choose(search)
     search, chosen = merged(search, choice.chosen)
     return Stage(system, found, noise, basis, residual, columns, search, chosen,
