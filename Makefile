@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench study clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -31,6 +31,9 @@ lint: $(VENV)/.test
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -p no:doctest
+
+study: $(VENV)/.test
+	$(BIN)/python benchmarks/diagnosis_study.py --out study-results --minutes 10
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info

@@ -17,7 +17,7 @@ from ppmcal.cli.common import Console, json_option, out_option, quiet_option
 def command(out: Path, quiet: bool, as_json: bool) -> None:
     """Run the main job once on the sample data: a table-top hexapod seen by a tracker.
 
-    Check, identify, compensate, inverse kinematics and simulation, then one report.
+    Check, identify, compensate, diagnose, inverse kinematics and simulation, one report.
     """
     from ppmcal.templates import sample_data
 
@@ -32,13 +32,16 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
          ["identify", mech, data, "--out", out / "identified"]),
         ("What must be sent so that the machine goes where it is wanted?",
          ["compensate", model, folder / "targets.csv", "--out", out / "compensated"]),
+        ("Later it is wrong again. What does the model miss? (Three effects are hidden.)",
+         ["diagnose", mech, folder / "hidden" / "measurements.csv", "--out",
+          out / "diagnosed"]),
         ("Joint values of some platform poses, with the identified machine.",
          ["kinematics", "inverse", model, folder / "poses.csv", "--out", out / "kinematics"]),
         ("And how would such measurements be simulated?",
          ["simulate", mech, folder / "scenario.yaml", "--out", out / "simulated"]),
         ("Everything on one page.",
-         ["report", out / "identified", out / "compensated", out / "kinematics",
-          out / "simulated", "--out", out / "report"]),
+         ["report", out / "identified", out / "diagnosed", out / "compensated",
+          out / "kinematics", out / "simulated", "--out", out / "report"]),
     ]
     codes = {}
     for number, (question, step) in enumerate(steps, 1):
