@@ -76,11 +76,12 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
               *(str(t.with_suffix(".yaml")) for t in data)]
     source = provenance(inputs, command_line(), seed)
     with Output(out) as output:
-        for name, text in files(result, source).items():
+        record = summary(result, source)
+        for name, text in files(result, source, record).items():
             output.add(name, text)
     tell(result, console)
     finish(out, list(output.files), console)
-    console.summary(summary(result, source))
+    console.summary(record)
     leave(bool(result.findings) or result.verdict not in ("none", "named"))
 
 
@@ -98,7 +99,10 @@ def tell(result: Diagnosis, console: Console) -> None:
     """Print the story in a few lines."""
     if not console.speaks:
         return
-    console.say(f"{result.identification.mechanism.name}: {HEADLINE[result.verdict]}")
+    headline = HEADLINE[result.verdict]
+    if result.verdict == "named" and len({e.kind for e in result.effects}) > 1:
+        headline = "The missing effects are named."
+    console.say(f"{result.identification.mechanism.name}: {headline}")
     console.say("Disagreement: " + _where(result))
     for line in _what(result):
         console.say(line)

@@ -16,7 +16,7 @@ from ppmcal.parameters import is_joint_component
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 GEOMETRY = "geometry"
-FEWEST_PERIODS, MOST_PERIODS = 1.5, 60.0
+FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
 """Periods per stroke that are tried; a longer wave is a curvature."""
 DIRECTIONS = 12
 LOCAL, DISTORTION = "local", "distortion"
@@ -207,7 +207,7 @@ class _Maker:
         """Return the values of a kind's nonlinear parameters that are tried."""
         if kind.name == "periodic":
             stroke, poses = self._stroke(), np.unique(self.system.group).size
-            highest = min(MOST_PERIODS, poses / 3.0)
+            highest = min(MOST_PERIODS, float(poses))
             return [{"period": float(stroke / f)} for f in np.arange(FEWEST_PERIODS, highest, 0.4)]
         if kind.name == "tilt":
             return [{"direction": np.pi * i / DIRECTIONS} for i in range(DIRECTIONS)]

@@ -29,6 +29,7 @@ class Gram:
         length: their length (T,) before M: a coefficient is right/gram/length.
         square: |M r|^2; freedom: n - rank J.
         null: C^T M z of simulated noise (T, B), and null_square (B,).
+        taken: columns that are in the model; back: C^T M C_taken times their inverse (T, s).
     """
 
     gram: Array
@@ -38,6 +39,8 @@ class Gram:
     freedom: int
     null: Array
     null_square: Array
+    taken: tuple[int, ...] = ()
+    back: Array | None = None
 
     def given(self, chosen: Sequence[int]) -> Gram:
         """Return the tests that are left when the columns ``chosen`` are in the model.
@@ -51,9 +54,17 @@ class Gram:
         back = self.gram[:, s] @ inverse
         rank = int(np.round(np.trace(inverse @ self.gram[np.ix_(s, s)])))
         return replace(
-            self, gram=self.gram - back @ self.gram[s], right=self.right - back @ self.right[s],
-            square=self.left(s), freedom=self.freedom - rank, null=self.null[:, :0],
-            null_square=self.null_square[:0])
+            self, right=self.right - back @ self.right[s], square=self.left(s),
+            freedom=self.freedom - rank, null=self.null[:, :0],
+            null_square=self.null_square[:0], taken=tuple(s), back=back)
+
+    def block(self, rows: Ints, columns: Ints) -> Array:
+        """Return C^T M C between columns (..., a) and (..., b), the chosen ones taken out."""
+        found = self.gram[rows[..., :, None], columns[..., None, :]]
+        if self.back is None:
+            return found
+        across = self.gram[np.array(self.taken)[:, None], columns[..., None, :]]
+        return np.asarray(found - self.back[rows] @ across)
 
     def left(self, chosen: Sequence[int]) -> float:
         """Return |M r|^2 with the columns ``chosen`` in the model."""
@@ -93,7 +104,7 @@ class Gram:
 
         With ``null`` of the simulated noise, (F, B).
         """
-        blocks = self.gram[groups[:, :, None], groups[:, None, :]]
+        blocks = self.block(groups, groups)
         w, v = np.linalg.eigh(blocks)
         use = w > VISIBLE
         root = np.where(use, 1.0 / np.sqrt(np.where(use, w, 1.0)), 0.0)

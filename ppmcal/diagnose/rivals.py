@@ -84,13 +84,14 @@ def _elsewhere(search: Search, form: Form) -> list[tuple[int, ...]]:
 def _angle(search: Search, others: list[int], one: int, rival: Sequence[int]) -> float:
     """Return the smallest principal angle between two forms' columns."""
     rest = search.gram.given(columns_of(search, others))
-    a, b = list(search.forms[one].columns), columns_of(search, rival)
+    a = np.array(search.forms[one].columns)
+    b = np.array(columns_of(search, rival))
 
     def root(block: Array) -> Array:
         w, v = np.linalg.eigh(block)
         use = w > 1e-10
         return np.asarray(v[:, use] / np.sqrt(w[use]))
 
-    left, right = root(rest.gram[np.ix_(a, a)]), root(rest.gram[np.ix_(b, b)])
-    s = np.linalg.svd(left.T @ rest.gram[np.ix_(a, b)] @ right, compute_uv=False)
+    left, right = root(rest.block(a, a)), root(rest.block(b, b))
+    s = np.linalg.svd(left.T @ rest.block(a, b) @ right, compute_uv=False)
     return float(np.arccos(np.clip(s.max(initial=0.0), 0.0, 1.0)))

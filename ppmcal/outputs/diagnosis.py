@@ -8,17 +8,20 @@ from typing import Any
 import numpy as np
 
 from ppmcal.diagnose.result import Diagnosis, NamedEffect
+from ppmcal.diagnose.story import story
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.identification import residuals_csv
 from ppmcal.outputs.identification import summary as identification_summary
+from ppmcal.outputs.story import story_entry
 from ppmcal.outputs.tables import joint_columns
 from ppmcal.residuals import residuals
 
 
-def files(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, str]:
-    """Return file name -> text of everything that diagnose writes."""
+def files(result: Diagnosis, provenance: Mapping[str, Any], record: Mapping[str, Any]
+          ) -> dict[str, str]:
+    """Return file name -> text of everything but pictures; ``record`` is :func:`summary`'s."""
     fit = result.identification.fit
     before = residuals(result.before.problem, result.before.state)
     out = {
@@ -28,7 +31,7 @@ def files(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, str]:
             + ", ".join(d.name for d in fit.problem.datasets)),
         "effects.csv": effects_csv(result),
         "residuals.csv": residuals_csv(fit, before, result.identification.after),
-        "diagnosis.json": json_text(summary(result, provenance)),
+        "diagnosis.json": json_text(record),
         "identification.json": json_text(identification_summary(
             result.identification, provenance, "prior", True)),
     }
@@ -55,10 +58,11 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
                       "noise_reference": left.source, "noise_ratio": left.reference,
                       "by_input": left.by_input},
         "gap": {"noise": 1.0, "before": None, "after": None, "closed": None, "interval": None,
-                "confirmed": None, "poses": 0} if gap is None else {
+                "poses": 0} if gap is None else {
             "noise": 1.0, "before": gap.before, "after": gap.after, "closed": gap.closed,
             "interval": None if gap.interval is None else list(gap.interval),
-            "confirmed": gap.confirmed, "poses": gap.poses},
+            "poses": gap.poses},
+        "confirmed": None if gap is None else gap.confirmed,
         "fit": {"before": result.start.ratio, "after": left.ratio,
                 "rows": sum(int(k.sum()) for k in result.identification.fit.keep)},
         "noise": {"covariance_ratio": noise.scale, "serial_correlation": noise.rho,
@@ -83,6 +87,7 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
                                            result.identification.fit.reasons, strict=True)
                      for n, reason in sorted(reasons.items())],
         "findings": list(result.findings),
+        "story": story_entry(story(result), units),
         "units": {"length": units.length, "angle": units.angle},
         "provenance": dict(provenance),
     }

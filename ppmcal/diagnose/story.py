@@ -1,0 +1,189 @@
+"""The diagnosis as data for pictures: what is where, what follows what, what is how likely.
+
+Nothing is decided here; every number is drawn from a finished :class:`Diagnosis`. SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.arrays import known
+from ppmcal.diagnose.candidates import Form
+from ppmcal.diagnose.result import Diagnosis
+from ppmcal.diagnose.search import columns_of, scan
+from ppmcal.diagnose.stage import Stage, named_only
+from ppmcal.diagnose.story_rows import Errors, gather
+from ppmcal.diagnose.story_series import Series, all_series
+from ppmcal.diagnose.system import build
+from ppmcal.errors import PpmcalError
+from ppmcal.gauss_newton import gauss_newton
+from ppmcal.linear import prior_weights
+from ppmcal.problem import Problem
+
+Array = NDArray[np.float64]
+MOST_RANKED = 15
+ITERATIONS = 60
+
+
+@dataclass(frozen=True)
+class ActuatorError:
+    """Root mean square of one joint's error without and with the effects, and what noise gives."""
+
+    name: str
+    quantity: str
+    before: float
+    after: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A hypothesis and the log of its p-value before anything was named.
+
+    ``form``: ``one value`` or ``one each`` where it acts on several actuators.
+    """
+
+    kind: str
+    on: tuple[str, ...]
+    form: str
+    log_p: float
+    status: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """One model and its residual: rms over the noise. ``what``: start, geometry, effect."""
+
+    what: str
+    label: str
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Story:
+    """All pictures' data."""
+
+    actuators: tuple[ActuatorError, ...]
+    series: tuple[Series, ...]
+    ranking: tuple[Ranked, ...]
+    steps: tuple[Step, ...]
+
+
+def story(result: Diagnosis) -> Story:
+    """Return the data of a diagnosis's pictures."""
+    fit = result.identification.fit
+    before, after, inputs, row = gather(result.before, fit)
+    return Story(_actuators(result, before, after),
+                 all_series(result, before, after, inputs, row), _ranking(result),
+                 _steps(result))
+
+
+def _actuators(result: Diagnosis, before: Errors, after: Errors) -> tuple[ActuatorError, ...]:
+    mechanism = result.identification.mechanism
+    stage = result.found.last
+    left = max(stage.system.count - stage.basis.shape[1], 1) / stage.system.count
+    noise = np.sqrt(left * np.nanmean(after.sigma**2, axis=0)) * result.remainder.reference
+
+    def rms(values: Array) -> Array:
+        return np.asarray(np.sqrt(np.nanmean(values**2, axis=0)))
+
+    table = zip(mechanism.actuators, mechanism.actuator_quantity, rms(before.joint).tolist(),
+                rms(after.joint).tolist(), noise.tolist(), strict=True)
+    return tuple(ActuatorError(*entry) for entry in table)
+
+
+def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
+    """Return the best hypotheses, those that were named first of all."""
+    stage = result.found.last
+    named = [f for f in stage.named if result.effects]
+    keys = {(f.family, f.on, f.shared) for f in named}
+    out = []
+    if named:
+        values = scan(stage.search.gram, named)
+        out = [_ranked(f, float(v), "named") for f, v in zip(named, values, strict=True)]
+    rest = [_ranked(c.form, float(np.log(max(c.p_value, 1e-321))), c.status)
+            for c in result.candidates if (c.form.family, c.form.on, c.form.shared) not in keys]
+    rest.sort(key=lambda r: (r.status != "alternative", r.log_p))
+    rivals = _best_alternatives(rest)
+    others = sorted((r for r in rest if r not in rivals), key=lambda r: r.log_p)
+    room = max(MOST_RANKED - len(out) - len(rivals), 0)
+    return tuple(sorted([*out, *rivals, *others[:room]], key=lambda r: r.log_p))
+
+
+def _best_alternatives(ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Return the best form of each family that is an alternative."""
+    best: dict[str, Ranked] = {}
+    for r in ranked:
+        if r.status == "alternative":
+            best.setdefault(r.kind, r)
+    return list(best.values())[:MOST_RANKED // 2]
+
+
+def _ranked(form: Form, value: float, status: str) -> Ranked:
+    several = "" if len(form.on) < 2 else "one value" if form.shared else "one each"
+    return Ranked(form.family, form.on if not form.slot else (), several, value, status)
+
+
+def _steps(result: Diagnosis) -> tuple[Step, ...]:
+    """Return residuals from the machine as it was given to the last effect."""
+    stage = result.found.last
+    out = []
+    given = _as_given(result.found.first, result.start.reference)
+    if given is not None:
+        out.append(Step("start", "", given))
+    out.append(Step("geometry", "", result.start.ratio))
+    order = _by_gain(stage) if result.effects else []
+    for count, _ in enumerate(order, 1):
+        ratio = result.remainder.ratio if count == len(order) else _ratio(
+            stage, order[:count], result.remainder.reference)
+        out.append(Step("effect", stage.forms[order[count - 1]].label, ratio))
+    return tuple(out)
+
+
+def _by_gain(stage: Stage) -> list[int]:
+    """Return the named forms, each time the one that then explains most."""
+    left, order = list(named_only(stage)), list[int]()
+    while left:
+        best = min(left, key=lambda i: stage.search.gram.left(
+            columns_of(stage.search, [*order, i])))
+        order.append(best)
+        left.remove(best)
+    return order
+
+
+def _ratio(stage: Stage, forms: Sequence[int], reference: float) -> float:
+    """Return rms over the noise with geometry and some effects, to first order."""
+    columns = columns_of(stage.search, forms)
+    gram = stage.search.gram
+    freedom = max(gram.freedom - len(columns), 1)
+    return float(np.sqrt(max(gram.left(columns), 0.0) / freedom)) / reference
+
+
+def _as_given(stage: Stage, reference: float) -> float | None:
+    """Return rms over the noise of the machine as its file has it, only frames fitted.
+
+    None where it cannot be had: no pose at the rows' joint values.
+    """
+    system = stage.system
+    problem: Problem = replace(system.problem, free=())
+    try:
+        state = problem.start()
+        keep = []
+        for i, pose in enumerate(state.poses):
+            mine = np.zeros(len(problem.datasets[i]), dtype=bool)
+            mine[system.row[system.dataset == i]] = True
+            keep.append(mine & known(pose))
+        if problem.columns:
+            state = gauss_newton(problem, state, keep, prior_weights(problem, "prior"),
+                                 ITERATIONS)[0]
+        fitted = build(problem, state, keep)
+    except (PpmcalError, np.linalg.LinAlgError):
+        return None
+    white = stage.noise.apply(fitted.residual[..., None], fitted)
+    freedom = max(fitted.count - len(problem.columns), 1)
+    ratio = float(np.sqrt(np.sum(white**2) / freedom)) / reference
+    return ratio if np.isfinite(ratio) else None

@@ -1,0 +1,193 @@
+"""Residuals row by row as the pictures need them: by joint, by coordinate, against inputs.
+
+A row's residual r (measured minus predicted) becomes joint errors dq = J_q^+ r, J_q the
+derivative of the prediction by the joint coordinates, both in units of the stated noise: how
+much further each joint is than the model believes. Where an instrument sees less than the
+joints can do, dq is the smallest joint error that explains the row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from ppmcal.arrays import known
+from ppmcal.conditions import REFERENCE_TEMPERATURE
+from ppmcal.fit import Fit
+from ppmcal.mechanism import Mechanism
+from ppmcal.observation import coordinates
+from ppmcal.problem import Rows
+from ppmcal.targets import pose_vector
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+MOST_ROWS = 6000
+"""Pictures are drawn from at most so many rows, evenly spread."""
+BINS, FEWEST = 16, 3
+"""Bins of a continuous input, and rows that a bin must have."""
+ZERO_CELSIUS = 273.15
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of N rows after one fit: ``joint`` (N, k), ``sigma`` (N, k), ``measured`` (N, 6).
+
+    ``sigma`` is what the stated noise gives in ``joint``; ``measured`` the residual by
+    coordinate x, y, z, rx, ry, rz, nan where it was not measured. SI.
+    """
+
+    joint: Array
+    sigma: Array
+    measured: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What N rows depend on, SI: see :class:`ppmcal.effects.Setting`; nan where not recorded.
+
+    ``pose`` (N, 6) of the platform; ``point`` (N, 3) as measured; ``temperature`` deg C.
+    """
+
+    travel: Array
+    approach: Array
+    velocity: Array
+    load: Array
+    temperature: Array
+    wrench: Array
+    time: Array
+    pose: Array
+    point: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Binned:
+    """Means in bins of an input, with the half width of their 95 % intervals; SI.
+
+    ``x`` mean input of each bin (B,); ``names`` of the bins where they are classes, else
+    empty; ``count`` of values.
+    """
+
+    x: Array
+    names: tuple[str, ...]
+    count: Ints
+    before: Array
+    before_half: Array
+    after: Array
+    after_half: Array
+
+    def strength(self, after: bool = False) -> float:
+        """Return the mean square of the means over their standard errors: 1 for noise."""
+        mean, half = (self.after, self.after_half) if after else (self.before, self.before_half)
+        if not mean.size:
+            return 0.0
+        return float(np.mean((1.96 * mean / np.maximum(half, 1e-300)) ** 2))
+
+
+def gather(before: Fit, after: Fit) -> tuple[Errors, Errors, Inputs, Ints]:
+    """Return errors without and with the effects, inputs, and a label per row, (N, ...)."""
+    keep = [_spread(a & known(p) & known(q), after.keep) for a, p, q in
+            zip(after.keep, before.state.poses, after.state.poses, strict=True)]
+    old, new = (list(f.problem.rows(f.state, True, keep)) for f in (before, after))
+    mechanism = after.problem.mechanism
+    errors = []
+    for fit, chunks in ((before, old), (after, new)):
+        parts = [_errors(fit, c) for c in chunks]
+        errors.append(Errors(*(np.concatenate(p) for p in zip(*parts, strict=True))))
+    inputs = Inputs(*(np.concatenate(p) for p in
+                      zip(*(_inputs(c, mechanism) for c in new), strict=True)))
+    return errors[0], errors[1], inputs, np.arange(len(inputs.time), dtype=np.int64)
+
+
+def _spread(rows: Bools, all_rows: Sequence[Bools]) -> Bools:
+    """Return rows evenly thinned so that all data sets together have MOST_ROWS at most."""
+    total = sum(int(k.sum()) for k in all_rows)
+    if total <= MOST_ROWS:
+        return rows
+    some = np.flatnonzero(rows)
+    out = np.zeros_like(rows)
+    count = max(1, MOST_ROWS * some.size // total)
+    out[some[np.linspace(0, some.size - 1, count).astype(int)]] = True
+    return out
+
+
+def _errors(fit: Fit, rows: Rows) -> tuple[Array, Array, Array]:
+    """Return joint errors, their sigma and residuals by coordinate of one chunk."""
+    assert rows.response is not None
+    mechanism = fit.problem.mechanism
+    drive = np.zeros((*rows.residual.shape, len(mechanism.actuators)))
+    for i, limb in enumerate(mechanism.limbs):
+        drive[..., limb.actuator] += np.where(rows.observed, rows.response.by_slot(i, "offset"),
+                                              0.0)
+    back = np.linalg.pinv(rows.whitener @ drive, rcond=1e-6)
+    joint = np.asarray((back @ np.where(rows.observed, rows.residual, 0.0)[..., None])[..., 0])
+    measured = np.full((len(joint), 6), np.nan)
+    data = fit.problem.datasets[rows.dataset]
+    if rows.raw.shape[1] > 1:
+        places = list(coordinates(data, mechanism.motion))
+        measured[:, places] = np.where(rows.observed, rows.raw, np.nan)
+    return joint, np.asarray(np.sqrt(np.sum(back**2, axis=-1))), measured
+
+
+def _inputs(rows: Rows, mechanism: Mechanism) -> tuple[Array, ...]:
+    assert rows.response is not None
+    at = rows.response.setting()
+    return (at.travel, at.approach, at.velocity, at.load,
+            at.temperature + REFERENCE_TEMPERATURE - ZERO_CELSIUS, at.wrench, at.time,
+            pose_vector(rows.response.pose), rows.response.seen.point)
+
+
+def binned(x: Array, before: Array, after: Array, row: Ints,
+           name: Callable[[float], str] | None = None) -> Binned | None:
+    """Return means of errors in bins of an input, None where there is nothing to draw.
+
+    Args:
+        x: input (V,), nan where not recorded.
+        before: errors (V,), and ``after``.
+        after: errors with the effects.
+        row: label of the measurement each value is of; values of one row are not independent.
+        name: gives each value of ``x`` a name; then every value is a bin of its own.
+    """
+    good = np.isfinite(x) & np.isfinite(before) & np.isfinite(after)
+    x, before, after, row = x[good], before[good], after[good], row[good]
+    if x.size < 2 * FEWEST or np.ptp(x) == 0.0:
+        return None
+    label = _labels(x, name is not None)
+    bins = [b for b in np.unique(label)
+            if np.unique(row[label == b]).size >= FEWEST]
+    if len(bins) < 2:
+        return None
+    table = [_bin(label == b, x, before, after, row) for b in bins]
+    columns = [np.array(c) for c in zip(*table, strict=True)]
+    names = tuple(name(float(v)) for v in columns[0]) if name else ()
+    return Binned(columns[0], names, columns[1].astype(np.int64), *columns[2:])
+
+
+def _labels(x: Array, classes: bool) -> Ints:
+    """Return the bin of each value: each value its own where they are few, else quantiles."""
+    values, label = np.unique(np.round(x, 12), return_inverse=True)
+    if classes or values.size <= 12:
+        return np.asarray(label).reshape(-1).astype(np.int64)
+    count = int(np.clip(x.size // 6, 4, BINS))
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count + 1)))
+    return np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2).astype(np.int64)
+
+
+def _bin(mine: Bools, x: Array, before: Array, after: Array, row: Ints) -> list[float]:
+    out = [float(x[mine].mean()), float(mine.sum())]
+    for values in (before, after):
+        out += [float(values[mine].mean()), half_width(values[mine], row[mine])]
+    return out
+
+
+def half_width(values: Array, row: Ints) -> float:
+    """Return half the 95 % interval of a mean of values of which some share a row."""
+    _, label = np.unique(row, return_inverse=True)
+    sums = np.bincount(np.asarray(label).reshape(-1), weights=values - values.mean())
+    rows = sums.size
+    error = np.sqrt(np.sum(sums**2) * rows / (rows - 1)) / values.size
+    return float(stdtrit(rows - 1, 0.975) * error)
