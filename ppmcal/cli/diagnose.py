@@ -48,25 +48,32 @@ HEADLINE = {
               help="Part of the poses that no fit sees, on which the gap is measured.")
 @click.option("--draws", type=click.IntRange(200, 100000), default=2000, show_default=True,
               help="Simulated campaigns of noise behind the thresholds.")
+@click.option("--png", is_flag=True,
+              help="Write the pictures as PNG too (needs the extra 'plots').")
 @seed_option
 @quiet_option
 @json_option
 def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, ...],
-            kinds: tuple[str, ...], holdout: float, draws: int, seed: int | None, quiet: bool,
-            as_json: bool) -> None:
+            kinds: tuple[str, ...], holdout: float, draws: int, png: bool, seed: int | None,
+            quiet: bool, as_json: bool) -> None:
     """Find the physical effect that the model of MECH misses in the measurements DATA.
 
     Names it with its size, adds it to the model and shows on held-out poses how much of the
     gap is gone; or says that nothing is missing, what cannot be told apart and what to
-    measure next. Writes model.yaml, effects.csv, residuals.csv, diagnosis.json.
+    measure next. Writes model.yaml, effects.csv, residuals.csv, diagnosis.json and the
+    pictures gap.svg, ranking.svg, actuators.svg, inputs.svg.
     """
     from ppmcal.diagnose.run import Options, diagnose
     from ppmcal.files import Output, provenance
+    from ppmcal.files.output import plain
     from ppmcal.outputs.diagnosis import files, summary
     from ppmcal.problem import Problem
+    from ppmcal.report.standalone import diagnosis_files, need_png
 
     console = Console(quiet, as_json)
     _known_kinds(kinds)
+    if png:
+        need_png()
     mechanism, datasets = load(mech, data, patterns)
     seed = 0 if seed is None else seed
     problem = Problem(mechanism, datasets, mechanism.free)
@@ -79,6 +86,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
         record = summary(result, source)
         for name, text in files(result, source, record).items():
             output.add(name, text)
+        for name, drawing in diagnosis_files(plain(record), png).items():
+            output.add(name, drawing)
     tell(result, console)
     finish(out, list(output.files), console)
     console.summary(record)

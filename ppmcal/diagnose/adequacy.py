@@ -56,7 +56,7 @@ def remainder(stage: Stage, seed: int) -> Remainder:
     basis, left = explained(stage)
     freedom = max(stage.system.count - basis.shape[1], 1)
     ratio, excess, reference, source = _against_noise(stage, left, freedom)
-    by_input, p, follows = kernel_test(stage.system, basis, left, seed)
+    by_input, p, follows = kernel_test(stage, basis, left, seed)
     return Remainder(ratio, excess, reference, source, follows, p, by_input)
 
 
@@ -100,12 +100,13 @@ def inputs(system: System) -> dict[str, tuple[Array, tuple[float, ...]]]:
     return {n: (v, w) for n, (v, w) in out.items() if np.isfinite(v).all() and np.ptp(v) > 0.0}
 
 
-def kernel_test(system: System, basis: Array, left: Array, seed: int
+def kernel_test(stage: Stage, basis: Array, left: Array, seed: int
                 ) -> tuple[dict[str, float], float, str]:
     """Return p by input, p over all inputs, and the input followed most."""
     rng = np.random.default_rng(seed)
+    system = stage.system
     n, m = system.residual.shape
-    draws = rng.normal(size=(n * m, DRAWS)) * system.observed.reshape(-1, 1)
+    draws = stage.noise.draws(system, DRAWS, rng)
     draws -= basis @ (basis.T @ draws)
     both = np.concatenate([left[:, None], draws], axis=1)
     both /= np.sqrt(np.mean(both**2, axis=0))

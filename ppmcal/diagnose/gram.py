@@ -121,21 +121,20 @@ def pseudo_inverse(block: Array) -> Array:
     return np.asarray((v[:, use] / w[use]) @ v[:, use].T)
 
 
-def build_gram(basis: Array, columns: Array, residual: Array, measured: NDArray[np.bool_],
-               draws: int, rng: np.random.Generator) -> Gram:
+def build_gram(basis: Array, columns: Array, residual: Array, count: int, noise: Array) -> Gram:
     """Return the tests of columns (n, T) on a residual (n,), J having the basis (n, r).
 
-    ``measured`` (n,): the other values are zero everywhere.
+    ``count``: how many of the n values were measured, the others being zero everywhere;
+    ``noise`` (n, B): simulated, for the thresholds.
     """
     length = np.linalg.norm(columns, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     unit = columns / length
     unit = unit - basis @ (basis.T @ unit)
-    noise = rng.normal(size=(residual.size, draws)) * measured[:, None]
     across = basis.T @ noise
     clean = residual - basis @ (basis.T @ residual)
     return Gram(unit.T @ unit, unit.T @ clean, length, float(clean @ clean),
-                int(measured.sum()) - basis.shape[1], unit.T @ noise,
+                count - basis.shape[1], unit.T @ noise,
                 np.sum(noise**2, axis=0) - np.sum(across**2, axis=0))
 
 

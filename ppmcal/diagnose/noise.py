@@ -72,6 +72,9 @@ def estimate(system: System, library: Library, extra: Sequence[int] = ()) -> Whi
     rho = 0.0
     for _ in range(3):
         more, pairs = _correlation(system, basis, left)
+        share = 1.0 - basis.shape[-1] / system.count
+        noise = replace(noise, rho_error=float(np.sqrt(
+            (1.0 - rho**2) / max(pairs * share, 4.0))))
         if abs(more) < (2.0 if rho == 0.0 else 0.5) / np.sqrt(max(pairs, 1)):
             break
         rho = float(np.clip((rho + more) / (1.0 + rho * more), -0.98, 0.98))
@@ -142,8 +145,7 @@ def _within_rows(system: System, basis: Array, left: Array, noise: Whitening) ->
 
 def _correlation(system: System, basis: Array, left: Array) -> tuple[float, int]:
     """Return the correlation of successive rows beyond what the projection makes, and pairs."""
-    both = system.observed[1:] & system.observed[:-1] & (
-        system.dataset[1:] == system.dataset[:-1])[:, None]
+    both = system.observed[1:] & system.observed[:-1] & (system.apart == 1)[:, None]
     pairs = int(both.sum())
     if pairs < 20:
         return 0.0, pairs

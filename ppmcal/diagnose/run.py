@@ -227,7 +227,8 @@ def _verdict(found: Found, left: Remainder, start: Remainder,
     search = found.first.search
     smallest = float(found.first.log_p.min(initial=0.0))
     if not effects:
-        if not left.adequate or smallest < search.name:
+        # far beyond chance, but no physical value fits
+        if not left.adequate or smallest < search.name - FAR:
             return "unnamed"
         return "weak" if smallest < search.detect else "none"
     if not left.adequate:
@@ -237,6 +238,7 @@ def _verdict(found: Found, left: Remainder, start: Remainder,
     return "named-set" if any(e.alternatives for e in effects) else "named"
 
 
+FAR = 10.0
 MOSTLY, FOLLOWS = 0.5, 0.05
 """Effects that explain less than this of what exceeds the noise, while the rest follows
 something with this p, are no more than an imitation."""

@@ -123,8 +123,8 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     columns = noise.apply(found.columns, system)
-    gram = build_gram(basis, columns, residual, system.observed.reshape(-1),
-                      0 if like else draws, rng)
+    gram = build_gram(basis, columns, residual, system.count,
+                      noise.draws(system, 0 if like else draws, rng))
     search = prepare(gram, found.forms, like)
     choice: Choice = choose(search)
     search, chosen = merged(search, choice.chosen)

@@ -56,11 +56,15 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Step:
-    """One model and its residual: rms over the noise. ``what``: start, geometry, effect."""
+    """One model and its residual: rms over the noise.
+
+    ``what``: start, geometry, or the effect that was added (``kind``, ``on``).
+    """
 
     what: str
-    label: str
     ratio: float
+    kind: str = ""
+    on: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -134,13 +138,14 @@ def _steps(result: Diagnosis) -> tuple[Step, ...]:
     out = []
     given = _as_given(result.found.first, result.start.reference)
     if given is not None:
-        out.append(Step("start", "", given))
-    out.append(Step("geometry", "", result.start.ratio))
+        out.append(Step("start", given))
+    out.append(Step("geometry", result.start.ratio))
     order = _by_gain(stage) if result.effects else []
     for count, _ in enumerate(order, 1):
         ratio = result.remainder.ratio if count == len(order) else _ratio(
             stage, order[:count], result.remainder.reference)
-        out.append(Step("effect", stage.forms[order[count - 1]].label, ratio))
+        form = stage.forms[order[count - 1]]
+        out.append(Step("effect", ratio, form.family, () if form.slot else form.on))
     return tuple(out)
 
 

@@ -66,6 +66,14 @@ class System:
     row: Ints
     group: Ints
 
+    @cached_property
+    def apart(self) -> Ints:
+        """How many rows of its file each row is after the one before, 0 in another file (N-1,)."""
+        number = np.array([self.problem.datasets[i].rows[n] for i, n in
+                           zip(self.dataset, self.row, strict=True)], dtype=np.int64)
+        same = self.dataset[1:] == self.dataset[:-1]
+        return np.where(same, np.maximum(np.diff(number), 1), 0)
+
     @property
     def count(self) -> int:
         """Number of measured values n."""
@@ -118,24 +126,47 @@ def _groups(problem: Problem, dataset: Ints, row: Ints) -> Ints:
 class Whitening:
     """What makes the residuals white: ``inner`` (D, m, m) by data set, ``rho`` of AR(1).
 
-    ``scale``: noise over the stated noise that ``inner`` takes out, root mean square.
+    ``scale``: noise over the stated noise that ``inner`` takes out, root mean square;
+    ``rho_error``: standard deviation of ``rho``.
     """
 
     inner: Array
     rho: float
     scale: float = 1.0
+    rho_error: float = 0.0
 
     def apply(self, values: Array, system: System) -> Array:
         """Return values (N, m, c) whitened, as a matrix (N m, c)."""
         out = self.inner[system.dataset] @ values
         if self.rho:
-            follows = (system.dataset[1:] == system.dataset[:-1])[:, None, None]
-            before = np.where(follows, out[:-1], 0.0)
-            tail = (out[1:] - self.rho * before) / np.where(
-                follows, np.sqrt(1.0 - self.rho**2), 1.0)
-            out = np.concatenate([out[:1], tail])
+            # rows in between that are not used weaken the correlation
+            tie = np.where(system.apart > 0, self.rho ** np.maximum(system.apart, 1), 0.0)
+            tie = tie[:, None, None]
+            out = np.concatenate([out[:1], (out[1:] - tie * out[:-1]) / np.sqrt(1.0 - tie**2)])
         return np.asarray(np.where(system.observed[..., None], out, 0.0)).reshape(
             -1, values.shape[-1])
+
+
+    def draws(self, system: System, count: int, rng: np.random.Generator) -> Array:
+        """Return simulated noise (N m, count) after a whitening that knows ``rho`` only so well.
+
+        Each draw has a correlation of its own, as far from ``rho`` as that may be off.
+        """
+        n, m = system.residual.shape
+        noise = rng.normal(size=(n, m, count))
+        if self.rho_error > 0.0:
+            true = np.clip(self.rho + self.rho_error * rng.normal(size=count), -0.95, 0.95)
+            before = noise[0]
+            for row in range(1, n):
+                gap = int(system.apart[row - 1])
+                if gap == 0:
+                    before = noise[row]
+                    continue
+                tie, known = true**gap, self.rho**gap
+                now = tie * before + np.sqrt(1.0 - tie**2) * noise[row]
+                noise[row] = (now - known * before) / np.sqrt(1.0 - known**2)
+                before = now
+        return np.asarray(noise * system.observed[..., None]).reshape(n * m, count)
 
 
 def plain(system: System) -> Whitening:

@@ -26,7 +26,7 @@ def story_entry(story: Story, units: Units) -> dict[str, Any]:
         "ranking": [{"kind": r.kind, "on": list(r.on), "form": r.form,
                      "log10_p": _number(r.log_p / np.log(10.0)), "status": r.status}
                     for r in story.ranking],
-        "steps": [{"what": s.what, "label": s.label, "rms_ratio": _number(s.ratio)}
+        "steps": [{"what": s.what, "kind": s.kind, "on": list(s.on), "rms_ratio": _number(s.ratio)}
                   for s in story.steps],
     }
 

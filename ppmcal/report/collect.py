@@ -44,14 +44,26 @@ IDENTIFICATION = {
     "datasets": [{"name": TEXT, "source": TEXT, "kind": TEXT, "rows": NUMBER, "used": NUMBER}],
     "units": {"*": TEXT}, "provenance": _PROVENANCE, "measured_volume": {"*": [NUMBER]},
 }
+_SERIES = {"on": [TEXT], "names": [TEXT], "count": [NUMBER],
+           **{k: [NUMBER] for k in ("x", "before", "before_95", "after", "after_95")},
+           **dict.fromkeys(("effect", "period"), NUMBER), "*": TEXT}
+_HYPOTHESIS = {"kind": TEXT, "on": [TEXT], "status": TEXT, "form": TEXT, "what": TEXT,
+               "*": NUMBER}
 DIAGNOSIS = {
-    "verdict": TEXT, "remainder": {"follows": TEXT, "p_value": NUMBER},
+    "name": TEXT, "verdict": TEXT,
+    "remainder": {"follows": TEXT, "p_value": NUMBER, "rms_ratio": NUMBER,
+                  "noise_reference": TEXT},
     "effects": [{"kind": TEXT, "on": [TEXT], "parameters": {"*": {"unit": TEXT, "*": NUMBER}},
-                 "p_value": NUMBER, "survival": NUMBER, "alternatives": [None]}],
-    "gap": {"interval": [NUMBER], "*": NUMBER},
-    "localised": [{"by": TEXT, "rms_ratio": NUMBER, "p_value": NUMBER}],
-    "not_testable": [{"kind": TEXT, "missing": [TEXT]}],
-    "next_measurements": {"reason": TEXT, "file": TEXT},
+                 "p_value": NUMBER, "survival": NUMBER, "alternatives": [None],
+                 "alternatives_on": [TEXT], "odds": [NUMBER]}],
+    "possible": [_HYPOTHESIS], "gap": {"interval": [NUMBER], "*": NUMBER},
+    "localised": [{"by": TEXT, "value": None, "*": NUMBER}],
+    "fit": {"*": NUMBER}, "noise": {"*": NUMBER},
+    "not_testable": [{"kind": TEXT, "missing": [TEXT], "reason": TEXT}],
+    "swallowed": [{"name": TEXT, "unit": TEXT, "*": NUMBER}],
+    "next_measurements": {"reason": TEXT, "file": TEXT, "*": NUMBER},
+    "story": {"actuators": [{"name": TEXT, "unit": TEXT, "*": NUMBER}], "series": [_SERIES],
+              "ranking": [_HYPOTHESIS], "steps": [_HYPOTHESIS]},
     "findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE,
 }
 LOOSE = {"findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE, "name": TEXT}

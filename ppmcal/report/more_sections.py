@@ -1,4 +1,4 @@
-"""Sections about diagnosis, compensation, kinematics, checks and simulated truth."""
+"""Sections about compensation, kinematics, checks and simulated truth."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.report.data import Columns, Comparison, Diagnosed, Identified, Other, Rows, Simulated
-from ppmcal.report.figures import command_figure, residual_figures, truth_figures
-from ppmcal.report.numbers import count, number, probability, sig, to_sigma, whole
+from ppmcal.report.data import Columns, Comparison, Other, Rows, Simulated
+from ppmcal.report.figures import command_figure, truth_figures
+from ppmcal.report.numbers import count, number, sig, to_sigma, whole
 from ppmcal.report.tables import (
     MAX_ROWS,
     Cell,
     amount,
     bullets,
-    definitions,
     dotted,
     given,
     paragraph,
@@ -26,63 +25,6 @@ from ppmcal.report.text import finding_text
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
-
-VERDICTS = {
-    "none": "No effect beyond the geometry was found.",
-    "weak": "Something may be left, too weak to be named.",
-    "named": "The data are consistent with the effect below.",
-    "named-set": "The data are consistent with one of several effects that they cannot tell apart.",
-    "partial": "An effect was named, but something else is left.",
-    "unnamed": "Something is missing in the model, but nothing in the library explains it.",
-}
-
-
-def diagnosis_section(d: Diagnosed) -> str:
-    """Return verdict, effects, gap and what to measure next."""
-    r = d.record
-    verdict = str(r.get("verdict") or "")
-    gap = r.get("gap") or {}
-    interval = [sig(v) for v in gap.get("interval") or []]
-    rest, wanted = r.get("remainder") or {}, r.get("next_measurements") or {}
-    facts = [(k, sig(gap.get(n))) for k, n in (("Gap before, in noise units", "before"),
-                                               ("Gap after", "after"), ("Part closed", "closed"))
-             if number(gap.get(n)) is not None]
-    if interval:
-        facts.append(("95 % interval of that", " … ".join(interval)))
-    out = ["<h2>Diagnosis</h2>", paragraph(f"Verdict: {verdict}. {VERDICTS.get(verdict, '')}"
-                                           if verdict else ""), definitions(facts), _effects(d)]
-    where = [[words(e.get("by")), words(e.get("value")), amount(e.get("rms_ratio")),
-              amount(e.get("p_value"), probability(e.get("p_value")))]
-             for e in r.get("localised") or []]
-    out.append(table("Where the residuals are larger than elsewhere",
-                     ["by", "value", "rms ratio", "p"], where))
-    lines = []
-    if rest.get("follows"):
-        p = probability(rest.get("p_value"))
-        lines.append(f"What is left follows {rest['follows']}" + (f" ({p})." if p else "."))
-    lines += [f"{e.get('kind')} cannot be tested: missing {', '.join(e.get('missing') or [])}."
-              for e in r.get("not_testable") or []]
-    if wanted.get("reason") or wanted.get("file"):
-        lines.append(f"Measure next: {wanted.get('reason') or ''} ({wanted.get('file') or ''})"
-                     .replace(" ()", ""))
-    if d.residuals is not None:
-        units = Identified(d.folder, r, (), d.residuals)
-        out.append(f'<div class="plots">{"".join(residual_figures(units))}</div>')
-    return "".join([*out, bullets(lines)])
-
-
-def _effects(d: Diagnosed) -> str:
-    """Return the effects that the diagnosis names."""
-    rows = []
-    for e in d.record.get("effects") or []:
-        values = "; ".join(
-            f"{k} {to_sigma(v.get('value'), v.get('sigma'))} ± {sig(v.get('sigma'), 2)} "
-            f"{v.get('unit') or ''}".strip() for k, v in (e.get("parameters") or {}).items() if v)
-        rows.append([words(e.get("kind")), words(", ".join(e.get("on") or [])),
-                     words(values, "wrap"), amount(e.get("p_value"), probability(e.get("p_value"))),
-                     amount(e.get("survival")),
-                     words(", ".join(str(a) for a in e.get("alternatives") or []))])
-    return table("", ["effect", "on", "parameters", "p", "survival", "or else"], rows)
 
 
 def compensation_section(rows: Rows, lengths: Mapping[str, str]) -> str:

@@ -8,9 +8,10 @@ from typing import Any
 
 from ppmcal import __version__
 from ppmcal.report.data import Identified, ReportData, Rows
+from ppmcal.report.diagnosis_section import diagnosis_section
+from ppmcal.report.diagnosis_words import headline as diagnosis_headline
 from ppmcal.report.more_sections import (
     compensation_section,
-    diagnosis_section,
     kinematics_section,
     other_section,
     simulation_section,
@@ -26,13 +27,13 @@ from ppmcal.report.text import attention, figure, headline
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
     body = [f"<header><h1>{escape(title(data))}</h1>", _lead(data), "</header>", _look(data)]
+    body += [diagnosis_section(d) for d in data.diagnosed]
     many = len(data.identified) > 1
     for one in data.identified:
         if many:
             body.append(f'<h2>{escape(one.name)} <span class="soft">({escape(one.folder)})'
                         "</span></h2>" + _tiles(one))
         body.append(identified_section(one))
-    body += [diagnosis_section(d) for d in data.diagnosed]
     body += [compensation_section(r, units_of(r, data)) for r in data.compensated]
     body += [kinematics_section(r) for r in data.kinematics]
     body += [other_section(o) for o in data.others]
@@ -56,6 +57,7 @@ def title(data: ReportData) -> str:
 def summary(data: ReportData) -> list[str]:
     """Return the headline's sentences."""
     out = [s for one in data.identified for s in headline(one)]
+    out += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
     if not out:
         parts = [(len(data.simulated), "simulation"), (len(data.diagnosed), "diagnosis"),
                  (len(data.compensated), "compensation"), (len(data.kinematics), "kinematics"),
@@ -66,7 +68,9 @@ def summary(data: ReportData) -> list[str]:
 
 
 def _lead(data: ReportData) -> str:
-    lines = [" ".join(headline(one)) for one in data.identified] or summary(data)
+    lines = [" ".join(headline(one)) for one in data.identified]
+    lines += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
+    lines = lines or summary(data)
     text = "".join(paragraph(t) for t in lines)
     tiles = _tiles(data.identified[0]) if len(data.identified) == 1 else ""
     return f'<div class="lead">{text}</div>{tiles}'

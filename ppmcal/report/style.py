@@ -2,7 +2,33 @@
 
 from __future__ import annotations
 
-CSS = """
+import re
+
+DRAWINGS = """
+svg text{font-family:system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;
+font-size:11px;fill:var(--soft)}
+svg text.name{fill:var(--ink);font-size:11.5px}svg text.small{font-size:9.5px}
+.grid{stroke:var(--line);stroke-width:1;fill:none}
+.axis,.mark{stroke:var(--soft);stroke-width:1;fill:none}.mark{stroke-dasharray:3 3;opacity:.7}
+.dot{stroke-width:4;stroke-linecap:round;fill:none}.dot.before{stroke-width:3.4}
+.stroke{stroke-width:1.5;fill:none}.stroke.light{opacity:.35}.stroke.thin{stroke-width:1}
+.line{fill:none;stroke-width:1.2;stroke-linejoin:round}
+path.before,polyline.before{stroke:var(--before)}path.after,polyline.after{stroke:var(--after)}
+path.out{stroke:var(--out);stroke-width:1.6}
+path.ink,polyline.ink{stroke:var(--ink)}polyline.faint{stroke:var(--soft);opacity:.5}
+path.area.after{fill:var(--after);stroke:none;opacity:.75}
+.area.band{fill:var(--band);stroke:none}
+.r-before{fill:none;stroke:var(--before);stroke-width:1.4}
+.r-after,.r-named{fill:var(--after)}
+.r-alternative{fill:none;stroke:var(--out);stroke-width:1.4;stroke-dasharray:4 2}
+.r-explained{fill:var(--before);opacity:.65}.r-other{fill:var(--soft);opacity:.6}
+.limit{stroke:var(--ink);stroke-width:1.2;fill:none}.limit.dotted{stroke-dasharray:2 2}
+.ring{fill:var(--card);stroke:var(--before);stroke-width:1.5}.disc{fill:var(--after)}
+text.strong{fill:var(--ink);font-weight:600}text.ink{fill:var(--ink)}text.title{font-size:13px}
+"""
+"""The look of drawings, in the page and outside of it; colours by name, see :data:`LIGHT`."""
+
+_TOP = """
 :root{color-scheme:light dark;--page:#f6f7f8;--card:#fff;--ink:#1c2227;--soft:#5a6670;
 --line:#dde2e6;--head:#eef1f3;--before:#b3692a;--after:#1f62a6;--out:#c2293a;--ok:#23744a;
 --warn:#8f5a00;--warnbg:#fff6e3;--band:#1f62a61f}
@@ -18,7 +44,7 @@ h1{font-size:14px;font-weight:600;color:var(--soft);margin:0 0 6px}
 h2{font-size:20px;line-height:1.3;margin:36px 0 4px}
 h3{font-size:15px;margin:22px 0 6px}
 p{margin:6px 0;max-width:78ch}
-.lead p{font-size:18px;line-height:1.45;margin:0 0 8px}
+.lead p{font-size:18px;line-height:1.45;margin:0 0 8px}.big{font-size:17px;font-weight:600}
 .soft,.note{color:var(--soft)}.note{font-size:13.5px;max-width:120ch}
 code{font:13px/1.4 ui-monospace,SFMono-Regular,Menlo,Consolas,"DejaVu Sans Mono",monospace;
 overflow-wrap:anywhere}
@@ -68,20 +94,11 @@ figcaption{font-size:13px;color:var(--soft);padding:2px 8px 0}
 background:currentColor}
 .key+.key{margin-left:8px}
 .key.before{color:var(--before)}.key.after{color:var(--after)}
+.key.ring{background:none;border:2px solid var(--before)}
 .key.out{color:var(--out);border-radius:0;transform:rotate(45deg) scale(.75)}
 svg.plot{display:block;width:100%;height:auto}
-svg text{font:11px system-ui,-apple-system,"Segoe UI",Roboto,sans-serif;fill:var(--soft)}
-svg text.name{fill:var(--ink);font-size:11.5px}svg text.small{font-size:9.5px}
-.grid{stroke:var(--line);stroke-width:1;fill:none}
-.axis,.mark{stroke:var(--soft);stroke-width:1;fill:none}.mark{stroke-dasharray:3 3;opacity:.7}
-.dot{stroke-width:4;stroke-linecap:round;fill:none}.dot.before{stroke-width:3.4}
-.stroke{stroke-width:1.5;fill:none}.stroke.light{opacity:.35}.stroke.thin{stroke-width:1}
-.line{fill:none;stroke-width:1.2;stroke-linejoin:round}
-path.before,polyline.before{stroke:var(--before)}path.after,polyline.after{stroke:var(--after)}
-path.out{stroke:var(--out);stroke-width:1.6}
-path.ink,polyline.ink{stroke:var(--ink)}polyline.faint{stroke:var(--soft);opacity:.5}
-path.area.after{fill:var(--after);stroke:none;opacity:.75}
-.area.band{fill:var(--band);stroke:none}
+"""
+_REST = """
 svg.bar{width:116px;height:16px;display:block}
 @media(min-width:900px){tbody th{white-space:nowrap;max-width:none}
 wbr{display:none}td,th{padding:5px 9px}}
@@ -103,6 +120,10 @@ table{font-size:8.5pt}th button:after{content:""}figure,tr,.tile{break-inside:av
 h2,h3{break-after:avoid}th,td{padding:3px 6px;white-space:normal}tbody th{position:static}
 .plots{grid-template-columns:1fr 1fr}svg.bar{width:90px}}
 """
+
+CSS = _TOP + DRAWINGS + _REST
+LIGHT = dict(re.findall(r"--(\w+):([^;}]+)", _TOP.partition("}")[0]))
+"""Colour names and values of the page by day."""
 
 SCRIPT = """
 document.querySelectorAll('table.sort').forEach(function(t){

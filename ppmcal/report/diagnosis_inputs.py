@@ -1,0 +1,144 @@
+"""Mean errors against the input that an effect follows, before and after: one panel each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.report import svg
+from ppmcal.report.bars import LETTER, Picture, fitting
+from ppmcal.report.diagnosis_words import INPUTS, actuators, effect_name, finer, where
+from ppmcal.report.numbers import number
+
+Array = NDArray[np.float64]
+Record = Mapping[str, Any]
+APART = 2.5
+"""Before and after are drawn so many pixels to each side of their place."""
+
+
+def input_pictures(record: Record) -> list[Picture]:
+    """Return one panel for each series of the story."""
+    out = [_panel(record, s) for s in (record.get("story") or {}).get("series") or []]
+    return [p for p in out if p is not None]
+
+
+def _column(series: Record, name: str) -> Array:
+    values = [number(v) for v in series.get(name) or []]
+    return np.array([np.nan if v is None else v for v in values])
+
+
+def _panel(record: Record, series: Record) -> Picture | None:
+    """Return one panel, None where there is too little to draw."""
+    x, before, half, after, half_after = (_column(series, n) for n in (
+        "x", "before", "before_95", "after", "after_95"))
+    size = min(map(len, (x, before, half, after, half_after)))
+    if size < 2 or not np.isfinite(x[:size]).all():
+        return None
+    x, table = x[:size], np.stack([before, half, after, half_after])[:, :size]
+    if not np.isfinite(table).any():
+        return None
+    both = bool(record.get("effects"))
+    if not both:
+        table[:2] = table[2:]
+    ends = np.concatenate([table[0] - table[1], table[0] + table[1], table[2] - table[3],
+                           table[2] + table[3]])
+    factor, unit = finer(str(series.get("unit") or ""), float(np.nanmax(np.abs(ends))))
+    table *= factor
+    per, x_unit = finer(str(series.get("input_unit") or ""), _largest(series, x))
+    what = _what(series, actuators(record))
+    names = [str(n) for n in series.get("names") or []]
+    frame = svg.Frame(svg.span(x * per, margin=0.06), svg.span(np.append(ends * factor, 0.0)))
+    parts = [svg.axes(frame, _input_name(series, x_unit), _with(f"error of {what}", unit),
+                      x_ticks=not names), _zero(frame)]
+    if len(names) == size:
+        parts.append(_classes(frame, x * per, names))
+    if both:
+        parts.append(_marks(frame, x * per, table[0], table[1], "before", -APART))
+    parts.append(_marks(frame, x * per, table[2], table[3], "after", APART if both else 0.0))
+    title = _title(record, series, what)
+    tail = f"; one period is {_period(series)}" if number(series.get("period")) else ""
+    return Picture(
+        "inputs", title,
+        f"Mean error in {size} bins with 95 % bars{tail}.",
+        f"Mean error of {what} in {size} bins of {_input_name(series, x_unit)}; largest "
+        f"{np.nanmax(np.abs(table[0])):.3g} {unit} before and "
+        f"{np.nanmax(np.abs(table[2])):.3g} {unit} after.", tuple(parts), svg.HEIGHT,
+        key='<i class="key ring"></i>before <i class="key after"></i>after' if both else
+        '<i class="key after"></i>geometry alone',
+        note="○ before   ● after" if both else "● geometry alone")
+
+
+def _largest(series: Record, x: Array) -> float:
+    """Return the size that decides an input's unit: positions keep that of the file."""
+    keeps = series.get("input") not in ("time", "phase", "velocity")
+    return float("inf") if keeps else float(np.max(np.abs(x)))
+
+
+def _what(series: Record, total: int) -> str:
+    if series.get("coordinate"):
+        return f"measured {series['coordinate']}"
+    on = series.get("on") or []
+    return where(on, total) if len(on) < 4 or len(on) == total else f"{len(on)} actuators"
+
+
+def _title(record: Record, series: Record, what: str) -> str:
+    effects = record.get("effects") or []
+    n = series.get("effect")
+    if isinstance(n, int) and 0 <= n < len(effects):
+        place = f" ({what})" if series.get("coordinate") else ""
+        return effect_name(record, effects[n]) + place
+    if series.get("role") == "left":
+        return f"What is left: {what}"
+    return f"{what} against {INPUTS.get(str(series.get('input')), str(series.get('input')))}"
+
+
+def _input_name(series: Record, unit: str) -> str:
+    name = INPUTS.get(str(series.get("input")), str(series.get("input") or "input"))
+    which = str(series.get("which") or "")
+    return _with(f"{name} {which}".strip(), unit)
+
+
+def _with(name: str, unit: str) -> str:
+    return f"{name} ({unit})" if unit else name
+
+
+def _period(series: Record) -> str:
+    unit = str(series.get("input_unit") or "")
+    return f"{number(series.get('period')):.4g} {unit}".rstrip()
+
+
+def _zero(frame: svg.Frame) -> str:
+    return svg.line(frame, [frame.x.low, frame.x.high], [0.0, 0.0], "faint")
+
+
+def _marks(frame: svg.Frame, x: Array, mean: Array, half: Array, kind: str, aside: float) -> str:
+    """Return means with their bars; rings before, discs after."""
+    good = np.isfinite(mean) & np.isfinite(half)
+    px = frame.px(x[good]) + aside
+    low, high = frame.py((mean - half)[good]), frame.py((mean + half)[good])
+    bars = "".join(f"M{svg.num(a)} {svg.num(b)}V{svg.num(c)}"
+                   for a, b, c in zip(px, low, high, strict=True))
+    shape = "ring" if kind == "before" else "disc"
+    dots = "".join(f'<circle class="{shape}" cx="{svg.num(a)}" cy="{svg.num(b)}" r="3.2"/>'
+                   for a, b in zip(px, frame.py(mean[good]), strict=True))
+    return f'<path class="stroke {kind}" d="{bars}"/>{dots}' if bars else ""
+
+
+def _classes(frame: svg.Frame, x: Array, names: list[str]) -> str:
+    """Return the signs of classes below the axis, and each actuator's name below its signs."""
+    out = []
+    floor = frame.height - svg.BOTTOM
+    pairs = [n.rpartition(" ") for n in names]
+    px = frame.px(x)
+    for place, (_, _, sign) in zip(px, pairs, strict=True):
+        out.append(svg.text(float(place), floor + 11.0, sign, "middle", "ink"))
+    groups = list(dict.fromkeys(owner for owner, _, _ in pairs))
+    room = (svg.WIDTH - svg.LEFT - svg.RIGHT) / max(len(groups), 1)
+    for owner in groups:
+        mine = [float(p) for p, (o, _, _) in zip(px, pairs, strict=True) if o == owner]
+        if room > 4 * LETTER:
+            out.append(fitting(sum(mine) / len(mine), floor + 22.0, owner, room, "middle", ""))
+    return "".join(out)
