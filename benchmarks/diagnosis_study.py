@@ -18,7 +18,7 @@ import os
 import sys
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -141,9 +141,10 @@ def run(job: Job) -> Outcome | None:
 
 def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome:
     """Compare a diagnosis with the truth."""
-    truth = {t.kind for t in found.truth}
-    families = [({e.kind} | {a.split(" ")[0] for a in e.alternatives}) for e in result.effects]
-    named = {e.kind for e in result.effects}
+    truth = {family(t.kind, t.parameters) for t in found.truth}
+    families = [{family(e.kind, e.parameters)} | {label(a) for a in e.alternatives}
+                for e in result.effects]
+    named = {family(e.kind, e.parameters) for e in result.effects}
     hit = {t for t in truth if any(t in f for f in families)}
     wrong = sum(1 for f in {frozenset(f) for f in families} if not f & truth)
     closed = result.gap.closed if result.gap else None
@@ -156,6 +157,16 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
         set_size=float(np.mean([len(f) for f in families])) if families else 0.0,
         covered=coverage(found, result), closed="" if closed is None else f"{closed:.4f}",
         closed_truth=told(found, result, job.seed % 1000), seconds=round(seconds, 2))
+
+
+def family(kind: str, parameters: Iterable[str]) -> str:
+    """Return the kind; of frozen geometry the slot."""
+    return f"{kind} {next(iter(parameters))}" if kind == "geometry" else kind
+
+
+def label(alternative: str) -> str:
+    """Return the family of an alternative's label."""
+    return alternative if alternative.startswith("geometry ") else alternative.split(" ")[0]
 
 
 def coverage(found: Hidden, result: Diagnosis) -> str:

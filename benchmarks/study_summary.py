@@ -41,8 +41,8 @@ def _cells(rows: Sequence[Row], start: str) -> list[str]:
 
 
 def _nothing(rows: Sequence[Row]) -> str:
-    out = ["### Nothing hidden", "", "| noise | campaigns | any verdict but none | something named |",
-           "|---|---|---|---|"]
+    out = ["### Nothing hidden", "",
+           "| noise | campaigns | any verdict but none | something named |", "|---|---|---|---|"]
     empty = [r for r in rows if r["cell"].startswith("none")]
     for cell, mine in [(c, [r for r in empty if r["cell"] == c]) for c in _cells(rows, "none")] + [
             ("all", empty)]:
@@ -65,8 +65,8 @@ def _figures(mine: Sequence[Row]) -> str:
             f"{share(mine, lambda r: int(r['wrong']) > 0)} | {cover} | {ratio}")
 
 
-HEAD = ("campaigns | right, alone or in a set | alone | set size | wrong name | 95 % intervals hold | "
-        "gap closed / by the truth |")
+HEAD = ("campaigns | right, alone or in a set | alone | set size | wrong name | "
+        "95 % intervals hold | gap closed / by the truth |")
 
 
 def _one(rows: Sequence[Row]) -> str:

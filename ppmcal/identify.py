@@ -36,7 +36,7 @@ STAGE, STAGE_ITERATIONS = 30.0, 4
 
 
 def identify(problem: Problem, options: Options | None = None, progress: Progress | None = None,
-             start: State | None = None) -> Fit:
+             start: State | None = None, near: bool = False) -> Fit:
     """Fit the free parameters and open frames to the data.
 
     Args:
@@ -44,6 +44,7 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
         options: method and its settings.
         progress: called with (iteration, chi-squared).
         start: where to start, default the machine's present values.
+        near: whether the start is near the minimum already.
 
     Raises:
         BadInput: too few rows. NoResult: no pose could be solved, or the damped scheme of
@@ -66,7 +67,7 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
         keep, later = _usable(problem, state)
         reasons = [{**new, **old} for new, old in zip(later, reasons, strict=True)]
     else:
-        state = _near(problem, state, keep, prior, options, progress)
+        state = _near(problem, state, keep, prior, options, progress, near)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)
     if options.method == "gcv":
         fit = _cross_validated(fit, options, progress)
@@ -92,16 +93,18 @@ def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Pro
 
 
 def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, options: Options,
-          progress: Progress | None) -> State:
+          progress: Progress | None, near: bool) -> State:
     """Return a state near the minimum, outliers weighted down."""
-    state = start_off_zero(problem, state, keep)
+    if not near:
+        state = start_off_zero(problem, state, keep)
     if not options.robust:
-        return _approach(problem, state, keep, prior, None, progress)
+        return state if near else _approach(problem, state, keep, prior, None, progress)
 
     def weigh(at: State) -> Sequence[Array]:
         return huber_weights(problem, at, keep)
 
-    state = _approach(problem, state, keep, prior, weigh, progress)
+    if not near:
+        state = _approach(problem, state, keep, prior, weigh, progress)
     return gauss_newton(problem, state, keep, prior, options.iterations, weigh, progress)[0]
 
 

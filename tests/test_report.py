@@ -7,6 +7,7 @@ import json
 import re
 import time
 import warnings
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,14 @@ def read(html: str) -> Checker:
     checker.close()
     assert not checker.open
     return checker
+
+
+def cells(page: str, caption: str) -> list[list[str]]:
+    """Return the rows of the table whose caption begins so, heads first."""
+    body = next(t for t in re.findall(r"<table.*?</table>", page) if f"<caption>{caption}" in t)
+    rows = re.findall(r"<tr>.*?</tr>", body)
+    return [[unescape(re.sub(r"<[^>]*>", "", c))
+             for c in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)] for row in rows]
 
 
 def write_csv(path: Path, columns: dict[str, Any]) -> None:
@@ -318,10 +327,19 @@ def test_diagnosis(tmp_path: Path) -> None:
         "next_measurements": {"reason": "both directions", "file": "next.csv"}}
     (tmp_path / "diagnosis.json").write_text(json.dumps(record))
     data = collect([tmp_path])
-    text = "".join(read(to_html(data)).text)
-    for piece in ("backlash", "width 0.0212 ± 0.0010 mm", "windup", "What is left follows time",
-                  "lag cannot be tested: missing vel_leg1", "0.930", "next.csv"):
+    page = to_html(data)
+    text = "".join(read(page).text)
+    for piece in ("The missing effect is named: backlash on leg1.", "width 0.0212 ± 0.0020 mm",
+                  "p\u00a0<\u00a010⁻⁸", "90 %", "windup",
+                  "What is left follows time (p\u00a0=\u00a00.02)",
+                  "the residuals go from 3.10 to 1.02 times the noise",
+                  "93 % of what exceeds the noise is gone (95 % interval: 90 % to 95 %)",
+                  "Where the residuals are, group by group",
+                  "Both directions. They are in next.csv"):
         assert piece in text, piece
+    assert cells(page, "Not testable") == [["effect", "columns missing"], ["lag", "vel_leg1"]]
+    assert cells(page, "rms of the residuals of that group")[1] == [
+        "actuator", "leg1", "3.40", "–", "p\u00a0<\u00a010⁻⁵"]
     assert to_json(data)["diagnoses"][0]["diagnosis"] == record
     (tmp_path / "diagnosis.json").write_text('{"units": "mm"}')
     with pytest.raises(BadInput, match="units: should be an object"):

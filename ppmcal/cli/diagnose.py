@@ -61,7 +61,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     Names it with its size, adds it to the model and shows on held-out poses how much of the
     gap is gone; or says that nothing is missing, what cannot be told apart and what to
     measure next. Writes model.yaml, effects.csv, residuals.csv, diagnosis.json and the
-    pictures gap.svg, ranking.svg, actuators.svg, inputs.svg.
+    pictures gap.svg, actuators.svg, inputs.svg, ranking.svg and, where effects cannot be told
+    apart, alternatives.svg.
     """
     from ppmcal.diagnose.run import Options, diagnose
     from ppmcal.files import Output, provenance

@@ -22,6 +22,8 @@ MOST_ROWS = 600
 DRAWS = 1000
 LEVEL = 0.01
 """What is left follows an input where chance would show it more rarely over all inputs."""
+ENOUGH_REPEATS = 30
+"""Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""
 TOO_MUCH = 3.5
 """Residuals exceed the noise where their mean square does so by this many sigmas."""
 
@@ -67,10 +69,13 @@ def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, floa
     error = float(rows.std()) * np.sqrt(rows.size) / freedom
     reference, source, own = 1.0, "stated", 0.0
     pure: PureError | None = stage.pure
-    if pure is not None and pure.freedom >= 30:
+    if pure is not None and pure.freedom >= ENOUGH_REPEATS:
         reference, source = pure.ratio, "repeats"
         own = pure.ratio**2 * np.sqrt(2.0 / pure.freedom)
-    spread = np.hypot(error, own)
+    # a correlation that is off by so much whitens to another scale
+    rho, off = stage.noise.rho, stage.noise.rho_error
+    scale = mean * 2.0 * abs(rho) / (1.0 - rho**2) * off
+    spread = np.sqrt(error**2 + own**2 + scale**2)
     return (float(np.sqrt(mean)) / reference, float((mean - reference**2) / max(spread, 1e-300)),
             reference, source)
 
@@ -97,7 +102,13 @@ def inputs(system: System) -> dict[str, tuple[Array, tuple[float, ...]]]:
     time = stacked("time")
     out["time"] = (time if np.isfinite(time).all() and np.ptp(time) > 0 else order, slow)
     out["previous move"] = (np.diff(travel, axis=0, prepend=travel[:1]), wide)
-    return {n: (v, w) for n, (v, w) in out.items() if np.isfinite(v).all() and np.ptp(v) > 0.0}
+    return {n: (v[:, varies(v)], w) for n, (v, w) in out.items()
+            if np.isfinite(v).all() and varies(v).any()}
+
+
+def varies(values: Array) -> NDArray[np.bool_]:
+    """Return which columns (N, p) change by more than round-off."""
+    return np.asarray(np.ptp(values, axis=0) > 1e-9 * np.max(np.abs(values), axis=0))
 
 
 def kernel_test(stage: Stage, basis: Array, left: Array, seed: int
@@ -130,7 +141,7 @@ def kernel_test(stage: Stage, basis: Array, left: Array, seed: int
 def _kernel(values: Array, widths: tuple[float, ...]) -> Array:
     """Return the centred kernel (N, N) of standardised inputs, summed over widths."""
     spread = values.std(axis=0)
-    x = (values[:, spread > 0.0] - values.mean(axis=0)[spread > 0.0]) / spread[spread > 0.0]
+    x = (values - values.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
     square = np.sum(x**2, axis=1)
     apart = np.maximum(square[:, None] + square[None, :] - 2.0 * x @ x.T, 0.0) / x.shape[1]
     kernel = sum((np.exp(-apart / (2.0 * w * w)) for w in widths), np.zeros_like(apart))

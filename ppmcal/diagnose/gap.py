@@ -29,6 +29,7 @@ class Gap:
         closed: 1 - excess(after)/excess(before), None where nothing exceeded it before.
         interval: 95 % of ``closed``, by bootstrap over poses; None as ``closed``.
         confirmed: whether the improvement's interval excludes zero.
+        worse: whether the errors have grown, as surely, or by more than the noise.
         poses: how many were held out.
     """
 
@@ -38,6 +39,7 @@ class Gap:
     closed: float | None
     interval: tuple[float, float] | None
     confirmed: bool
+    worse: bool
     poses: int
 
 
@@ -103,9 +105,10 @@ def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, 
         known = [v for v in values if v is not None]
         low, high = np.quantile(known, [0.025, 0.975]) if known else (closed, closed)
         interval = float(low), float(high)
-    return Gap(noise, float(np.sqrt(whole[0] / whole[4])) / noise,
-               float(np.sqrt(whole[1] / whole[4])) / noise, closed, interval,
-               bool(np.quantile(change, 0.025) > 0.0), int(labels.size))
+    first, last = (float(np.sqrt(whole[i] / whole[4])) / noise for i in (0, 1))
+    worse = bool(np.quantile(change, 0.975) < 0.0) or last**2 - first**2 > 1.0
+    return Gap(noise, first, last, closed, interval, bool(np.quantile(change, 0.025) > 0.0),
+               worse, int(labels.size))
 
 
 def _closed(sums: Array, noise: float) -> float | None:

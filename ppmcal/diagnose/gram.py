@@ -28,6 +28,7 @@ class Gram:
         gram: C^T M C (T, T) and right: C^T M r (T,) of columns scaled to unit length.
         length: their length (T,) before M: a coefficient is right/gram/length.
         square: |M r|^2; freedom: n - rank J.
+        hidden: Q^T C (r, T), the part that geometry swallows.
         null: C^T M z of simulated noise (T, B), and null_square (B,).
         taken: columns that are in the model; back: C^T M C_taken times their inverse (T, s).
     """
@@ -37,6 +38,7 @@ class Gram:
     length: Array
     square: float
     freedom: int
+    hidden: Array
     null: Array
     null_square: Array
     taken: tuple[int, ...] = ()
@@ -75,15 +77,19 @@ class Gram:
         return self.square - float(self.right[s] @ inverse @ self.right[s])
 
     def extended(self, weights: Array) -> Gram:
-        """Return the tests with further columns: combinations C ``weights`` (T, E)."""
+        """Return the tests with further columns: combinations C ``weights`` (T, E).
+
+        The simulated noise is not carried along.
+        """
         w = weights * self.length[:, None]
-        norm = np.linalg.norm(w, axis=0)
+        norm = np.sqrt(np.sum(w * (self.gram @ w), axis=0) + np.sum((self.hidden @ w)**2, axis=0))
         unit = w / norm
         cross = self.gram @ unit
         gram = np.block([[self.gram, cross], [cross.T, unit.T @ cross]])
         return replace(self, gram=gram, right=np.append(self.right, unit.T @ self.right),
                        length=np.append(self.length, norm),
-                       null=np.concatenate([self.null, unit.T @ self.null]))
+                       hidden=np.concatenate([self.hidden, self.hidden @ unit], axis=1),
+                       null=np.zeros((len(gram), 0)), null_square=self.null_square[:0])
 
     def fit(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Return coefficients of the columns ``chosen`` and their covariance, SI."""
@@ -130,18 +136,20 @@ def build_gram(basis: Array, columns: Array, residual: Array, count: int, noise:
     length = np.linalg.norm(columns, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     unit = columns / length
-    unit = unit - basis @ (basis.T @ unit)
+    hidden = basis.T @ unit
+    unit = unit - basis @ hidden
     across = basis.T @ noise
     clean = residual - basis @ (basis.T @ residual)
     return Gram(unit.T @ unit, unit.T @ clean, length, float(clean @ clean),
-                count - basis.shape[1], unit.T @ noise,
+                count - basis.shape[1], hidden, unit.T @ noise,
                 np.sum(noise**2, axis=0) - np.sum(across**2, axis=0))
 
 
 def log_p(explained: Array, square: Array | float, size: Array | Ints | int, freedom: int) -> Array:
     """Return the log p-value of the F test (added variable), also where p underflows.
 
-    R^2 = explained/square has a Beta(k/2, (nu - k)/2) distribution under the null.
+    R^2 = explained/square has a Beta(k/2, (nu - k)/2) distribution under the null. Columns
+    that leave no freedom prove nothing: log p = 0.
     """
     a = np.asarray(size, dtype=float) / 2.0
     b = np.maximum(freedom / 2.0 - a, 0.5)
@@ -152,4 +160,4 @@ def log_p(explained: Array, square: Array | float, size: Array | Ints | int, fre
         far = b * np.log1p(-x) + (safe - 1.0) * np.log(np.maximum(x, 1e-300)) - np.log(
             b) - betaln(safe, b)
         out = np.where(p > TINY, np.log(np.maximum(p, 1e-300)), np.minimum(far, np.log(TINY)))
-    return np.asarray(np.where(a > 0.0, out, 0.0), dtype=float)
+    return np.asarray(np.where((a > 0.0) & (2.0 * a < freedom), out, 0.0), dtype=float)

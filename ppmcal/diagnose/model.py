@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.acting import Given, with_effect
-from ppmcal.diagnose.candidates import Form
+from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.search import Search, columns_of
 from ppmcal.effects import EffectParameter, find_effect
 from ppmcal.mechanism import Mechanism

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
-from ppmcal.diagnose.candidates import Form, library
+from ppmcal.diagnose.candidates import library
+from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.stage import Stage, without
 from ppmcal.diagnose.system import build
 from ppmcal.kinematics import inverse_table
@@ -84,10 +85,15 @@ def propose(stage: Stage, one: int, two: int, seed: int) -> Proposal:
     before = float(np.exp(min(path[0] / 2.0, 300.0)))
     after = float(np.exp(min(path[-1] / 2.0, 300.0)))
     label = f"{a.label} and {b.label}"
+    none: tuple[Array, Array, dict[str, Array]] = (
+        np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {})
+    if not picked and path[-1] >= ENOUGH:
+        return Proposal(f"these rows favour {a.label} over {b.label}, but only by the small part "
+                        f"that geometry does not imitate: {_remedy(a, b)}", *none, before, after)
     if path[-1] < ENOUGH:
-        return Proposal(f"{len(picked)} further measurements would not tell {label} apart: "
-                        f"{_remedy(a, b)}", np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {},
-                        before, after)
+        many = (f"{len(picked)} further measurements" if picked else "further measurements alone")
+        return Proposal(f"{many} would not tell {label} apart: {_remedy(a, b)}", *none, before,
+                        after)
     rows = np.array(picked, dtype=np.int64)
     needed = {n: c[rows] for n, c in data.columns.items()}
     pose = pose_vector(pose_motor(np.nan_to_num(np.concatenate(
@@ -104,7 +110,6 @@ def _remedy(a: Form, b: Form) -> str:
 def _possible(stage: Stage, rng: np.random.Generator) -> Dataset | None:
     """Return poses within and around the measured range, each under several settings."""
     problem = stage.system.problem
-    model = Model(problem.mechanism, stage.system.state.g)
     seen = pose_vector(np.concatenate([p.response.pose for p in stage.system.parts]))
     low, high = seen.min(axis=0), seen.max(axis=0)
     wide = WIDER * (high - low)
@@ -115,7 +120,6 @@ def _possible(stage: Stage, rng: np.random.Generator) -> Dataset | None:
     bare = Model(replace(problem.mechanism, effects=()), stage.system.state.g)
     table = inverse_table(bare, wanted)
     good = np.array([s == "ok" for s in table.status])
-    del model
     if not good.any():
         return None
     q, pose = table.q[good], table.pose[good]
@@ -137,13 +141,18 @@ def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array
     out: dict[str, Array] = {}
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     levels = np.array([1.0, 1.0, -1.0, -1.0])
-    for name, values in data.columns.items():
+    for name in sorted(data.columns):  # dir_ before vel_
+        values = data.columns[name]
         seen = values[np.isfinite(values)]
         if not seen.size:
             continue
         if name.startswith("dir_"):
             pattern = rng.choice([-1.0, 1.0], size=n)
             out[name] = np.concatenate([s * pattern for s in signs])
+        elif name.startswith("vel_"):
+            speed = np.abs(seen)
+            way = out.get(f"dir_{name.removeprefix('vel_')}", np.repeat(signs, n))
+            out[name] = way * np.repeat(np.where(levels > 0, speed.max(), speed.min()), n)
         elif name == "time":
             out[name] = np.concatenate([np.full(n, seen.max() + 60.0 * (i + 1) * n)
                                         for i in range(4)])

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.diagnose.candidates import GEOMETRY, Library
+from ppmcal.diagnose.forms import GEOMETRY, Library
 from ppmcal.diagnose.system import System, Whitening, plain, range_basis
 
 Array = NDArray[np.float64]
 SIGNIFICANT = 1e-3
 """A covariance or correlation is whitened away where chance would show it this rarely."""
+SAME, SAME_TEMPERATURE = 0.02, 0.05
+"""Repeats may differ in speed and load by this part of the largest, and by so many K."""
 MOST = 0.4
 """Candidate columns take at most this part of the freedom when noise is estimated."""
 
@@ -52,7 +54,9 @@ def _conditions(system: System) -> NDArray[np.int64] | None:
     for name in ("approach", "velocity", "temperature", "wrench"):
         values = np.concatenate([np.asarray(getattr(p.response.rows, name)).reshape(
             p.at.stop - p.at.start, -1) for p in system.parts])
-        keys += list(np.round(np.nan_to_num(values, nan=-1e9), 9).T)
+        step = SAME_TEMPERATURE if name == "temperature" else SAME * max(
+            float(np.max(np.abs(np.nan_to_num(values)), initial=0.0)), 1e-12)
+        keys += list(np.round(np.nan_to_num(values / step, nan=-1e9)).T)
     label = np.unique(np.stack(keys), axis=1, return_inverse=True)[1].reshape(-1)
     return np.asarray(label, dtype=np.int64) if label.max() + 1 < label.size else None
 
@@ -101,7 +105,9 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
             key = (form.kind, form.on)
             if gain > grid.get(key, (0.0, ()))[0]:
                 grid[key] = gain, form.columns
-        elif form.kind != GEOMETRY and len(form.columns) > len(forms.get(form.kind, [])):
+        elif form.kind == GEOMETRY:
+            forms[GEOMETRY] = [*forms.get(GEOMETRY, []), *form.columns]
+        elif len(form.columns) > len(forms.get(form.kind, [])):
             forms[form.kind] = list(form.columns)
     for found in sorted([*forms.values(), *(list(c) for _, c in grid.values())], key=len):
         if len(chosen) + len(found) <= room:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ppmcal.analysis import Identification
 from ppmcal.diagnose.adequacy import Remainder
-from ppmcal.diagnose.candidates import Form, Untestable
+from ppmcal.diagnose.forms import Form, Untestable
 from ppmcal.diagnose.gap import Gap
 from ppmcal.diagnose.localise import Place
 from ppmcal.diagnose.model import Added

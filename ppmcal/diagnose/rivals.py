@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.diagnose.candidates import Form
+from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.search import (
     Search,
     bic,
@@ -26,6 +26,9 @@ ADDS_NOTHING = 0.01
 """An effect adds nothing to its rival if its p-value exceeds this."""
 AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
+
+DOUBTED = 23.0
+"""The same where the effect itself is doubtful: odds of 1e5."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +61,13 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         trial = (*others, *rival)
         worse = bic(search, trial) - now
         size = sum(search.forms[i].size for i in rival)
-        limit = np.inf if doubt else AS_GOOD
+        limit = DOUBTED if doubt else AS_GOOD
         if first.shared:  # a kind is not out for having more parameters, unless one per joint
             limit += np.log(search.gram.freedom) * max(0, size - form.size)
         if worse > limit or not possible(search, trial):
             continue
-        if own_log_p(search, [*trial, effect], effect) > np.log(ADDS_NOTHING):
+        if own_log_p(search, [*trial, effect], effect) > (
+                search.name if doubt else np.log(ADDS_NOTHING)):
             best[first.family] = Rival(rival[0], _angle(search, others, effect, rival),
                                        float(np.exp(min(worse / 2.0, 50.0))))
     return list(best.values())

@@ -13,12 +13,14 @@ from ppmcal.analysis import report
 from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.diagnose import tables
-from ppmcal.diagnose.adequacy import Remainder, remainder
-from ppmcal.diagnose.candidates import Form
+from ppmcal.diagnose.adequacy import ENOUGH_REPEATS, Remainder, remainder
+from ppmcal.diagnose.confirm import confirm, nothing_named, thinned
+from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gap import Gap, measure_gap
 from ppmcal.diagnose.localise import localise
 from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.nextup import Proposal, nothing, propose
+from ppmcal.diagnose.refit import of_rows, with_mechanism
 from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect
 from ppmcal.diagnose.rivals import rivals
 from ppmcal.diagnose.search import own_log_p
@@ -62,30 +64,32 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     """
     options = options or Options()
     say = say or (lambda text: None)
-    training, held = _split(problem, options)
+    say("fitting geometry")
+    whole = identify(problem, options.fit)
+    training, held = _split(whole, options)
     found = _find(training, options, say)
+    say("confirming in all rows")
+    found, final = confirm(found, whole, options.fit, MOST_ROWS)
+    gap = _gap(found, held, options)
+    if gap is not None and gap.worse:
+        found, final = nothing_named(found), None
+        gap = _gap(found, held, options)
     say("judging what is left")
     left = _left(found.last, options.seed)
     start = left if found.last is found.first else remainder(
         replace(found.first, chosen=()), options.seed)
     effects = _effects(found)
-    noise = start.reference if start.source == "repeats" else 1.0
-    gap = _gap(found, held, noise, options)
     verdict = _verdict(found, left, start, effects)
-    say("fitting all rows")
-    before = final = identify(problem, options.fit)
     named = bool(effects) and verdict != "unnamed"
-    if named:
-        mechanism = found.after.problem.mechanism
-        final = identify(replace(problem, mechanism=mechanism, free=mechanism.free),
-                         options.fit)
+    if final is None or not named:
+        final = whole
     return Diagnosis(
         verdict, effects if named else (), tables.possible(found, effects, verdict), left, start,
         gap, localise(replace(found.first, chosen=()), options.seed),
         localise(found.last, options.seed), tables.candidates(found, effects if named else ()),
-        found.first.library.untestable, tables.swallowed(before, final), before,
+        found.first.library.untestable, tables.swallowed(whole, final), whole,
         report(final, options.fit, 0.0, options.seed), found,
-        _proposal(found, verdict, options), _findings(before, final, left, effects, gap))
+        _proposal(found, verdict, options), _findings(whole, final, left, effects, gap))
 
 
 def _left(stage: Stage, seed: int) -> Remainder:
@@ -118,38 +122,37 @@ def _slow(stage: Stage, form: Form) -> bool:
 FEW_PERIODS = 4.0
 
 
-def _split(problem: Problem, options: Options) -> tuple[Problem, tuple[Dataset, ...]]:
-    """Put whole commanded poses aside, where that leaves enough to fit."""
+def _split(whole: Fit, options: Options) -> tuple[Fit, tuple[Dataset, ...]]:
+    """Put whole commanded poses aside, where that leaves enough to fit; fit the others."""
+    problem = whole.problem
     out = split(problem.datasets, options.holdout, options.seed)
     values = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
                  for o, d in zip(out, problem.datasets, strict=True))
     if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
-        return problem, ()
-    training = replace(problem, datasets=tuple(d.take(~o) for d, o in
-                                               zip(problem.datasets, out, strict=True)))
-    return training, tuple(d.take(o) for d, o in zip(problem.datasets, out, strict=True))
+        return whole, ()
+    held = tuple(d.take(o) for d, o in zip(problem.datasets, out, strict=True))
+    return of_rows(whole, [~o for o in out], options.fit), held
 
 
-def _find(training: Problem, options: Options, say: Say) -> Found:
+def _find(before: Fit, options: Options, say: Say) -> Found:
     """Fit, test, add what was chosen, and again at the new fit until the choice stands.
 
     Rows that look like outliers may be the effect itself: where there are many, the search
     is made with them too, and holds if its effects explain most of them.
     """
-    say("fitting geometry")
-    before = identify(training, options.fit)
+    training = before.problem
     say("testing effects against simulated noise")
-    first = run_stage(training, before.state, _thinned(before.keep), options.seed,
+    first = run_stage(training, before.state, thinned(before.keep, MOST_ROWS), options.seed,
                       options.kinds, options.draws)
-    found = _settled(training, before, first, options, say)
+    found = _settled(before, first, options, say)
     out = sum(len(r) for r in before.reasons)
     if out <= MANY_OUT * sum(k.size for k in before.keep):
         return found
     say("testing effects with the outliers")
     everything = [known(p) for p in before.state.poses]
-    second = run_stage(training, before.state, _thinned(everything), options.seed,
+    second = run_stage(training, before.state, thinned(everything, MOST_ROWS), options.seed,
                        options.kinds, options.draws)
-    other = _settled(training, before, second, options, say)
+    other = _settled(before, second, options, say)
     explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
         len(r) for r in found.after.reasons)
     return other if other.added and explained else found
@@ -159,22 +162,22 @@ MANY_OUT = 0.02
 """More outliers than this part of the rows may be an effect."""
 
 
-def _settled(training: Problem, before: Fit, first: Stage, options: Options, say: Say) -> Found:
+def _settled(before: Fit, first: Stage, options: Options, say: Say) -> Found:
     """Add what a stage chose, refit, test again, until the choice stands."""
     after, last = before, first
     added: tuple[Added, ...] = ()
     for _ in range(ROUNDS):
         if not named_only(last):
             return Found(before, before, first, last, ())
-        mechanism, added = with_named(training.mechanism, last.search, named_only(last))
+        mechanism, added = with_named(before.problem.mechanism, last.search, named_only(last))
         say("fitting geometry and " + ", ".join(f.label for f in last.named))
-        after = identify(replace(training, mechanism=mechanism, free=mechanism.free),
-                         options.fit)
+        after = with_mechanism(before, mechanism, options.fit)
         names = {n for a in added for n in a.parameters}
         columns = [c for c, p in enumerate(after.problem.free)
                    if mechanism.parameters[p].name in names]
-        again = run_stage(after.problem, after.state, _thinned(after.keep), options.seed,
-                          options.kinds, options.draws, columns, first.search)
+        again = run_stage(after.problem, after.state, thinned(after.keep, MOST_ROWS), options.seed,
+                          options.kinds, options.draws, columns, first.search,
+                          [last.forms[i] for i in last.chosen])
         same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
         last = again
         if same:
@@ -182,32 +185,16 @@ def _settled(training: Problem, before: Fit, first: Stage, options: Options, say
     return Found(before, after, first, last, added)
 
 
-def _thinned(keep: Sequence[Bools]) -> list[Bools]:
-    """Return masks with at most :data:`MOST_ROWS` rows in all, evenly spread."""
-    total = sum(int(k.sum()) for k in keep)
-    if total <= MOST_ROWS:
-        return list(keep)
-    out = []
-    for k in keep:
-        rows = np.flatnonzero(k)
-        some = np.linspace(0, rows.size - 1, max(1, MOST_ROWS * rows.size // total)).astype(int)
-        mask = np.zeros_like(k)
-        mask[rows[some]] = True
-        out.append(mask)
-    return out
-
-
 def _effects(found: Found) -> tuple[NamedEffect, ...]:
     """Return what was named, with its rivals."""
     out = []
-    stage = found.last
+    stage, left = found.last, list(found.added)
     for i in named_only(stage):
         form = stage.forms[i]
         others = rivals(stage.search, stage.chosen, i)
         value = own_log_p(stage.search, stage.chosen, i)
-        for added in found.added:
-            if (added.form.family, added.form.on) != (form.family, form.on):
-                continue
+        for added in _of(form, left):
+            left.remove(added)
             out.append(NamedEffect(
                 form.kind, added.on, added.parameters, float(np.exp(max(value, -740.0))), value,
                 stage.search.gram.survival(form.columns),
@@ -215,9 +202,19 @@ def _effects(found: Found) -> tuple[NamedEffect, ...]:
     return tuple(out)
 
 
-def _gap(found: Found, held: Sequence[Dataset], noise: float, options: Options) -> Gap | None:
+def _of(form: Form, added: Sequence[Added]) -> list[Added]:
+    """Return the effects that were added for a form; of two waves those of the nearer period."""
+    mine = [a for a in added if (a.form.family, a.form.on) == (form.family, form.on)]
+    apart = [sum(abs(v - a.form.constants.get(n, v)) for n, v in form.constants.items())
+             for a in mine]
+    return [a for a, d in zip(mine, apart, strict=True) if d <= min(apart)]
+
+
+def _gap(found: Found, held: Sequence[Dataset], options: Options) -> Gap | None:
     if not held:
         return None
+    pure = found.first.pure
+    noise = pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
     return measure_gap(found.before, found.after, held, noise, options.seed)
 
 
@@ -247,7 +244,7 @@ something with this p, are no more than an imitation."""
 def _proposal(found: Found, verdict: str, options: Options) -> Proposal:
     """Return measurements that tell the first rivals apart."""
     stage, joints = found.last, len(found.last.system.problem.mechanism.actuators)
-    for i in named_only(stage):
+    for i in named_only(stage) if verdict != "unnamed" else ():
         others = rivals(stage.search, stage.chosen, i)
         if others and not stage.forms[i].slot:
             likeliest = min(others, key=lambda r: r.odds)

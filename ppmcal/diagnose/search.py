@@ -14,16 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from ppmcal.diagnose.candidates import Form
+from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gram import Gram, log_p
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 MOST_EFFECTS = 6
 STARTS = 6
-DETECT, NAME = 0.05, 0.01
+DETECT, NAME = 0.04, 0.01
+"""False alarms of the search; the tests of what is left have another 0.01, 0.05 in all."""
 OUT_OF_RANGE = 2.5
 """A coefficient may miss its physical range by so many standard deviations."""
+MOST_PERIODS = 2
+"""Screw and motor, gear and pinion."""
 BETTER = 2.0
 """An exchange has to lower BIC by this."""
 ANONYMOUS = 6.0
@@ -53,7 +56,7 @@ class Search:
 
 @dataclass(frozen=True)
 class Choice:
-    """Chosen forms (indices) and the first test's smallest log p."""
+    """Chosen forms (indices) and their BIC."""
 
     chosen: tuple[int, ...]
     bic: float
@@ -88,35 +91,33 @@ def prepare(gram: Gram, forms: Sequence[Form], like: Search | None = None) -> Se
     if like is not None:
         return replace(like, gram=gram, forms=tuple(forms))
     smallest = null_scan(gram, forms) if forms else np.zeros(gram.null.shape[1])
-    detect, name = np.quantile(smallest, [DETECT, NAME])
+    # without freedom nothing can be shown, however small the smallest
+    detect, name = np.minimum(np.quantile(smallest, [DETECT, NAME]), np.log([DETECT, NAME]))
     return Search(gram, tuple(forms), float(detect), float(name), smallest)
 
 
-def choose(search: Search, level: float | None = None) -> Choice:
-    """Return the best set of effects, from several first guesses.
+def choose(search: Search) -> list[Choice]:
+    """Return the best sets of effects, from several first guesses, best first.
 
-    ``level``: log p that every effect must reach; default the naming threshold.
+    Every effect must reach the naming threshold. Against nothing that threshold decides; BIC
+    only chooses between effects.
     """
-    level = search.name if level is None else level
+    level = search.name
     values = scan(search.gram, search.forms)
-    order = np.argsort(values, kind="stable")
     starts: list[int] = []
-    for i in order:
+    for i in np.argsort(values, kind="stable"):
         if values[i] > level or len(starts) == STARTS:
             break
         if possible(search, [int(i)]) and all(
                 search.forms[i].family != search.forms[j].family
                 or search.forms[i].size != search.forms[j].size for j in starts):
             starts.append(int(i))
-    # against nothing the calibrated threshold decides; BIC only chooses between effects
-    best = Choice((), np.inf)
+    found: dict[frozenset[int], Choice] = {}
     for start in starts:
-        chosen = _grown(search, [start], level)
-        chosen = _exchanged(search, chosen, level)
-        value = bic(search, chosen)
-        if chosen and value < best.bic - 1e-9:
-            best = Choice(tuple(chosen), value)
-    return best
+        chosen = _exchanged(search, _grown(search, [start], level), level)
+        if chosen:
+            found[frozenset(chosen)] = Choice(tuple(chosen), bic(search, chosen))
+    return sorted(found.values(), key=lambda c: c.bic)
 
 
 def columns_of(search: Search, chosen: Sequence[int]) -> list[int]:
@@ -137,12 +138,15 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
     k = len(chosen)
     looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
     anonymous = sum(1 for i in chosen if search.forms[i].anonymous)
+    looked += sum(search.forms[i].choices for i in chosen)
     return float(n * np.log(max(left, 1e-300) / n) + ANONYMOUS * anonymous
                  + (len(columns) + searched) * np.log(n) + 2.0 * looked)
 
 
 def possible(search: Search, chosen: Sequence[int]) -> bool:
-    """Whether all coefficients of the chosen forms are physical."""
+    """Whether all coefficients of the chosen forms are physical, and their waves too."""
+    if not _apart([search.forms[i] for i in chosen if search.forms[i].turns]):
+        return False
     columns = columns_of(search, chosen)
     value, covariance = search.gram.fit(columns)
     slack = OUT_OF_RANGE * np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
@@ -158,13 +162,25 @@ def possible(search: Search, chosen: Sequence[int]) -> bool:
     return True
 
 
+def _apart(waves: Sequence[Form]) -> bool:
+    """Whether no joint has more than :data:`MOST_PERIODS`, or two that are one between the grid.
+
+    More waves are some other shape.
+    """
+    for n, wave in enumerate(waves):
+        alike = [w for w in waves[:n] if set(w.on) & set(wave.on)]
+        if len(alike) >= MOST_PERIODS or any(abs(w.turns - wave.turns) < 1.0 for w in alike):
+            return False
+    return True
+
+
 def _grown(search: Search, chosen: list[int], level: float) -> list[int]:
     """Add the form of smallest p, drop what the others explain, until nothing changes."""
     for _ in range(2 * MOST_EFFECTS):
         added = _added(search, chosen, level) if len(chosen) < MOST_EFFECTS else None
         if added is None:
             break
-        new = _pruned(search, [*chosen, added], level)
+        new = pruned(search, [*chosen, added], level)
         if set(new) == set(chosen):
             break
         chosen = new
@@ -181,16 +197,22 @@ def _added(search: Search, chosen: Sequence[int], level: float) -> int | None:
     return None
 
 
-def _pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
+def pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
     """Drop forms that add nothing to the others, weakest first."""
     left = list(chosen)
     while len(left) > 1:
-        values = [own_log_p(search, left, i) for i in left]
+        values = [own_log_p(search, left, i) + search.forms[i].choices for i in left]
         weakest = int(np.argmax(values))
         if values[weakest] <= level:
             break
         left.pop(weakest)
     return left
+
+
+def stand(search: Search, chosen: Sequence[int]) -> bool:
+    """Whether chosen forms are physical, and each reaches the naming threshold."""
+    return possible(search, chosen) and all(
+        own_log_p(search, chosen, i) + search.forms[i].choices <= search.name for i in chosen)
 
 
 def own_log_p(search: Search, chosen: Sequence[int], form: int) -> float:
@@ -206,7 +228,7 @@ def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:
         better = _best_exchange(search, chosen, level)
         if better is None:
             break
-        chosen = _grown(search, _pruned(search, better, level), level)
+        chosen = _grown(search, pruned(search, better, level), level)
     return chosen
 
 
@@ -248,70 +270,3 @@ def doubtful(search: Search, chosen: Sequence[int], effect: int) -> bool:
         square, rank = rest.explained(np.array([part]))
         significant += bool(log_p(square, rest.square, rank, rest.freedom)[0] < np.log(0.01))
     return significant < MOSTLY * len(parts)
-
-
-def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ...]]:
-    """Settle, kind by kind, on which actuators an effect acts and with how many values.
-
-    Tried are one value for the actuators that were named and one for each of them, besides
-    what was chosen; BIC decides.
-    """
-    kinds = list(dict.fromkeys(
-        search.forms[i].kind for i in chosen if search.forms[i].on and not search.forms[i].slot
-        and not search.forms[i].anonymous))
-    best = tuple(chosen)
-    for kind in kinds:
-        mine = [i for i in best if search.forms[i].kind == kind]
-        others = [i for i in best if i not in mine]
-        search, options = _options(search, kind, mine, others)
-        values = [(bic(search, [*others, *o]), n, o) for n, o in enumerate(options)
-                  if possible(search, [*others, *o])]
-        if values:
-            best = (*others, *min(values)[2])
-    return search, best
-
-
-def _options(search: Search, kind: str, mine: Sequence[int], others: Sequence[int]
-             ) -> tuple[Search, list[tuple[int, ...]]]:
-    """Return sets of forms of one kind that might replace ``mine``."""
-    forms = search.forms
-    options: list[tuple[int, ...]] = [tuple(mine)]
-    constants = forms[mine[0]].constants
-    single = {f.on[0]: i for i, f in enumerate(forms)
-              if f.kind == kind and len(f.on) == 1 and f.constants == constants}
-    named = [a for a in single if any(a in forms[i].on for i in mine)]
-    strong = [a for a in named if _stands_out(search, [*others, *(single[b] for b in named)],
-                                              single[a])]
-    for subset in (named, strong):
-        if not subset:
-            continue
-        alone = [single[a] for a in subset]
-        if all(own_log_p(search, [*others, *alone], i) <= search.name for i in alone):
-            options.append(tuple(alone))
-        if len(subset) > 1:
-            search, together = _together(search, [forms[single[a]] for a in subset])
-            options.append((together,))
-    return search, options
-
-
-def _stands_out(search: Search, chosen: Sequence[int], form: int) -> bool:
-    return bool(own_log_p(search, list(dict.fromkeys(chosen)), form) < np.log(0.01))
-
-
-def _together(search: Search, parts: Sequence[Form]) -> tuple[Search, int]:
-    """Return the form in which several actuators share one value, added where it is new."""
-    wanted = {a for part in parts for a in part.on}
-    for i, form in enumerate(search.forms):
-        if form.kind == parts[0].kind and form.shared and set(form.on) == wanted and (
-                form.constants == parts[0].constants or "low" in form.constants):
-            return search, i
-    total = search.gram.right.size
-    size = parts[0].size
-    weights = np.zeros((total, size))
-    for part in parts:
-        for j, c in enumerate(part.columns):
-            weights[c, j] = 1.0
-    on = tuple(a for part in parts for a in part.on)
-    form = replace(parts[0], on=on, columns=tuple(range(total, total + size)))
-    return replace(search, gram=search.gram.extended(weights),
-                   forms=(*search.forms, form)), len(search.forms)

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.diagnose.candidates import Form, Library, library
+from ppmcal.diagnose.candidates import library
+from ppmcal.diagnose.forms import Form, Library
 from ppmcal.diagnose.gram import build_gram
 from ppmcal.diagnose.noise import PureError, estimate, pure_error
-from ppmcal.diagnose.search import Choice, Search, choose, columns_of, merged, prepare, scan
+from ppmcal.diagnose.search import Search, choose, columns_of, prepare, scan
+from ppmcal.diagnose.sharing import held, settled
 from ppmcal.diagnose.system import INVISIBLE, System, Whitening, build, range_basis
 from ppmcal.linear import column_scale
 from ppmcal.problem import Problem, State
@@ -70,7 +72,8 @@ def named_only(stage: Stage) -> tuple[int, ...]:
 
 def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
               kinds: Sequence[str] | None = None, draws: int = DRAWS,
-              added: Sequence[int] = (), like: Search | None = None) -> Stage:
+              added: Sequence[int] = (), like: Search | None = None,
+              hold: Sequence[Form] = ()) -> Stage:
     """Return the tests at a state.
 
     Args:
@@ -83,6 +86,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         added: columns of the problem that belong to effects under test: they count as
             hypotheses, not as geometry.
         like: an earlier search of the same library and rows, whose thresholds hold.
+        hold: what was chosen before, which stays unless something is better.
     """
     system = build(problem, state, keep)
     system = without(system, added)
@@ -90,7 +94,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
     noise = estimate(system, found)
     rng = np.random.default_rng(seed)
     for _ in range(2):
-        stage = _tested(system, found, noise, rng, draws, like)
+        stage = _tested(system, found, noise, rng, draws, like, hold)
         grids = [c for i in stage.chosen for c in stage.forms[i].columns
                  if stage.forms[i].constants and c < found.columns.shape[-1]]
         if not grids or noise.rho == 0.0:
@@ -118,7 +122,7 @@ def without(system: System, added: Sequence[int]) -> System:
 
 
 def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,
-            draws: int, like: Search | None) -> Stage:
+            draws: int, like: Search | None, hold: Sequence[Form]) -> Stage:
     jacobian = noise.apply(system.jacobian, system)
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
@@ -126,8 +130,8 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     gram = build_gram(basis, columns, residual, system.count,
                       noise.draws(system, 0 if like else draws, rng))
     search = prepare(gram, found.forms, like)
-    choice: Choice = choose(search)
-    search, chosen = merged(search, choice.chosen)
+    search, chosen = settled(search, choose(search))
+    search, chosen = held(search, chosen, hold)
     return Stage(system, found, noise, basis, residual, columns, search, chosen,
                  scan(gram, found.forms), pure_error(system))
 

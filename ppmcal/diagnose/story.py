@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.arrays import known
-from ppmcal.diagnose.candidates import Form
+from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.result import Diagnosis
 from ppmcal.diagnose.search import columns_of, scan
 from ppmcal.diagnose.stage import Stage, named_only
@@ -25,8 +25,12 @@ from ppmcal.linear import prior_weights
 from ppmcal.problem import Problem
 
 Array = NDArray[np.float64]
-MOST_RANKED = 15
+Bools = NDArray[np.bool_]
+MOST_RANKED, OF_ONE_KIND = 14, 2
+"""Hypotheses shown, and how many of one kind besides those named and their alternatives."""
 ITERATIONS = 60
+MANY_OUT = 0.05
+"""More rows left out than this part are likely what is missing itself, and are drawn."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +73,40 @@ class Step:
 
 @dataclass(frozen=True)
 class Story:
-    """All pictures' data."""
+    """All pictures' data.
+
+    ``left_out``: rows that the fit left out as outliers and that are in ``actuators`` and
+    ``series`` all the same.
+    """
 
     actuators: tuple[ActuatorError, ...]
     series: tuple[Series, ...]
     ranking: tuple[Ranked, ...]
     steps: tuple[Step, ...]
+    left_out: int = 0
 
 
 def story(result: Diagnosis) -> Story:
     """Return the data of a diagnosis's pictures."""
     fit = result.identification.fit
-    before, after, inputs, row = gather(result.before, fit)
+    rows, left_out = _rows(result)
+    before, after, inputs, row = gather(result.before, fit, rows)
     return Story(_actuators(result, before, after),
                  all_series(result, before, after, inputs, row), _ranking(result),
-                 _steps(result))
+                 _steps(result), left_out)
+
+
+def _rows(result: Diagnosis) -> tuple[list[Bools], int]:
+    """Return the rows to draw, and how many of them the fit has left out.
+
+    A robust fit takes what nothing explains for outliers; without them nothing is to be seen.
+    """
+    fit = result.identification.fit
+    everything = [known(p) for p in fit.state.poses]
+    out = sum(int((e & ~k).sum()) for e, k in zip(everything, fit.keep, strict=True))
+    if result.verdict not in ("unnamed", "weak") or out <= MANY_OUT * sum(k.size for k in fit.keep):
+        return list(fit.keep), 0
+    return everything, out
 
 
 def _actuators(result: Diagnosis, before: Errors, after: Errors) -> tuple[ActuatorError, ...]:
@@ -110,21 +133,35 @@ def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
         values = scan(stage.search.gram, named)
         out = [_ranked(f, float(v), "named") for f, v in zip(named, values, strict=True)]
     rest = [_ranked(c.form, float(np.log(max(c.p_value, 1e-321))), c.status)
-            for c in result.candidates if (c.form.family, c.form.on, c.form.shared) not in keys]
-    rest.sort(key=lambda r: (r.status != "alternative", r.log_p))
-    rivals = _best_alternatives(rest)
-    others = sorted((r for r in rest if r not in rivals), key=lambda r: r.log_p)
-    room = max(MOST_RANKED - len(out) - len(rivals), 0)
-    return tuple(sorted([*out, *rivals, *others[:room]], key=lambda r: r.log_p))
+            for c in result.candidates if c.status != "not testable"
+            and (c.form.family, c.form.on, c.form.shared) not in keys]
+    rest = _one_alternative_each(result, sorted(rest, key=lambda r: r.log_p))
+    first = [r for r in rest if r.status == "alternative"]
+    others = _few_of_each([r for r in rest if r.status != "alternative"])
+    room = max(MOST_RANKED - len(out) - len(first), 0)
+    return tuple(sorted([*out, *first, *others[:room]], key=lambda r: r.log_p))
 
 
-def _best_alternatives(ranked: Sequence[Ranked]) -> list[Ranked]:
-    """Return the best form of each family that is an alternative."""
-    best: dict[str, Ranked] = {}
+def _few_of_each(ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Keep the first few of each kind, so that one on many actuators does not crowd out others."""
+    kinds = [r.kind for r in ranked]
+    return [r for n, r in enumerate(ranked) if kinds[:n].count(r.kind) < OF_ONE_KIND]
+
+
+def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Keep one form of each alternative as such; its other forms show the same thing."""
+    wanted = {a for e in result.effects for a in e.alternatives}
+    name = result.found.first.search.name
+    out = []
     for r in ranked:
-        if r.status == "alternative":
-            best.setdefault(r.kind, r)
-    return list(best.values())[:MOST_RANKED // 2]
+        label = f"{r.kind} on {', '.join(r.on)}" if r.on else r.kind
+        if label in wanted:
+            wanted.discard(label)
+            r = replace(r, status="alternative")
+        elif r.status == "alternative":
+            r = replace(r, status="explained" if r.log_p < name else "not needed")
+        out.append(r)
+    return out
 
 
 def _ranked(form: Form, value: float, status: str) -> Ranked:

@@ -88,10 +88,14 @@ class Binned:
         return float(np.mean((1.96 * mean / np.maximum(half, 1e-300)) ** 2))
 
 
-def gather(before: Fit, after: Fit) -> tuple[Errors, Errors, Inputs, Ints]:
-    """Return errors without and with the effects, inputs, and a label per row, (N, ...)."""
-    keep = [_spread(a & known(p) & known(q), after.keep) for a, p, q in
-            zip(after.keep, before.state.poses, after.state.poses, strict=True)]
+def gather(before: Fit, after: Fit, rows: Sequence[Bools]
+           ) -> tuple[Errors, Errors, Inputs, Ints]:
+    """Return errors without and with the effects, inputs, and a label per row, (N, ...).
+
+    ``rows``: those wanted, by data set.
+    """
+    keep = [_spread(a & known(p) & known(q), rows) for a, p, q in
+            zip(rows, before.state.poses, after.state.poses, strict=True)]
     old, new = (list(f.problem.rows(f.state, True, keep)) for f in (before, after))
     mechanism = after.problem.mechanism
     errors = []

@@ -14,8 +14,9 @@ from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 
 Array = NDArray[np.float64]
 MOST_SERIES = 12
-EACH = 2
-"""An effect of the whole machine is shown in so many coordinates, where it is strongest."""
+EACH, NOTICEABLE = 2, 0.2
+"""An effect of the whole machine is shown in so many coordinates, where it is strongest, and
+further ones only where it is at least this part as strong."""
 FOLLOWED = 0.05
 """What is left is shown against the input that it follows with such a p-value."""
 FOLLOWS = {
@@ -65,6 +66,11 @@ class _Source:
                  row: Ints) -> None:
         self.mechanism, self.inputs, self.row = mechanism, inputs, row
         self.before, self.after = before, after
+
+    def worst(self, errors: Errors) -> str:
+        """Return the joint with the largest errors in units of the noise."""
+        rms = np.nanmean((errors.joint / np.maximum(errors.sigma, 1e-300)) ** 2, axis=0)
+        return self.mechanism.actuators[int(np.argmax(rms))]
 
     def joints(self, on: Sequence[str], name: str, period: float = 0.0) -> Series | None:
         """Return the errors of some joints together, against one input of theirs."""
@@ -136,7 +142,9 @@ class _Source:
 
 
 def _strongest(series: Sequence[Series], after: bool, count: int) -> list[Series]:
-    return sorted(series, key=lambda s: -s.bins.strength(after))[:count]
+    best = sorted(series, key=lambda s: -s.bins.strength(after))[:count]
+    return [s for s in best
+            if s.bins.strength(after) >= NOTICEABLE * best[0].bins.strength(after)]
 
 
 def all_series(result: Diagnosis, before: Errors, after: Errors, inputs: Inputs, row: Ints
@@ -181,8 +189,9 @@ def _of_remainder(source: _Source, follows: str) -> list[Series]:
         found = source.joints([follows], "travel")
         return [found] if found else []
     name = LEFT.get(follows, "")
-    if name == "pose":
-        return source.machine(name, True)
+    if name == "pose":  # something in one joint shows against that joint rather than the pose
+        worst = source.joints([source.worst(source.after)], "travel")
+        return ([worst] if worst else []) + source.machine(name, True)[:1]
     if not name:
         return []
     found_all = [source.joints([a], name) for a in source.mechanism.actuators]
@@ -191,7 +200,6 @@ def _of_remainder(source: _Source, follows: str) -> list[Series]:
 
 def _recorded(source: _Source) -> list[Series]:
     """Return the joint with the largest errors against everything that was recorded."""
-    rms = np.nanmean((source.before.joint / np.maximum(source.before.sigma, 1e-300)) ** 2, axis=0)
-    worst = source.mechanism.actuators[int(np.argmax(rms))]
+    worst = source.worst(source.before)
     names = (*OF_JOINTS, "temperature", "time")
     return [s for s in (source.joints([worst], name) for name in names) if s]

@@ -28,6 +28,7 @@ def story_entry(story: Story, units: Units) -> dict[str, Any]:
                     for r in story.ranking],
         "steps": [{"what": s.what, "kind": s.kind, "on": list(s.on), "rms_ratio": _number(s.ratio)}
                   for s in story.steps],
+        "left_out_rows": story.left_out,
     }
 
 

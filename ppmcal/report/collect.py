@@ -54,8 +54,8 @@ DIAGNOSIS = {
     "remainder": {"follows": TEXT, "p_value": NUMBER, "rms_ratio": NUMBER,
                   "noise_reference": TEXT},
     "effects": [{"kind": TEXT, "on": [TEXT], "parameters": {"*": {"unit": TEXT, "*": NUMBER}},
-                 "p_value": NUMBER, "survival": NUMBER, "alternatives": [None],
-                 "alternatives_on": [TEXT], "odds": [NUMBER]}],
+                 "p_value": NUMBER, "log10_p": NUMBER, "survival": NUMBER,
+                 "alternatives": [None], "alternatives_on": [TEXT], "odds": [NUMBER]}],
     "possible": [_HYPOTHESIS], "gap": {"interval": [NUMBER], "*": NUMBER},
     "localised": [{"by": TEXT, "value": None, "*": NUMBER}],
     "fit": {"*": NUMBER}, "noise": {"*": NUMBER},
@@ -63,7 +63,8 @@ DIAGNOSIS = {
     "swallowed": [{"name": TEXT, "unit": TEXT, "*": NUMBER}],
     "next_measurements": {"reason": TEXT, "file": TEXT, "*": NUMBER},
     "story": {"actuators": [{"name": TEXT, "unit": TEXT, "*": NUMBER}], "series": [_SERIES],
-              "ranking": [_HYPOTHESIS], "steps": [_HYPOTHESIS]},
+              "ranking": [_HYPOTHESIS], "steps": [_HYPOTHESIS],
+              "left_out_rows": NUMBER},
     "findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE,
 }
 LOOSE = {"findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE, "name": TEXT}

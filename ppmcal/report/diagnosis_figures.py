@@ -6,52 +6,45 @@ older version, or cut down) does not hold what it shows.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ppmcal.report import svg
 from ppmcal.report.bars import (
     EDGE,
-    LETTER,
     Bars,
     Picture,
     linear_scale,
     log_scale,
     ratio_ticks,
+    width,
 )
 from ppmcal.report.diagnosis_inputs import input_pictures
+from ppmcal.report.diagnosis_ranking import ranking
 from ppmcal.report.diagnosis_words import (
     actuators,
-    chance,
     effect_name,
     finer,
     gap_closed,
-    power,
-    where,
+    left_out,
+    odds_to,
+    shorter,
+    story,
+    together,
 )
-from ppmcal.report.numbers import number, sig, whole
+from ppmcal.report.numbers import number, sig
 
 Record = Mapping[str, Any]
-STATUS = {"named": "named", "alternative": "alternative", "explained": "explained",
-          "significant": "other"}
-THICK = {"named": 8.0, "alternative": 8.0, "explained": 5.0, "other": 2.5}
-LEGEND = (("named", "named"), ("alternative", "alternative to it"),
-          ("explained", "explained by what is named"), ("other", "any other"))
 
 
 def pictures(record: Record) -> dict[str, list[Picture]]:
     """Return file name without ending -> pictures on that sheet."""
-    one = {"gap": gap(record), "ranking": ranking(record), "actuators": by_actuator(record)}
-    out = {name: [p] for name, p in one.items() if p is not None}
-    found = input_pictures(record)
-    return {**out, "inputs": found} if found else out
-
-
-def story(record: Record, part: str) -> list[Record]:
-    """Return one list of the story, [] where there is none."""
-    found = record.get("story")
-    return [e for e in (found or {}).get(part) or [] if isinstance(e, Mapping)]
+    found: dict[str, Sequence[Picture | None]] = {
+        "gap": [gap(record)], "actuators": [by_actuator(record)],
+        "inputs": input_pictures(record), "ranking": [ranking(record)],
+        "alternatives": [confusion(record)]}
+    drawn = {name: [p for p in some if p is not None] for name, some in found.items()}
+    return {name: some for name, some in drawn.items() if some}
 
 
 def gap(record: Record) -> Picture | None:
@@ -78,24 +71,28 @@ def gap(record: Record) -> Picture | None:
         _gap_row(draw, "geometry alone", ends[0] or 0.0, "r-before")
         if record.get("effects"):
             _gap_row(draw, "geometry and what is named", ends[1] or 0.0, "r-after")
-    draw.axis(ratio_ticks(high), "rms of the residuals over the noise; line: the noise alone, 1")
-    rows = number((record.get("fit") or {}).get("rows"))
-    used = f" ({whole(int(rows))} rows in all)" if rows else ""
+    draw.axis([(v, "1 (noise)" if v == 1.0 else words) for v, words in ratio_ticks(high)],
+              "rms of the residuals over the noise")
     return Picture(
         "gap", "How the gap closes",
-        f"Upper bars: the rows that effects were searched in{used}; each bar adds one thing to "
-        f"the model. {gap_closed(record)}".strip(),
+        "Upper bars: the rows that effects were searched in; each bar adds one thing to the "
+        "model. The upright line is the noise alone: where nothing is missing, bars end there.",
         "; ".join(f"{_step_name(record, s)}: {sig(v)} times the noise" for s, v in steps) + ".",
-        tuple(draw.parts), draw.y)
+        tuple(draw.parts), draw.y, note=gap_closed(record))
 
 
 def _gap_row(draw: Bars, label: str, value: float, kind: str) -> None:
     draw.text(label)
     draw.bar(value, kind, draw.y + 5.0, 9.0)
-    draw.limit(1.0, draw.y + 2.0, draw.y + 17.0)
+    draw.limit(1.0, draw.y + 4.5, draw.y + 18.0)
     draw.parts.append(svg.text(max(draw.at(value), draw.at(1.0)) + 6.0, draw.y + 13.0,
-                               f"{sig(value)} ×", "start", "strong"))
+                               times(value), "start", "strong"))
     draw.y += 32.0
+
+
+def times(ratio: float) -> str:
+    """Return ``0.94 ×``, ``1.05 ×``, ``21.9 ×``."""
+    return f"{sig(ratio, 3 if float(f'{ratio:.2f}') >= 1.0 else 2)} ×"
 
 
 def _step_name(record: Record, step: Record) -> str:
@@ -105,84 +102,6 @@ def _step_name(record: Record, step: Record) -> str:
     if what == "geometry":
         return "+ geometry identified"
     return "+ " + effect_name(record, step)
-
-
-def ranking(record: Record) -> Picture | None:
-    """Return how unlikely noise alone would show each hypothesis as strongly as the data do."""
-    rows = [(r, -value) for r in story(record, "ranking")
-            if (value := number(r.get("log10_p"))) is not None]
-    if not rows:
-        return None
-    limits = _limits(record)
-    high = 1.04 * max([v for _, v in rows] + [v for _, v, _ in limits] + [4.0])
-
-    def at(value: float) -> float:
-        return EDGE + math.sqrt(min(max(value, 0.0) / high, 1.0)) * (svg.WIDTH - 2.0 * EDGE)
-
-    draw = Bars(at)
-    _ranking_legend(draw, {_class_of(r) for r, _ in rows}, limits)
-    for r, value in rows:
-        kind = _class_of(r)
-        end = f"{chance(-value)}  {r.get('status') or ''}".rstrip()
-        end_room = LETTER * len(end)
-        draw.text(end, "", svg.WIDTH - EDGE, "end", end_room + LETTER)
-        draw.text(_hypothesis(record, r), "strong" if kind == "named" else "ink",
-                  room=svg.WIDTH - 2.0 * EDGE - end_room - 10.0)
-        draw.bar(value, f"r-{kind}", draw.y + 4.0 + (8.0 - THICK[kind]) / 2.0, THICK[kind])
-        for _, place, line in limits:
-            draw.limit(place, draw.y + 2.5, draw.y + 13.5, line)
-        draw.y += 27.0
-    draw.y -= 8.0
-    draw.axis([(v, power(-v)) for v in (1.0, 5.0, 20.0, 50.0, 100.0, 150.0, 200.0, 300.0)
-               if v <= high], "p of noise alone, before anything was named (unlikely: right)")
-    best = ", ".join(_hypothesis(record, r) for r, _ in rows[:3])
-    return Picture(
-        "ranking", "What could be missing, by strength of evidence",
-        "Bars: how unlikely it is that noise alone looks as much like this effect. Several "
-        "bars pass the lines where they show the same thing; what is named explains the others.",
-        f"The {len(rows)} strongest hypotheses; first: {best}.", tuple(draw.parts), draw.y)
-
-
-def _class_of(entry: Record) -> str:
-    return STATUS.get(str(entry.get("status") or ""), "other")
-
-
-def _hypothesis(record: Record, entry: Record) -> str:
-    name = effect_name(record, entry)
-    form = str(entry.get("form") or "")
-    return f"{name}, {form}" if form else name
-
-
-def _limits(record: Record) -> list[tuple[str, float, str]]:
-    """Return (words, -log10 p, kind of line) of the thresholds."""
-    noise = record.get("noise") or {}
-    out = []
-    for key, words, kind in (("detect_p", "something is missing", "dotted"),
-                             ("name_p", "may be named", "")):
-        p = number(noise.get(key))
-        if p is not None and 0.0 < p < 1.0:
-            out.append((f"{words}: p < {sig(p, 2)}", -math.log10(p), kind))
-    return out
-
-
-def _ranking_legend(draw: Bars, kinds: set[str], limits: list[tuple[str, float, str]]) -> None:
-    x = EDGE
-    for kind, words in (e for e in LEGEND if e[0] in kinds):
-        room = 27.0 + LETTER * len(words) + 8.0
-        if x + room > svg.WIDTH + 8.0:
-            x, draw.y = EDGE, draw.y + 15.0
-        top = draw.y - 8.0 + (8.0 - THICK[kind]) / 2.0
-        draw.parts.append(f'<rect class="r-{kind}" x="{svg.num(x)}" y="{svg.num(top)}" '
-                          f'width="22" height="{svg.num(THICK[kind])}"/>')
-        draw.parts.append(svg.text(x + 27.0, draw.y, words))
-        x += room
-    draw.y += 15.0
-    for n, (words, _, kind) in enumerate(limits):
-        x = EDGE + n * 190.0
-        draw.parts.append(f'<path class="limit {kind}" d="M{svg.num(x + 4)} '
-                          f'{svg.num(draw.y - 9)}v11"/>')
-        draw.parts.append(svg.text(x + 12.0, draw.y, words))
-    draw.y += 21.0 if limits else 6.0
 
 
 def by_actuator(record: Record) -> Picture | None:
@@ -197,29 +116,38 @@ def by_actuator(record: Record) -> Picture | None:
     factor, unit = finer(units.pop(), largest) if one else (1.0, "")
     table = [_scaled(e, factor, one) for e in rows]
     high = 1.06 * max([max(v) for v in table] + [1e-300])
-    name_room = min(LETTER * max(len(str(e.get("name") or "")) for e in rows) + 6.0, 110.0)
-    left, right = EDGE + name_room, svg.WIDTH - 108.0
+    names = [str(e.get("name") or "?") for e in rows]
+    amounts = [f"{sig(v[0])} → {sig(v[1])}" if after else sig(v[0]) for v in table]
+    amounts = [f"{words} {unit or '×'}" for words in amounts]
+    name_room = min(max(map(width, names)) + 6.0, 110.0)
+    value_room = max(width(words, True) for words in amounts)
+    left, right = EDGE + name_room, svg.WIDTH - EDGE - value_room - 8.0
     draw = Bars(linear_scale(high, left, right), left, right)
     _actuator_legend(draw, after)
-    for entry, (before, now, noise) in zip(rows, table, strict=True):
-        draw.text(str(entry.get("name") or "?"), room=name_room)
+    for name, words, (before, now, noise) in zip(names, amounts, table, strict=True):
+        draw.text(name, room=name_room)
         draw.bar(before, "r-before" if after else "r-after", draw.y - 11.0, 7.0)
         if after:
             draw.bar(now, "r-after", draw.y - 2.0, 7.0)
         draw.limit(noise, draw.y - 14.0, draw.y + 8.0)
-        words = f"{sig(before)} → {sig(now)}" if after else sig(before)
-        draw.text(words, "strong", svg.WIDTH - EDGE, "end", 108.0)
+        draw.text(words, "strong", svg.WIDTH - EDGE, "end", value_room)
         draw.y += 28.0
     draw.y -= 8.0
     shown = f"rms of the joint error ({unit})" if one else "rms of the joint error over the noise"
     draw.axis([(t, svg.label(t)) for t in svg.Axis(0.0, high).ticks(5)], shown)
     return Picture(
         "actuators", "Where it is: the error of each joint",
-        "Joint errors that would explain the residuals, row by row; the upright line is what "
-        "noise alone gives. A joint far beyond its line before and at it after has been mended.",
+        "Joint errors that would explain the residuals, row by row; the upright lines are what "
+        f"noise alone gives. {_reading(after)} {left_out(record)}".rstrip(),
         "; ".join(f"{e.get('name')}: {sig(v[0])} before, {sig(v[1])} after, noise {sig(v[2])} "
                   f"{unit}".rstrip() for e, v in zip(rows, table, strict=True)) + ".",
         tuple(draw.parts), draw.y)
+
+
+def _reading(after: bool) -> str:
+    if after:
+        return "What is missing shows where the upper bar passes the line; the lower should not."
+    return "What is missing shows where a bar passes its line."
 
 
 def _parts(entry: Record) -> tuple[float, float, float]:
@@ -243,7 +171,7 @@ def _actuator_legend(draw: Bars, after: bool) -> None:
         draw.parts.append(f'<rect class="{kind}" x="{svg.num(x)}" y="{svg.num(draw.y - 8)}" '
                           'width="22" height="7"/>')
         draw.parts.append(svg.text(x + 27.0, draw.y, words))
-        x += 27.0 + LETTER * len(words) + 8.0
+        x += 27.0 + width(words) + 14.0
     draw.parts.append(f'<path class="limit" d="M{svg.num(x + 3)} {svg.num(draw.y - 10)}v12"/>')
     draw.parts.append(svg.text(x + 10.0, draw.y, "noise"))
     draw.y += 27.0
@@ -252,7 +180,7 @@ def _actuator_legend(draw: Bars, after: bool) -> None:
 def confusion(record: Record) -> Picture | None:
     """Return for each named effect what could take its place, and how likely that is."""
     groups = []
-    for e in record.get("effects") or []:
+    for e in together(record):
         names = e.get("alternatives_on") or e.get("alternatives") or []
         odds = [number(o) for o in e.get("odds") or []]
         pairs = [(str(n), o) for n, o in zip(names, odds, strict=False) if o is not None]
@@ -268,23 +196,18 @@ def confusion(record: Record) -> Picture | None:
         draw.text(name, "strong")
         draw.y += 17.0
         for other, value in pairs:
-            draw.text("or " + _shorter(other, total), x=left)
+            draw.text("or " + shorter(other, total), x=left)
             draw.bar(value, "r-alternative", draw.y + 5.0, 8.0)
-            words = f"{sig(value, 2)} : 1" if value < 1e6 else "> 10⁶ : 1"
+            words = f"{odds_to(value)} : 1"
             draw.parts.append(svg.text(draw.at(value) + 6.0, draw.y + 13.0, words, "start",
                                        "strong"))
             draw.y += 30.0
     draw.axis(ratio_ticks(high), "odds for the named effect against the alternative")
+    file = (record.get("next_measurements") or {}).get("file")
     return Picture(
         "alternatives", "What these data cannot tell apart",
-        "Odds by what fit and number of parameters say; a short bar means that the data hardly "
-        "prefer the named effect.",
-        "; ".join(f"{n}: " + ", ".join(f"{sig(v, 2)} to 1 against {a}" for a, v in pairs)
-                  for n, pairs in groups) + ".", tuple(draw.parts), draw.y)
-
-
-def _shorter(label: str, total: int) -> str:
-    """Return a label in which a list of all actuators is one word."""
-    kind, _, place = label.partition(" on ")
-    names = place.split(", ") if place else []
-    return f"{kind} on {where(names, total)}" if names else kind
+        "Odds from the fit and the number of parameters; a short bar: the data hardly prefer the "
+        "named effect.",
+        "; ".join(f"{n}: " + ", ".join(f"{odds_to(v)} to 1 against {a}" for a, v in pairs)
+                  for n, pairs in groups) + ".", tuple(draw.parts), draw.y,
+        note=f"Measurements that tell them apart are in {file}." if file else "")

@@ -9,14 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.report import svg
-from ppmcal.report.bars import LETTER, Picture, fitting
-from ppmcal.report.diagnosis_words import INPUTS, actuators, effect_name, finer, where
+from ppmcal.report.bars import Picture, fitting, width
+from ppmcal.report.diagnosis_words import (
+    INPUTS,
+    actuators,
+    effect_name,
+    finer,
+    left_out,
+    where,
+)
 from ppmcal.report.numbers import number
 
 Array = NDArray[np.float64]
 Record = Mapping[str, Any]
 APART = 2.5
 """Before and after are drawn so many pixels to each side of their place."""
+CLASS_ROOM = 12.0
+"""Further height below the axis for the names of classes."""
 
 
 def input_pictures(record: Record) -> list[Picture]:
@@ -30,16 +39,22 @@ def _column(series: Record, name: str) -> Array:
     return np.array([np.nan if v is None else v for v in values])
 
 
+def _values(series: Record) -> tuple[Array, Array] | None:
+    """Return input (B,) and means and half intervals before and after (4, B), if drawable."""
+    columns = [_column(series, n) for n in ("x", "before", "before_95", "after", "after_95")]
+    size = min(map(len, columns))
+    x, table = columns[0][:size], np.stack([c[:size] for c in columns[1:]])
+    seen = [np.isfinite(mean + half).any() for mean, half in (table[:2], table[2:])]
+    return (x, table) if size > 1 and np.isfinite(x).all() and all(seen) else None
+
+
 def _panel(record: Record, series: Record) -> Picture | None:
     """Return one panel, None where there is too little to draw."""
-    x, before, half, after, half_after = (_column(series, n) for n in (
-        "x", "before", "before_95", "after", "after_95"))
-    size = min(map(len, (x, before, half, after, half_after)))
-    if size < 2 or not np.isfinite(x[:size]).all():
+    found = _values(series)
+    if found is None:
         return None
-    x, table = x[:size], np.stack([before, half, after, half_after])[:, :size]
-    if not np.isfinite(table).any():
-        return None
+    x, table = found
+    size = len(x)
     both = bool(record.get("effects"))
     if not both:
         table[:2] = table[2:]
@@ -51,24 +66,27 @@ def _panel(record: Record, series: Record) -> Picture | None:
     what = _what(series, actuators(record))
     names = [str(n) for n in series.get("names") or []]
     frame = svg.Frame(svg.span(x * per, margin=0.06), svg.span(np.append(ends * factor, 0.0)))
-    parts = [svg.axes(frame, _input_name(series, x_unit), _with(f"error of {what}", unit),
-                      x_ticks=not names), _zero(frame)]
-    if len(names) == size:
-        parts.append(_classes(frame, x * per, names))
+    x_name, classes = _input_name(series, x_unit), len(names) == size
+    parts = [svg.axes(frame, "" if classes else x_name, _with(f"error of {what}", unit),
+                      x_ticks=not classes), _zero(frame)]
+    if classes:
+        parts.append(_classes(frame, x * per, names, x_name))
     if both:
         parts.append(_marks(frame, x * per, table[0], table[1], "before", -APART))
     parts.append(_marks(frame, x * per, table[2], table[3], "after", APART if both else 0.0))
-    title = _title(record, series, what)
     tail = f"; one period is {_period(series)}" if number(series.get("period")) else ""
+    subject = f"measured {series['coordinate']}" if series.get("coordinate") else "the joint"
     return Picture(
-        "inputs", title,
-        f"Mean error in {size} bins with 95 % bars{tail}.",
-        f"Mean error of {what} in {size} bins of {_input_name(series, x_unit)}; largest "
+        "inputs", _title(record, series, what),
+        f"Means of {size} {'classes' if classes else 'bins'} with 95 % bars; positive: {subject} "
+        f"is further than the model says{tail}. {left_out(record)}".rstrip(),
+        f"Mean error of {what} in {size} bins of {x_name}; largest "
         f"{np.nanmax(np.abs(table[0])):.3g} {unit} before and "
-        f"{np.nanmax(np.abs(table[2])):.3g} {unit} after.", tuple(parts), svg.HEIGHT,
-        key='<i class="key ring"></i>before <i class="key after"></i>after' if both else
-        '<i class="key after"></i>geometry alone',
-        note="○ before   ● after" if both else "● geometry alone")
+        f"{np.nanmax(np.abs(table[2])):.3g} {unit} after.", tuple(parts),
+        svg.HEIGHT + (CLASS_ROOM if classes else 0.0),
+        key='<i class="key ring"></i>geometry alone <i class="key after"></i>with what is named'
+        if both else '<i class="key after"></i>geometry alone',
+        note="○ geometry alone, ● with what is named." if both else "● geometry alone.")
 
 
 def _largest(series: Record, x: Array) -> float:
@@ -90,9 +108,10 @@ def _title(record: Record, series: Record, what: str) -> str:
     if isinstance(n, int) and 0 <= n < len(effects):
         place = f" ({what})" if series.get("coordinate") else ""
         return effect_name(record, effects[n]) + place
-    if series.get("role") == "left":
-        return f"What is left: {what}"
-    return f"{what} against {INPUTS.get(str(series.get('input')), str(series.get('input')))}"
+    name = INPUTS.get(str(series.get("input")), str(series.get("input"))).partition(" (")[0]
+    which = str(series.get("which") or "")
+    against = " ".join(w for w in (what, "against", name, which) if w)
+    return f"What is left: {against}" if series.get("role") == "left" and effects else against
 
 
 def _input_name(series: Record, unit: str) -> str:
@@ -127,18 +146,20 @@ def _marks(frame: svg.Frame, x: Array, mean: Array, half: Array, kind: str, asid
     return f'<path class="stroke {kind}" d="{bars}"/>{dots}' if bars else ""
 
 
-def _classes(frame: svg.Frame, x: Array, names: list[str]) -> str:
-    """Return the signs of classes below the axis, and each actuator's name below its signs."""
+def _classes(frame: svg.Frame, x: Array, names: list[str], name: str) -> str:
+    """Return signs below the axis, each actuator's name below its signs, and the axis' name."""
     out = []
     floor = frame.height - svg.BOTTOM
     pairs = [n.rpartition(" ") for n in names]
     px = frame.px(x)
     for place, (_, _, sign) in zip(px, pairs, strict=True):
-        out.append(svg.text(float(place), floor + 11.0, sign, "middle", "ink"))
+        out.append(svg.text(float(place), floor + 12.0, sign, "middle", "ink"))
     groups = list(dict.fromkeys(owner for owner, _, _ in pairs))
     room = (svg.WIDTH - svg.LEFT - svg.RIGHT) / max(len(groups), 1)
     for owner in groups:
         mine = [float(p) for p, (o, _, _) in zip(px, pairs, strict=True) if o == owner]
-        if room > 4 * LETTER:
-            out.append(fitting(sum(mine) / len(mine), floor + 22.0, owner, room, "middle", ""))
+        if room > width("leg…"):
+            out.append(fitting(sum(mine) / len(mine), floor + 25.0, owner, room, "middle", ""))
+    middle = (svg.LEFT + frame.width - svg.RIGHT) / 2.0
+    out.append(svg.text(middle, frame.height - 6.0 + CLASS_ROOM, name, "middle", "name"))
     return "".join(out)

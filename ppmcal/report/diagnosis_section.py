@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from html import escape
 from typing import Any
 
 from ppmcal.report.bars import Picture
 from ppmcal.report.data import Diagnosed, Identified
-from ppmcal.report.diagnosis_figures import confusion, pictures
+from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_words import (
     actuators,
     amounts,
@@ -15,26 +16,22 @@ from ppmcal.report.diagnosis_words import (
     gap_closed,
     headline,
     in_unit,
+    odds_to,
+    rivals,
     where,
 )
-from ppmcal.report.figures import figure, residual_figures
+from ppmcal.report.figures import residual_figures
 from ppmcal.report.numbers import count, number, probability, sig
 from ppmcal.report.tables import Cell, amount, bullets, dotted, paragraph, table, words
 from ppmcal.report.text import finding_text
 
 Record = Mapping[str, Any]
-SHEETS = ("gap", "actuators", "inputs", "ranking")
 
 
 def diagnosis_section(d: Diagnosed) -> str:
     """Return everything about one diagnosis."""
     r = d.record
-    found = pictures(r)
-    story = [p for name in SHEETS for p in found.get(name, [])]
-    rivals = confusion(r)
-    story += [rivals] if rivals is not None else []
-    out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r),
-           f'<div class="plots">{"".join(map(_figure, story))}</div>' if story else "",
+    out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r), _story(r),
            _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
     if d.residuals is not None:
         drawings = residual_figures(Identified(d.folder, r, (), d.residuals))
@@ -42,8 +39,16 @@ def diagnosis_section(d: Diagnosed) -> str:
     return "".join(out)
 
 
+def _story(r: Record) -> str:
+    """Return the pictures, in columns."""
+    drawings = "".join(_figure(p) for some in pictures(r).values() for p in some)
+    return f'<div class="story">{drawings}</div>' if drawings else ""
+
+
 def _figure(picture: Picture) -> str:
-    return figure(picture.document(), f"{picture.title}. {picture.caption}", picture.key)
+    key = f' <span class="legend">{picture.key}</span>.' if picture.key else ""
+    return (f"<figure>{picture.document()}<figcaption><b>{escape(picture.title)}.</b>{key} "
+            f"{escape(picture.caption)}</figcaption></figure>")
 
 
 def _lead(r: Record) -> str:
@@ -74,17 +79,11 @@ def _effects(r: Record) -> str:
 
 
 def _rivals(r: Record, e: Record) -> str:
-    names = [str(a) for a in e.get("alternatives_on") or e.get("alternatives") or []]
+    names = rivals(r, e)
     odds = [number(o) for o in e.get("odds") or []]
     odds += [None] * (len(names) - len(odds))
-    total = actuators(r)
-    out = []
-    for name, o in zip(names, odds, strict=False):
-        kind, _, place = name.partition(" on ")
-        spot = where(place.split(", "), total) if place else ""
-        text = f"{kind} on {spot}" if spot else kind
-        out.append(text if o is None else f"{text} (odds {sig(o, 2)} to 1 against it)")
-    return "; ".join(out) or "nothing else"
+    return "; ".join(n if o is None else f"{n} (odds {odds_to(o)} to 1 against it)"
+                     for n, o in zip(names, odds, strict=False)) or "nothing else"
 
 
 def _suspects(r: Record) -> str:
@@ -169,8 +168,8 @@ def _next(r: Record) -> str:
         text += f" They are in {file}{much}."
     before, after = number(wanted.get("odds_before")), number(wanted.get("odds_after"))
     if file and before and after:
-        text += (f" The odds between the rivals are {sig(before, 2)} to 1 now and should be "
-                 f"about {sig(after, 2)} to 1 then.")
+        text += (f" The odds between the rivals are {odds_to(before)} to 1 now and should be "
+                 f"about {odds_to(after)} to 1 then.")
     return "<h3>Measure next</h3>" + paragraph(text.strip())
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ppmcal.report.numbers import number, sig, to_sigma, with_unit
+from ppmcal.report.numbers import count, number, sig, to_sigma, whole, with_unit
 
 VERDICTS = {
     "none": "Nothing is missing that these data could show.",
@@ -16,11 +17,11 @@ VERDICTS = {
     "unnamed": "Something is missing that ppmcal does not know.",
 }
 INPUTS = {
-    "direction": "direction of approach (+ from below)", "load": "load on the joint",
+    "direction": "direction of approach (+: joint increasing)", "load": "load on the joint",
     "wound load": "load on the joint, its sign that of the approach",
     "temperature": "temperature", "time": "time since the first row", "velocity": "joint velocity",
     "travel": "joint position", "phase": "joint position within one period",
-    "wrench": "load on the platform", "pose": "pose of the platform", "point": "measured position",
+    "wrench": "load on the platform", "pose": "platform", "point": "measured",
 }
 """Names of inputs in diagnosis.json -> words."""
 _FINER = {"m": ((1e-4, 1e6, "µm"), (0.1, 1e3, "mm")), "mm": ((0.1, 1e3, "µm"),),
@@ -37,12 +38,62 @@ def verdict_of(record: Mapping[str, Any]) -> str:
 
 def headline(record: Mapping[str, Any]) -> str:
     """Return the verdict and what was named."""
-    names = [effect_name(record, e) for e in record.get("effects") or []]
+    effects = together(record)
+    names = "; ".join(effect_name(record, e) for e in effects)
     text = verdict_of(record)
-    if names and text.endswith("."):
-        plain = "The missing effects are named." if len(names) > 1 else text
-        text = f"{plain if text == VERDICTS['named'] else text} Named: {'; '.join(names)}."
-    return text
+    if not names:
+        return text
+    if text == VERDICTS["named"]:
+        several = len(effects) > 1
+        return f"The missing {'effects are' if several else 'effect is'} named: {names}."
+    if text == VERDICTS["named-set"]:
+        return f"{text.removesuffix('.')}: {'; '.join(_with_rivals(record))}."
+    return f"{text} Named: {names}."
+
+
+def _with_rivals(record: Mapping[str, Any]) -> list[str]:
+    """Return each effect with its alternatives: ``tilt or gain on all 3 actuators``."""
+    return [" or ".join([effect_name(record, e), *rivals(record, e)])
+            for e in together(record)]
+
+
+def together(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the named effects, those of one kind and with the same alternatives as one."""
+    out: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for e in record.get("effects") or []:
+        own = list(e.get("parameters") or {}) if e.get("kind") == "geometry" else []
+        key = (e.get("kind"), *own, "|", *map(str, e.get("alternatives_on") or []))
+        if key in out:
+            on = [*(out[key].get("on") or []), *(e.get("on") or [])]
+            out[key] |= {"on": list(dict.fromkeys(on))}
+        else:
+            out[key] = dict(e)
+    return list(out.values())
+
+
+def rivals(record: Mapping[str, Any], effect: Mapping[str, Any]) -> list[str]:
+    """Return the names of an effect's alternatives."""
+    names = effect.get("alternatives_on") or effect.get("alternatives") or []
+    return [shorter(str(n), actuators(record)) for n in names]
+
+
+def shorter(label: str, total: int) -> str:
+    """Return a label in which a list of all actuators is one word."""
+    kind, _, place = label.partition(" on ")
+    names = place.split(", ") if place else []
+    return f"{kind} on {where(names, total)}" if names else kind
+
+
+def story(record: Mapping[str, Any], part: str) -> list[Mapping[str, Any]]:
+    """Return one list of the story, [] where there is none."""
+    found = record.get("story")
+    return [e for e in (found or {}).get(part) or [] if isinstance(e, Mapping)]
+
+
+def left_out(record: Mapping[str, Any]) -> str:
+    """Return that rows are drawn which the fit has left out, empty where none are."""
+    n = number((record.get("story") or {}).get("left_out_rows"))
+    return f"With {count(int(n), 'row')} that the fit took for outliers." if n else ""
 
 
 def actuators(record: Mapping[str, Any]) -> int:
@@ -84,12 +135,27 @@ def chance(log10_p: Any) -> str:
     x = number(log10_p)
     if x is None:
         return "p unknown"
-    return f"p = {10.0**x:.2g}" if x > -3.0 else f"p = {power(x)}"
+    return f"p = {sig(10.0**x, 2)}" if x > -3.0 else f"p = {power(x)}"
+
+
+def scientific(p: float) -> str:
+    """Return ``0.012`` or ``8.5·10⁻⁵``."""
+    if p >= 1e-3:
+        return sig(p, 2)
+    head, _, exponent = f"{p:.1e}".partition("e")
+    return f"{head}·{power(float(exponent))}"
 
 
 def power(log10: float) -> str:
     """Return a power of ten."""
     return "10" + str(round(log10)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def odds_to(odds: float) -> str:
+    """Return the first of odds to one: ``2.8``, ``48 000``, ``> 10⁶``."""
+    if odds >= 1e6:
+        return "> 10⁶"
+    return sig(odds, 2) if odds < 100.0 else whole(int(float(f"{odds:.1e}")))
 
 
 def amounts(entry: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -114,6 +180,9 @@ def _interval(value: float, half: float) -> str:
                 f"·{power(exponent)}")
     if max(abs(value), half) >= 1e5:
         return f"{sig(value, 4)} ± {sig(half, 2)}"
+    if half >= 100.0:  # no more digits than the interval deserves
+        ten = 10.0 ** (math.floor(math.log10(half)) - 1)
+        value, half = round(value / ten) * ten, round(half / ten) * ten
     return f"{to_sigma(value, half)} ± {sig(half, 2)}"
 
 

@@ -22,7 +22,8 @@ SCALE = 1.6
 """Size in pixels of one unit of a drawing, as a browser first shows it."""
 PNG_SCALE = 2.5
 TITLES = {"gap": "How the gap closes", "ranking": "What could be missing",
-          "actuators": "Where it is", "inputs": "What the residuals follow"}
+          "actuators": "Where it is", "inputs": "What the residuals follow",
+          "alternatives": "What these data cannot tell apart"}
 EXTRA = "plots"
 
 
@@ -42,7 +43,7 @@ def sheet(head: str, title: str, drawings: Sequence[Picture]) -> str:
     """Return drawings on one sheet, two in a row where there are several; no other file needed."""
     columns = 1 if len(drawings) == 1 else 2
     width = columns * (svg.WIDTH + PAD) + PAD
-    lines = textwrap.wrap(head, int(width / 6.6)) or [""]
+    lines = textwrap.wrap(head, int(width / 7.4)) or [""]
     y = PAD + LINE * len(lines) + 8.0
     parts = [svg.text(PAD, PAD + 8.0 + LINE * n, t, kind="strong") for n, t in enumerate(lines)]
     for begin in range(0, len(drawings), columns):
@@ -69,7 +70,7 @@ def _cell(picture: Picture, x: float, y: float) -> tuple[str, float]:
     out.append(f'<g transform="translate(0 {svg.num(top)})"><desc>'
                f"{escape(picture.description)}</desc>{''.join(picture.parts)}</g>")
     bottom = top + picture.height + 10.0
-    caption = f"{picture.note}   {picture.caption}".strip()
+    caption = f"{picture.note} {picture.caption}".strip()
     lines = textwrap.wrap(caption, LETTERS, replace_whitespace=False)
     out += [svg.text(EDGE, bottom + LINE * n, t) for n, t in enumerate(lines)]
     return (f'<g transform="translate({svg.num(x)} {svg.num(y)})">{"".join(out)}</g>',

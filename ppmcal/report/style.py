@@ -19,7 +19,7 @@ path.ink,polyline.ink{stroke:var(--ink)}polyline.faint{stroke:var(--soft);opacit
 path.area.after{fill:var(--after);stroke:none;opacity:.75}
 .area.band{fill:var(--band);stroke:none}
 .r-before{fill:none;stroke:var(--before);stroke-width:1.4}
-.r-after,.r-named{fill:var(--after)}
+.r-after,.r-named{fill:var(--after)}.r-more{fill:none;stroke:var(--after);stroke-width:1.4}
 .r-alternative{fill:none;stroke:var(--out);stroke-width:1.4;stroke-dasharray:4 2}
 .r-explained{fill:var(--before);opacity:.65}.r-other{fill:var(--soft);opacity:.6}
 .limit{stroke:var(--ink);stroke-width:1.2;fill:none}.limit.dotted{stroke-dasharray:2 2}
@@ -83,6 +83,8 @@ th[aria-sort=ascending] button:after{content:" \\2191"}
 th[aria-sort=descending] button:after{content:" \\2193"}
 .plots{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,340px),1fr));gap:14px;
 margin:10px 0}
+.story{columns:340px;column-gap:14px;margin:10px 0}.story b{color:var(--ink)}
+.story figure{break-inside:avoid;margin:0 0 14px}
 summary{cursor:pointer}details{margin:10px 0}
 .pair{display:flex;flex-wrap:wrap;gap:4px 36px;align-items:flex-start}
 .pair>*{min-width:0}.pair>div+div{flex:1 1 380px}

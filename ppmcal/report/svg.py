@@ -199,7 +199,8 @@ def axes(frame: Frame, x_label: str, y_label: str, x_ticks: bool = True, y_ticks
         out.append(text(x, floor + 15, label(t), "middle"))
     out.insert(0, f'<path class="grid" d="{"".join(grid)}"/>'
                   f'<path class="axis" d="M{num(left)} {num(TOP)}V{num(floor)}H{num(right)}"/>')
-    out.append(text((left + right) / 2, frame.height - 6, x_label, "middle", "name"))
+    if x_label:
+        out.append(text((left + right) / 2, frame.height - 6, x_label, "middle", "name"))
     middle = (TOP + floor) / 2
     out.append(f'<text class="name" text-anchor="middle" transform="translate(11 {num(middle)}) '
                f'rotate(-90)">{escape(y_label)}</text>')

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppmcal.report.data import Comparison, Identified, ReportData, Rows
+from ppmcal.report.diagnosis_words import verdict_of
 from ppmcal.report.numbers import count, listed, number, probability, sig, whole, with_unit
 
 FAILED_NOISE = 1e-3
@@ -103,11 +104,12 @@ def attention(data: ReportData) -> list[tuple[str, str]]:
     out: list[tuple[str, str]] = []
     for one in data.identified:
         out += [(one.name, t) for t in _of_identified(one)]
+    said = {(one.folder, t) for one in data.identified for t in _of_identified(one)}
     for d in data.diagnosed:
-        out += [(d.folder, finding_text(f)) for f in d.record.get("findings") or ()]
-        verdict = d.record.get("verdict")
-        if verdict in ("weak", "named-set", "partial", "unnamed"):
-            out.append((d.folder, f"the verdict of the diagnosis is '{verdict}'"))
+        texts = [finding_text(f) for f in d.record.get("findings") or ()]
+        out += [(d.folder, t) for t in texts if (d.folder, t) not in said]
+        if d.record.get("verdict") in ("weak", "named-set", "partial", "unnamed"):
+            out.append((d.folder, f"Diagnosis: {verdict_of(d.record)}"))
     for rows in (*data.compensated, *data.kinematics):
         out += [(rows.folder, t) for t in _of_rows(rows)]
     for other in data.others:
