@@ -22,7 +22,7 @@ demo: $(VENV)/.run
 	@$(BIN)/ppmcal demo --out $(OUT)
 
 test: $(VENV)/.test
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check ppmcal tests benchmarks

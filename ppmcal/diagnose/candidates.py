@@ -11,6 +11,7 @@ from ppmcal.diagnose.forms import GEOMETRY, Collector, Form, Library, Untestable
 from ppmcal.diagnose.frozen import frozen_slots
 from ppmcal.diagnose.shapes import shapes
 from ppmcal.diagnose.system import System
+from ppmcal.diagnose.unrecorded import unrecorded_load
 from ppmcal.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.influence import lacking
 
@@ -195,4 +196,5 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
         frozen_slots(maker, tried)
     if kinds is None:
         shapes(maker)
+        unrecorded_load(maker)
     return maker.library()

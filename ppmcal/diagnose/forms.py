@@ -81,11 +81,15 @@ class Untestable:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """All hypotheses: ``columns`` (N, m, T) white, ``forms`` over them, and what is untestable."""
+    """All hypotheses: ``columns`` (N, m, T) white, ``forms`` over them, and what is untestable.
+
+    ``unrecorded``: what might be there too, but cannot be tested for want of a column.
+    """
 
     columns: Array
     forms: tuple[Form, ...]
     untestable: tuple[Untestable, ...]
+    unrecorded: tuple[Form, ...] = ()
 
 
 class Collector:
@@ -96,6 +100,7 @@ class Collector:
         self.columns: list[Array] = []
         self.forms: list[Form] = []
         self.untestable: list[Untestable] = []
+        self.unrecorded: list[Form] = []
         mechanism = system.problem.mechanism
         self.actuators = mechanism.actuators
         self.motion = mechanism.motion
@@ -114,4 +119,5 @@ class Collector:
         """Return what was collected."""
         shape = (*self.system.residual.shape, 0)
         columns = np.stack(self.columns, axis=-1) if self.columns else np.zeros(shape)
-        return Library(columns, tuple(self.forms), tuple(self.untestable))
+        return Library(columns, tuple(self.forms), tuple(self.untestable),
+                       tuple(self.unrecorded))

@@ -18,7 +18,7 @@ from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.forms import Form
-from ppmcal.diagnose.stage import Stage, without
+from ppmcal.diagnose.stage import Stage, form_columns, summed, without
 from ppmcal.diagnose.system import build
 from ppmcal.kinematics import inverse_table
 from ppmcal.problem import State
@@ -29,8 +29,10 @@ POSES = 150
 WIDER = 0.25
 """Poses are drawn from the measured range, wider by this part on each side."""
 MOST_ROWS = 120
-ENOUGH = 2.0 * np.log(1000.0)
-"""Rivals count as told apart at odds of 1000 to 1: twice the log-likelihood ratio."""
+SETTLED = 2.0 * np.log(20.0)
+"""Rivals count as told apart at odds of 20 to 1: twice the log-likelihood ratio."""
+SURE = 1.645
+"""Quantile of the chance, 95 %, that the measurements' own noise does not prevent it."""
 REMEDY = {
     "sensor_scale": "measure a known distance (a scale bar) with the same instrument",
     "leg_thermal": "record temperature_<sensor> of legs and of the base apart",
@@ -47,7 +49,7 @@ class Proposal:
 
     ``q`` (R, k) joints, ``pose`` (R, 6) platform poses in the base frame, ``columns``:
     settings in SI by name (R,); ``odds_before`` and ``odds_after`` for the rival of the
-    lower likelihood being found out; ``reason`` in words.
+    lower likelihood being found out (of 95 %, with noise); ``reason`` in words.
     """
 
     reason: str
@@ -68,38 +70,43 @@ def nothing(reason: str, joints: int) -> Proposal:
     return Proposal(reason, np.zeros((0, joints)), np.zeros((0, 6)))
 
 
-def propose(stage: Stage, one: int, two: int, seed: int) -> Proposal:
-    """Return measurements that tell two forms of the stage's library apart."""
+def propose(stage: Stage, one: int, two: int, odds: float, seed: int) -> Proposal:
+    """Return measurements that tell two forms apart, ``one`` being likelier by ``odds``."""
     mechanism = stage.system.problem.mechanism
     a, b = stage.forms[one], stage.forms[two]
     rng = np.random.default_rng(seed)
-    data = _possible(stage, rng)
+    data = possible_rows(stage, rng)
     if data is None:
         return nothing("no further pose is within reach", len(mechanism.actuators))
-    old = _blocks(stage, stage.system.residual.shape[0], one, two, None)
-    new = _blocks(stage, len(data), one, two, data)
-    if new is None or old is None:
+    old = _old_blocks(stage, a, b)
+    new = _new_blocks(stage, a, b, data)
+    if new is None:
         return nothing(_remedy(a, b), len(mechanism.actuators))
     value_a, value_b = stage.search.gram.fit(a.columns)[0], stage.search.gram.fit(b.columns)[0]
-    picked, path = _pick(old, new, value_a, value_b)
-    before = float(np.exp(min(path[0] / 2.0, 300.0)))
-    after = float(np.exp(min(path[-1] / 2.0, 300.0)))
+    start = 2.0 * abs(float(np.log(odds)))
+    picked, gain = _pick(old, new, value_a, value_b, wanted(start))
+    after = float(np.exp(np.clip((gain - 2.0 * SURE * np.sqrt(gain) - start) / 2.0, 0.0, 300.0)))
     label = f"{a.label} and {b.label}"
-    none: tuple[Array, Array, dict[str, Array]] = (
-        np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {})
-    if not picked and path[-1] >= ENOUGH:
-        return Proposal(f"these rows favour {a.label} over {b.label}, but only by the small part "
-                        f"that geometry does not imitate: {_remedy(a, b)}", *none, before, after)
-    if path[-1] < ENOUGH:
+    if gain < wanted(start):
         many = (f"{len(picked)} further measurements" if picked else "further measurements alone")
-        return Proposal(f"{many} would not tell {label} apart: {_remedy(a, b)}", *none, before,
-                        after)
+        return Proposal(f"{many} would not tell {label} apart: {_remedy(a, b)}",
+                        np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {}, odds, after)
     rows = np.array(picked, dtype=np.int64)
     needed = {n: c[rows] for n, c in data.columns.items()}
     pose = pose_vector(pose_motor(np.nan_to_num(np.concatenate(
         [data.position, data.rotation], axis=1)[rows])))
     return Proposal(f"{len(picked)} measurements tell {label} apart", data.q[rows], pose, needed,
-                    before, after)
+                    odds, after)
+
+
+def wanted(start: float) -> float:
+    """Return how far apart D new rows must drive two rivals, for them to be settled.
+
+    Twice the log-likelihood ratio of new rows is D with a standard deviation of 2 sqrt(D); it
+    must outweigh what the old rows say, ``start``, in the worse case the wrong way, and then
+    reach :data:`SETTLED`.
+    """
+    return float((SURE + np.sqrt(SURE**2 + SETTLED + start)) ** 2)
 
 
 def _remedy(a: Form, b: Form) -> str:
@@ -107,7 +114,7 @@ def _remedy(a: Form, b: Form) -> str:
     return hints[0] if hints else "record what the two depend on separately"
 
 
-def _possible(stage: Stage, rng: np.random.Generator) -> Dataset | None:
+def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
     """Return poses within and around the measured range, each under several settings."""
     problem = stage.system.problem
     seen = pose_vector(np.concatenate([p.response.pose for p in stage.system.parts]))
@@ -167,17 +174,16 @@ def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array
 Blocks = tuple[Array, Array, Array]
 
 
-def _blocks(stage: Stage, rows: int, one: int, two: int, data: Dataset | None) -> Blocks | None:
-    """Return geometry (R, m, c), and the columns of both forms, of old or possible rows."""
-    a, b = stage.forms[one], stage.forms[two]
-    if data is None:
-        shape = (rows, stage.system.residual.shape[1], -1)
-        total = stage.columns.shape[1]
-        if max(*a.columns, *b.columns) >= total:
-            return None
-        geometry = stage.noise.apply(stage.system.jacobian, stage.system)
-        return (geometry.reshape(shape), stage.columns[:, a.columns].reshape(shape),
-                stage.columns[:, b.columns].reshape(shape))
+def _old_blocks(stage: Stage, a: Form, b: Form) -> Blocks:
+    """Return geometry (N, m, c) and the columns of both forms, of the rows measured."""
+    shape = (*stage.system.residual.shape, -1)
+    geometry = stage.noise.apply(stage.system.jacobian, stage.system)
+    return (geometry.reshape(shape), form_columns(stage, a).reshape(shape),
+            form_columns(stage, b).reshape(shape))
+
+
+def _new_blocks(stage: Stage, a: Form, b: Form, data: Dataset) -> Blocks | None:
+    """Return the same of possible rows; None where a pose or a form does not exist there."""
     problem = replace(stage.system.problem, datasets=(data,),
                       pivots=(stage.system.problem.opens[0].about,), given=None)
     start = State(stage.system.state.g, stage.system.state.stations[:1],
@@ -190,36 +196,47 @@ def _blocks(stage: Stage, rows: int, one: int, two: int, data: Dataset | None) -
     system = without(build(problem, state, keep), stage.added)
     found = library(system, tuple({a.kind, b.kind}))
 
-    def columns(form: Form) -> Array | None:
+    def columns(form: Form) -> Array:
         match = [f for f in found.forms if (f.kind, f.on, f.shared, f.slot) == (
             form.kind, form.on, form.shared, form.slot)]
+        if not match:
+            return summed(found.columns, found.forms, form)
         match.sort(key=lambda f: sum(abs(v - form.constants.get(n, v))
                                      for n, v in f.constants.items()))
-        return found.columns[..., match[0].columns] if match else None
+        return np.asarray(found.columns[..., match[0].columns])
 
-    left, right = columns(a), columns(b)
-    return None if left is None or right is None else (system.jacobian, left, right)
+    try:
+        return system.jacobian, columns(a), columns(b)
+    except KeyError:
+        return None
 
 
-def _pick(old: Blocks, new: Blocks, value_a: Array, value_b: Array
-          ) -> tuple[list[int], list[float]]:
-    """Return chosen rows and twice the log-likelihood ratio after each (worse direction)."""
+def _pick(old: Blocks, new: Blocks, value_a: Array, value_b: Array, goal: float
+          ) -> tuple[list[int], float]:
+    """Return chosen rows, and by how much they drive the two apart (worse direction)."""
     ways = [(_reduced(old[0], old[rival], old[truth] @ value),
              np.concatenate([new[0], new[rival]], axis=-1), new[truth] @ value)
             for truth, rival, value in ((1, 2, value_a), (2, 1, value_b))]
     picked: list[int] = []
-    figures, differences = _apart(ways, picked)
-    path = [min(figures)]
-    while len(picked) < MOST_ROWS and path[-1] < ENOUGH:
-        gain = differences[int(np.argmin(figures))]
-        gain[picked] = -1.0
-        best = int(np.argmax(gain))
-        if gain[best] <= 1e-12:
+    start, differences = _apart(ways, picked)
+    figures = start
+    while len(picked) < MOST_ROWS and _least(figures, start) < goal:
+        best = _next_row(differences[int(np.argmin(np.subtract(figures, start)))], picked)
+        if best is None:
             break
         picked.append(best)
         figures, differences = _apart(ways, picked)
-        path.append(min(figures))
-    return picked, path
+    return picked, _least(figures, start)
+
+
+def _least(figures: list[float], start: list[float]) -> float:
+    return max(float(np.min(np.subtract(figures, start))), 0.0)
+
+
+def _next_row(gain: Array, picked: list[int]) -> int | None:
+    gain[picked] = -1.0
+    best = int(np.argmax(gain))
+    return best if gain[best] > 1e-12 else None
 
 
 def _reduced(geometry: Array, rival: Array, goal: Array) -> Array:

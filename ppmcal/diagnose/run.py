@@ -25,6 +25,7 @@ from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect
 from ppmcal.diagnose.rivals import rivals
 from ppmcal.diagnose.search import own_log_p
 from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
+from ppmcal.diagnose.unrecorded import look_alikes
 from ppmcal.fit import Fit
 from ppmcal.fit import Options as FitOptions
 from ppmcal.holdout import split
@@ -192,13 +193,15 @@ def _effects(found: Found) -> tuple[NamedEffect, ...]:
     for i in named_only(stage):
         form = stage.forms[i]
         others = rivals(stage.search, stage.chosen, i)
+        alike = look_alikes(stage.search, stage.library.unrecorded, stage.chosen, i)
         value = own_log_p(stage.search, stage.chosen, i)
         for added in _of(form, left):
             left.remove(added)
             out.append(NamedEffect(
                 form.kind, added.on, added.parameters, float(np.exp(max(value, -740.0))), value,
                 stage.search.gram.survival(form.columns),
-                tuple(stage.forms[r.form].label for r in others), tuple(r.odds for r in others)))
+                (*(stage.forms[r.form].label for r in others), *(f.label for f in alike)),
+                (*(r.odds for r in others), *(np.nan for _ in alike))))
     return tuple(out)
 
 
@@ -248,7 +251,12 @@ def _proposal(found: Found, verdict: str, options: Options) -> Proposal:
         others = rivals(stage.search, stage.chosen, i)
         if others and not stage.forms[i].slot:
             likeliest = min(others, key=lambda r: r.odds)
-            return propose(stage, i, likeliest.form, options.seed)
+            return propose(stage, i, likeliest.form, likeliest.odds, options.seed)
+    if verdict in ("named-set", "partial") and any(
+            look_alikes(stage.search, stage.library.unrecorded, stage.chosen, i)
+            for i in named_only(stage)):
+        return nothing("measure again with a known payload (column payload): give under a "
+                       "weight that was not recorded looks much like this", joints)
     return nothing({"none": "nothing is missing that these data could show",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "what was found is settled"}.get(

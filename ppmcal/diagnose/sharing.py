@@ -123,7 +123,7 @@ def held(search: Search, chosen: tuple[int, ...], forms: Sequence[Form]
     """
     old: list[int] = []
     for form in forms:
-        search, index = _find(search, form)
+        search, index = find(search, form)
         if index is None:
             return search, chosen
         old.append(index)
@@ -133,7 +133,7 @@ def held(search: Search, chosen: tuple[int, ...], forms: Sequence[Form]
     return search, tuple(old) if good else chosen
 
 
-def _find(search: Search, form: Form) -> tuple[Search, int | None]:
+def find(search: Search, form: Form) -> tuple[Search, int | None]:
     """Return where a form of another search is in this one, made where it can be."""
     match = [i for i, f in enumerate(search.forms)
              if (f.family, f.on, f.shared) == (form.family, form.on, form.shared)]

@@ -12,7 +12,7 @@ from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.forms import Form, Library
 from ppmcal.diagnose.gram import build_gram
 from ppmcal.diagnose.noise import PureError, estimate, pure_error
-from ppmcal.diagnose.search import Search, choose, columns_of, prepare, scan
+from ppmcal.diagnose.search import Search, choose, prepare, scan
 from ppmcal.diagnose.sharing import held, settled
 from ppmcal.diagnose.system import INVISIBLE, System, Whitening, build, range_basis
 from ppmcal.linear import column_scale
@@ -138,8 +138,8 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
 
 def explained(stage: Stage) -> tuple[Array, Array]:
     """Return a basis (n, r) of geometry and chosen effects, and the residual free of both."""
-    chosen = columns_of(stage.search, stage.chosen)
-    columns = _columns(stage, chosen)
+    columns = np.concatenate([np.zeros((len(stage.residual), 0)),
+                              *(form_columns(stage, stage.forms[i]) for i in stage.chosen)], axis=1)
     extra = columns - stage.basis @ (stage.basis.T @ columns)
     length = np.linalg.norm(extra, axis=0)
     basis = np.concatenate([stage.basis, range_basis(extra / np.where(length > 0, length, 1.0))],
@@ -147,19 +147,19 @@ def explained(stage: Stage) -> tuple[Array, Array]:
     return basis, stage.residual - basis @ (basis.T @ stage.residual)
 
 
-def _columns(stage: Stage, chosen: list[int]) -> Array:
-    """Return whitened columns; those made while merging are sums of the library's."""
-    total = stage.columns.shape[1]
-    if all(c < total for c in chosen):
-        return stage.columns[:, chosen]
-    out = [stage.columns[:, c] for c in chosen if c < total]
-    singles = {(f.kind, f.on[0], tuple(f.constants.items())): f for f in stage.forms
-               if len(f.on) == 1}
-    for i in stage.chosen:
-        form = stage.forms[i]
-        if form.columns[0] >= total:
-            for j in range(form.size):
-                parts = [singles[form.kind, a, tuple(form.constants.items())].columns[j]
-                         for a in form.on]
-                out.append(stage.columns[:, parts].sum(axis=1))
-    return np.stack(out, axis=-1)
+def form_columns(stage: Stage, form: Form) -> Array:
+    """Return a form's whitened columns (n, k)."""
+    if max(form.columns) < stage.columns.shape[1]:
+        return stage.columns[:, form.columns]
+    return summed(stage.columns, stage.forms, form)
+
+
+def summed(columns: Array, forms: Sequence[Form], form: Form) -> Array:
+    """Return the columns (..., k) of a form in which a few actuators share values.
+
+    Raises:
+        KeyError: an actuator has no form of its own.
+    """
+    own = {f.on[0]: f for f in forms if f.kind == form.kind and len(f.on) == 1
+           and f.constants == form.constants}
+    return np.asarray(np.sum([columns[..., own[a].columns] for a in form.on], axis=0))
