@@ -4,7 +4,8 @@
 
 Campaigns with one hidden effect that end in a named set are measured on: at the proposed rows,
 and at random ones, as many, twice and four times as many: random poses, under settings as in
-the campaign. The hidden machine is measured by :mod:`hidden`, which shares no code with the package's effects. A set
+the campaign. The hidden machine is measured by :mod:`hidden`, which shares no code with the
+package's effects. A set
 is settled when the rival's BIC is worse by more than ln(20) x 2: odds of 20 to 1.
 """
 
