@@ -17,7 +17,8 @@ from ppmcal.errors import BadInput
 from ppmcal.inverse import home_state
 from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, predict, rotation_residual
+from ppmcal.observation import SCALARS, Station, predict, rotation_residual
+from ppmcal.scalars import start_scalar
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,8 @@ def start_station(data: Dataset, pose: Array, actuators: int, motion: str) -> St
     station = Station(frame, data.target.value, data.target_rotation.value, np.zeros(actuators))
     if not data.frame.fitted and not data.target.fitted and not data.target_rotation.fitted:
         return station
+    if data.kind in SCALARS:
+        return start_scalar(data, pose, station, motion)
     planar = motion == "planar"
     position = np.where([False, False, planar], 0.0, data.position)
     rows = np.flatnonzero(known(position) & known(pose))

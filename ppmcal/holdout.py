@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
-from ppmcal.equilibrium import reach
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
 from ppmcal.observation import Station, coordinates
@@ -67,8 +66,7 @@ def held_out(problem: Problem, options: Options, fraction: float, seed: int,
 def fresh_state(problem: Problem, fitted: State) -> State:
     """Return a state with fitted parameters and stations, poses solved for other rows."""
     model = Model(problem.mechanism, fitted.g)
-    poses = tuple(reach(model, d.q + s.homing, c).closed for d, s, c in
-                  zip(problem.datasets, fitted.stations, problem.conditions, strict=True))
+    poses = tuple(problem.reached(i, model, s.homing) for i, s in enumerate(fitted.stations))
     return State(fitted.g, fitted.stations, poses)
 
 

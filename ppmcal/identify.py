@@ -19,7 +19,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.fit import Fit, Options, prediction_covariance
 from ppmcal.gauss_newton import Progress, gauss_newton
 from ppmcal.linear import column_scale, parameter_scale, prior_weights, reduce_rows
-from ppmcal.observation import coordinates
+from ppmcal.observation import coordinates, shown
 from ppmcal.problem import Problem, State
 from ppmcal.regularise import damped, gcv_scale
 from ppmcal.robust import REJECT, distances, huber_weights, worst
@@ -143,7 +143,7 @@ def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int,
         joints = known(data.q)
         solved = known(pose)
         parts = list(coordinates(data, motion))
-        measured = np.concatenate([data.position, data.rotation], axis=1)[:, parts]
+        measured = shown(data)[:, parts]
         seen = np.isfinite(measured).any(axis=1)
         keep.append(solved & seen)
         own: dict[int, str] = {}

@@ -150,7 +150,8 @@ def _apart(before: Model, now: Model) -> float:
 class Response:
     """How the predictions of n rows move along shifts of any kind.
 
-    ``spread`` (n, m, d) is d prediction/d condition at closed poses ``pose`` (n, 8).
+    ``spread`` (n, m, d) is d prediction/d condition at closed poses ``pose`` (n, 8), which are
+    number ``end`` of those seen.
     """
 
     closure: Closure
@@ -159,6 +160,7 @@ class Response:
     spread: Array
     seen: View
     rows: Conditions
+    end: int = 0
 
     @cached_property
     def _by_slot(self) -> dict[tuple[int, str], Array]:
@@ -177,10 +179,10 @@ class Response:
         for (limb, slot), change in shift.slots.items():
             out += self.by_slot(limb, slot) * np.broadcast_to(change, (len(out),))[:, None]
         if shift.pose is not None:
-            out += (self.seen.by_pose @ shift.pose[..., None])[..., 0]
+            out += (self.seen.by_poses[self.end] @ shift.pose[..., None])[..., 0]
         if shift.stretch is not None:
-            places = self.seen.places
-            out[:, :places] += (shift.stretch @ self.seen.point[..., None])[:, :places, 0]
+            moved = shift.stretch @ self.seen.points[self.end][..., None]
+            out += (self.seen.by_points[self.end] @ moved)[..., 0]
         return out
 
     def setting(self) -> Setting:

@@ -7,6 +7,7 @@ are rotation vectors in the measuring frame's axes, so that no representation en
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +17,12 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
+from ppmcal.mechanism import POSE_COORDINATES
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+SCALARS = {"plane": 2, "distance": 0}
+"""Instruments that measure one number, and its place among x, y, z, rx, ry, rz."""
 
 
 @dataclass(frozen=True)
@@ -42,29 +46,50 @@ class View:
     Attributes:
         residual: measured - predicted (n, m), 0 where not measured; m and rad.
         observed: (n, m).
-        by_pose: d prediction / d(platform origin displacement, rotation), (n, m, 6).
+        by_poses: d prediction / d(platform origin displacement, rotation), (n, m, 6), of
+            each of the poses.
         by_frame: d prediction / d(frame displacement, turn about the pivot), (n, m, 6).
         by_target: d prediction / d target (n, m, 3).
         by_target_rotation: d prediction / d target rotation vector (n, m, 3).
-        point: where the measured point truly is, measuring frame (n, 3); places: how many
-            of the m coordinates are positions.
+        by_points: d prediction / d(point as shown) (n, m, 3), of each pose.
+        points: where the measured point truly is, measuring frame (n, 3), of each pose.
     """
 
     residual: Array
     observed: Bools
-    by_pose: Array
+    by_poses: tuple[Array, ...]
     by_frame: Array
     by_target: Array
     by_target_rotation: Array
-    point: Array
-    places: int
+    by_points: tuple[Array, ...]
+    points: tuple[Array, ...]
 
 
 def coordinates(data: Dataset, motion: str) -> tuple[int, ...]:
-    """Return which of (x, y, z, rx, ry, rz) the data set's instrument measures."""
+    """Return which of (x, y, z, rx, ry, rz) the data set's instrument measures.
+
+    A height is a z; a distance stands in the place of x.
+    """
+    if data.kind in SCALARS:
+        return (SCALARS[data.kind],)
     if motion == "planar":
         return (0, 1, 5) if data.kind == "pose" else (0, 1)
     return (0, 1, 2, 3, 4, 5) if data.kind == "pose" and motion == "spatial" else (0, 1, 2)
+
+
+def shown(data: Dataset) -> Array:
+    """Return what was measured in the places of x, y, z, rx, ry, rz (N, 6), nan elsewhere."""
+    out = np.concatenate([data.position, data.rotation], axis=1)
+    if data.kind in SCALARS:
+        out[:, SCALARS[data.kind]] = data.value
+    return out
+
+
+def labels(data: Dataset, motion: str) -> tuple[str, ...]:
+    """Return the names of what the instrument measures: ``x``, ..., ``height``, ``distance``."""
+    if data.kind in SCALARS:
+        return ("height" if data.kind == "plane" else "distance",)
+    return tuple(POSE_COORDINATES[c] for c in coordinates(data, motion))
 
 
 def pivot(data: Dataset) -> Array:
@@ -88,19 +113,47 @@ def measured_pose(station: Station, pose: Array) -> Array:
         cga.motor_from_matrix(turn, np.zeros(3)))], axis=-1)
 
 
-def view(data: Dataset, station: Station, pose: Array, motion: str, about: Array,
+def view(data: Dataset, station: Station, poses: Sequence[Array], motion: str, about: Array,
          stretch: Array | None = None) -> View:
     """Compare the data set's rows with poses (n, 8); ``about`` is the frame's pivot (3,).
 
-    The instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
+    Distances between two platform positions have two poses, all others one. The instrument
+    shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
     """
-    chosen = coordinates(data, motion)
+    sights = [_sight(data, station, pose, motion, about, stretch) for pose in poses]
+    if data.kind == "distance":
+        return _distance(data, sights)
+    pick = list(coordinates(data, motion))
+    s = sights[0]
+    residual = s.residual[:, pick]
+    observed = np.isfinite(residual)
+    return View(np.where(observed, residual, 0.0), observed, (s.by_pose[:, pick],),
+                s.by_frame[:, pick], s.by_target[:, pick], s.by_rotation[:, pick],
+                (np.tile(np.eye(6, 3)[pick], (len(data), 1, 1)),), (s.point,))
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """All six coordinates of n rows: residual (n, 6) and derivatives as in :class:`View`.
+
+    ``seen`` (n, 3): where the instrument shows the point.
+    """
+
+    residual: Array
+    by_pose: Array
+    by_frame: Array
+    by_target: Array
+    by_rotation: Array
+    point: Array
+    seen: Array
+
+
+def _sight(data: Dataset, station: Station, pose: Array, motion: str, about: Array,
+           stretch: Array | None) -> _Sight:
     point, rotation = predict(station, pose)
-    residual = np.full((len(data), 6), np.nan)
-    residual[:, :3] = data.position - stretched(point, stretch)
+    seen = stretched(point, stretch)
     turned = rotation_residual(data, rotation, motion)
-    residual[:, 3:] = turned
-    observed = np.isfinite(residual[:, chosen])
+    residual = np.concatenate([shown(data)[:, :3] - seen, turned], axis=1)
     frame = cga.rotation_matrix(station.frame)
     arm = cga.rotation_matrix(pose) @ station.target
     n = len(data)
@@ -113,16 +166,35 @@ def view(data: Dataset, station: Station, pose: Array, motion: str, about: Array
     by_frame[:, :3, :3] = np.eye(3)
     by_frame[:, :3, 3:] = -cross_matrix(point - about)
     by_frame[:, 3:, 3:] = half
-    seen = frame @ cga.rotation_matrix(pose)
-    by_target[:, :3] = seen
-    by_rotation[:, 3:] = half @ seen @ left_jacobian(station.target_rotation)
+    body = frame @ cga.rotation_matrix(pose)
+    by_target[:, :3] = body
+    by_rotation[:, 3:] = half @ body @ left_jacobian(station.target_rotation)
     if stretch is not None:
         for block in (by_pose, by_frame, by_target):
             block[:, :3] += stretch @ block[:, :3]
-    pick = list(chosen)
-    return View(np.where(observed, residual[:, pick], 0.0), observed, by_pose[:, pick],
-                by_frame[:, pick], by_target[:, pick], by_rotation[:, pick], point,
-                sum(1 for c in chosen if c < 3))
+    return _Sight(residual, by_pose, by_frame, by_target, by_rotation, point, seen)
+
+
+def _distance(data: Dataset, sights: Sequence[_Sight]) -> View:
+    """Distances from the frame's origin, or between two positions: their rows along the line."""
+    first = sights[0]
+    apart = first.seen if len(sights) == 1 else first.seen - sights[1].seen
+    length = np.linalg.norm(apart, axis=1)
+    along = (apart / np.where(length > 0.0, length, 1.0)[:, None])[:, None, :]
+
+    def rows(block: Array) -> Array:
+        return np.asarray(along @ block[:, :3])
+
+    residual = (data.value - length)[:, None]
+    observed = np.isfinite(residual)
+    signs = (1.0, -1.0)[:len(sights)]
+    by_poses = tuple(sign * rows(s.by_pose) for sign, s in zip(signs, sights, strict=True))
+    by_target = np.sum([sign * rows(s.by_target) for sign, s in zip(signs, sights, strict=True)],
+                       axis=0)
+    nothing = np.zeros((len(data), 1, 3))
+    by_frame = rows(first.by_frame) if len(sights) == 1 else np.zeros((len(data), 1, 6))
+    return View(np.where(observed, residual, 0.0), observed, by_poses, by_frame, by_target,
+                nothing, tuple(sign * along for sign in signs), tuple(s.point for s in sights))
 
 
 def stretched(point: Array, stretch: Array | None) -> Array:
@@ -148,6 +220,8 @@ def rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:
 
 def noise(data: Dataset, motion: str) -> Array:
     """Return the stated standard deviations of the measured coordinates (n, m)."""
+    if data.kind in SCALARS:
+        return data.sigma_value[:, None]
     both = np.concatenate([data.sigma_position, data.sigma_rotation], axis=1)
     return both[:, list(coordinates(data, motion))]
 

@@ -77,7 +77,8 @@ class Scenario:
         sigma_position, sigma_rotation: noise of the instrument, 0 where none, m and rad.
         sigma_value: noise of a height or distance, m.
         sigma_actuator: noise of the joints (k,), unit of q.
-        point: the fixed point of a distance instrument (3,).
+        point: the fixed point of a distance instrument (3,); point_known: whether the
+            sidecar gives it.
         frame: the base's pose in the measuring frame (6,); frame_known: left at the default.
         target, target_rotation: (3,) each; target_known, target_rotation_known likewise.
         ar, outliers, tails: correlation of successive noise, share of outliers, ``normal`` or
@@ -101,6 +102,7 @@ class Scenario:
     sigma_value: float
     sigma_actuator: Array
     point: Array
+    point_known: bool
     frame: Array
     frame_known: bool
     target: Array

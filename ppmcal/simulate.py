@@ -21,7 +21,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.influence import missing_columns, with_strokes
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, predict, stretched
+from ppmcal.observation import SCALARS, Station, predict, stretched
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 from ppmcal.targets import pose_motor
 
@@ -39,7 +39,8 @@ class Campaign:
     """A simulated campaign of N rows, SI.
 
     ``pose`` labels (N,); ``q`` as the controller believes it (N, k); ``position`` (N, 3) and
-    ``rotation`` vector (N, 3) as measured; ``direction`` of approach by joint (N, k);
+    ``rotation`` vector (N, 3) as measured; ``value`` a height or distance (N,), else nan;
+    ``direction`` of approach by joint (N, k);
     ``velocity`` of the joints at the trigger (N, k); ``payload`` kg, ``temperature`` K,
     ``time`` s (N,); ``outlier`` rows; ``acting`` the machine with its effects and ``g`` its
     true parameters (P,); ``left_out`` reasons for poses that could not be measured.
@@ -49,6 +50,7 @@ class Campaign:
     q: Array
     position: Array
     rotation: Array
+    value: Array
     direction: Array
     velocity: Array | None
     payload: Array | None
@@ -72,9 +74,9 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         BadInput: an instrument that is not simulated, or no pose inside the workspace.
         NoResult: the true machine cannot reach any pose.
     """
-    if scenario.kind not in ("pose", "position"):
-        raise BadInput(f"instrument '{scenario.kind}' cannot be simulated yet",
-                       f"{scenario.source}: instrument.kind", "Use pose or position")
+    if scenario.kind == "plane" and mechanism.motion == "planar":
+        raise BadInput("a planar machine cannot touch a flat: it has no z",
+                       f"{scenario.source}: instrument.kind", "Use pose, position or distance")
     rng = np.random.default_rng(scenario.seed if seed is None else seed)
     q, left_out = commands(mechanism.nominal(), scenario, rng)
     g = true_parameters(mechanism, scenario, rng)
@@ -103,8 +105,11 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     position, turn = predict(station, actual[keep])
     shift = real.model.take(keep).shift
     position = stretched(position, shift.stretch if shift else None)
-    position, rotation, outlier = _noisy(position, turn, scenario, mechanism, rng)
-    return Campaign(order[keep], q[order[keep]], position, rotation, direction[keep],
+    error, outlier = _errors(len(position), scenario, rng)
+    rotation = _turned(turn, error[:, 3:], mechanism)
+    value = _value(position, error[:, 0], scenario)
+    return Campaign(order[keep], q[order[keep]], position + error[:, :3], rotation, value,
+                    direction[keep],
                     velocity[keep] if np.any(scenario.velocity) else None,
                     payload[keep] if payload is not None else None,
                     temperature[keep] if temperature is not None else None, time[keep],
@@ -248,10 +253,9 @@ def _visits(q: Array, scenario: Scenario, rng: np.random.Generator
     return order, direction, load if scenario.payload else None
 
 
-def _noisy(position: Array, turn: Array, scenario: Scenario, mechanism: Mechanism,
-           rng: np.random.Generator) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Add the instrument's noise; return position, rotation vector and which are outliers."""
-    n = position.shape[0]
+def _errors(n: int, scenario: Scenario, rng: np.random.Generator
+            ) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the instrument's errors (n, 6) and which rows are outliers."""
     sigma = np.concatenate([np.full(3, scenario.sigma_position),
                             np.full(3, scenario.sigma_rotation)])
     noise = _draw(rng, scenario.tails, (n, 6))
@@ -259,17 +263,32 @@ def _noisy(position: Array, turn: Array, scenario: Scenario, mechanism: Mechanis
         noise[row] = scenario.ar * noise[row - 1] + np.sqrt(1.0 - scenario.ar**2) * noise[row]
     outlier = np.asarray(rng.uniform(size=n) < scenario.outliers, dtype=np.bool_)
     way = rng.normal(size=(n, 6))
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    noise += np.where(outlier[:, None], OUTLIER_SIGMAS * np.sqrt(6.0) * way, 0.0)
-    error = noise * sigma
+    if scenario.kind in SCALARS:
+        sigma, way[:, 1:] = np.full(6, scenario.sigma_value), 0.0
+    way *= np.sqrt(1.0 if scenario.kind in SCALARS else 6.0) / np.linalg.norm(
+        way, axis=1, keepdims=True)
+    noise += np.where(outlier[:, None], OUTLIER_SIGMAS * way, 0.0)
+    return noise * sigma, outlier
+
+
+def _turned(turn: Array, error: Array, mechanism: Mechanism) -> Array:
+    """Return measured rotation vectors (n, 3) of true rotations (n, 3, 3) with errors (n, 3)."""
+    n = len(turn)
     if mechanism.motion == "planar":
-        angle = np.arctan2(turn[:, 1, 0], turn[:, 0, 0]) + error[:, 5]
-        rotation = np.stack([np.zeros(n), np.zeros(n), angle], axis=1)
-    else:
-        own = cga.motor_from_matrix(turn, np.zeros(3))
-        shake = cga.motor_from_rotation_vector(error[:, 3:], np.zeros(3))
-        rotation = cga.rotation_vector(cga.compose(shake, own))
-    return position + error[:, :3], rotation, outlier
+        angle = np.arctan2(turn[:, 1, 0], turn[:, 0, 0]) + error[:, 2]
+        return np.stack([np.zeros(n), np.zeros(n), angle], axis=1)
+    own = cga.motor_from_matrix(turn, np.zeros(3))
+    shake = cga.motor_from_rotation_vector(error, np.zeros(3))
+    return cga.rotation_vector(cga.compose(shake, own))
+
+
+def _value(position: Array, error: Array, scenario: Scenario) -> Array:
+    """Return measured heights or distances (n,) of true positions (n, 3), else nan."""
+    if scenario.kind == "plane":
+        return position[:, 2] + error
+    if scenario.kind == "distance":
+        return np.asarray(np.linalg.norm(position - scenario.point, axis=1) + error)
+    return np.full(len(position), np.nan)
 
 
 def _draw(rng: np.random.Generator, tails: str, shape: tuple[int, int]) -> Array:

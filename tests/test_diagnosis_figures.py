@@ -23,6 +23,7 @@ from scipy.stats import t as student
 from ppmcal.diagnose.model import with_named
 from ppmcal.diagnose.result import Diagnosis
 from ppmcal.diagnose.run import Options, diagnose
+from ppmcal.diagnose.search import DETECT, NAME
 from ppmcal.diagnose.stage import Stage
 from ppmcal.files.output import plain
 from ppmcal.fit import Fit
@@ -277,10 +278,10 @@ def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_thresholds(cases: Callable[[str], Case], verdict: str) -> None:
-    """5 and 1 % of simulated campaigns of noise go beyond; what is named does too."""
+    """4 and 1 % of simulated campaigns of noise go beyond; what is named does too."""
     case = cases(verdict)
     noise, smallest = case.record["noise"], case.result.found.first.search.smallest
-    for key, share in (("detect_p", 0.05), ("name_p", 0.01)):
+    for key, share in (("detect_p", DETECT), ("name_p", NAME)):
         beyond = np.mean(smallest < math.log(noise[key]))
         assert beyond == pytest.approx(share, abs=1.0 / smallest.size)
     assert noise["name_p"] < noise["detect_p"]

@@ -49,15 +49,9 @@ def _recorded(mechanism: Mechanism, data: Dataset) -> None:
 
 
 def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]:
-    """Read measurements, with joints; refuse instruments that no fit can use yet."""
-    from ppmcal.errors import BadInput
+    """Read measurements, with joints."""
     from ppmcal.files import read_campaign
     from ppmcal.kinematics import with_joints
 
     datasets = read_campaign(list(paths), mechanism)
-    for d in datasets:
-        if d.kind not in ("pose", "position"):
-            raise BadInput(f"instrument '{d.kind}' is not supported by this version",
-                           f"{Path(d.source).with_suffix('.yaml')}: instrument.kind",
-                           "Use pose or position")
     return tuple(with_joints(mechanism, d) for d in datasets)

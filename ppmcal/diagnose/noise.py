@@ -88,28 +88,35 @@ def estimate(system: System, library: Library, extra: Sequence[int] = ()) -> Whi
 
 
 def _projected(system: System, library: Library, extra: Sequence[int]) -> list[int]:
-    """Return the columns to project out: each kind's freest form, the best few of a grid."""
+    """Return the columns to project out: each kind's freest form, the best few of a grid.
+
+    Where there is not room for all, those that explain most come first, grids last.
+    """
     room = MOST * system.count - system.jacobian.shape[-1]
     chosen = list(dict.fromkeys(extra))
     forms: dict[str, list[int]] = {}
-    grid: dict[tuple[str, tuple[str, ...]], tuple[float, tuple[int, ...]]] = {}
+    grid: dict[tuple[str, tuple[str, ...]], tuple[float, list[int]]] = {}
     flat = library.columns.reshape(-1, library.columns.shape[-1])
     residual = system.residual.reshape(-1)
+
+    def explains(columns: Sequence[int]) -> float:
+        c = flat[:, list(columns)]
+        length = np.linalg.norm(c, axis=0)
+        unit = c / np.where(length > 0.0, length, 1.0)
+        return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
+
     for form in library.forms:
         if form.constants and form.kind != "curvature":
-            if not form.shared:
-                continue
-            c = flat[:, form.columns]
-            fit = np.linalg.lstsq(c, residual, rcond=None)[0]
-            gain = float(np.sum((c @ fit) ** 2))
-            key = (form.kind, form.on)
-            if gain > grid.get(key, (0.0, ()))[0]:
-                grid[key] = gain, form.columns
+            if form.shared:
+                key, gain = (form.kind, form.on), explains(form.columns)
+                if gain > grid.get(key, (0.0, []))[0]:
+                    grid[key] = gain, list(form.columns)
         elif form.kind == GEOMETRY:
             forms[GEOMETRY] = [*forms.get(GEOMETRY, []), *form.columns]
         elif len(form.columns) > len(forms.get(form.kind, [])):
             forms[form.kind] = list(form.columns)
-    for found in sorted([*forms.values(), *(list(c) for _, c in grid.values())], key=len):
+    plain_forms = sorted(forms.values(), key=lambda c: -explains(c) / len(c))
+    for found in [*plain_forms, *(c for _, c in sorted(grid.values(), reverse=True))]:
         if len(chosen) + len(found) <= room:
             chosen += [c for c in found if c not in chosen]
     return chosen

@@ -34,10 +34,10 @@ def shapes(to: Collector) -> None:
                 LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
                 (to.shifted(shifts),), anonymous=True,
                 searched=2 if width else 1))
-    middle = np.concatenate([p.response.seen.point for p in to.system.parts]).mean(axis=0)
+    middle = np.concatenate([p.response.seen.points[0] for p in to.system.parts]).mean(axis=0)
     shifts = []
     for p in to.system.parts:
-        away = p.response.seen.point - middle
+        away = p.response.seen.points[0] - middle
         swell = np.sum(away**2, axis=1) / max(float(np.sum(middle**2)), 1e-12)
         shifts.append(Shift(stretch=swell[:, None, None] * np.eye(3)))
     to.forms.append(Form(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),

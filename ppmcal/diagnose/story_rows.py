@@ -142,7 +142,7 @@ def _inputs(rows: Rows, mechanism: Mechanism) -> tuple[Array, ...]:
     at = rows.response.setting()
     return (at.travel, at.approach, at.velocity, at.load,
             at.temperature + REFERENCE_TEMPERATURE - ZERO_CELSIUS, at.wrench, at.time,
-            pose_vector(rows.response.pose), rows.response.seen.point)
+            pose_vector(rows.response.pose), rows.response.seen.points[0])
 
 
 def binned(x: Array, before: Array, after: Array, row: Ints,

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal import algebra as cga
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files import columns as cols
@@ -27,6 +28,7 @@ from ppmcal.files.sidecar import (
 from ppmcal.files.table import Table, read_table
 from ppmcal.files.yaml_text import number_text
 from ppmcal.mechanism import Mechanism
+from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.units import Units
 
 
@@ -73,7 +75,27 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
         target_rotation=rotation_of(file.target_rotation, units, side), homing=file.homing,
         approach=approach, findings=tuple(findings + list(seen.findings) + more),
         extra=_fixed_point(file, to_q, mechanism, units, side))
-    return _usable(data, seen, mechanism)
+    if data.kind == "plane" and mechanism.motion == "planar":
+        raise BadInput("a planar machine cannot touch a flat: it has no z",
+                       f"{side}: instrument.kind", "Use pose, position or distance")
+    return _usable(_from_point(data, side), seen, mechanism)
+
+
+def _from_point(data: Dataset, side: str) -> Dataset:
+    """Return distances with the fixed point, of the measuring frame, as that frame's origin."""
+    if data.kind != "distance":
+        return data
+    point = data.extra["point"]
+    if point is None:
+        return replace(data, frame=Unknown(False, np.zeros(6)))
+    assert isinstance(point, Unknown)
+    if data.frame.same_as is not None:
+        raise BadInput("distances cannot share a frame: the point that they are measured from "
+                       "is their frame's origin", f"{side}: frame.same_as",
+                       "Write `frame: known` and the point in the base frame, or `point: unknown`")
+    moved = cga.compose(cga.motor_from_rotation_vector(np.zeros(3), -point.value),
+                        pose_motor(data.frame.value))
+    return replace(data, frame=Unknown(point.fitted or data.frame.fitted, pose_vector(moved)))
 
 
 def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism

@@ -12,7 +12,7 @@ from ppmcal.analysis import Estimate, Identification
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fit import Fit
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
-from ppmcal.observation import coordinates
+from ppmcal.observation import labels
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import Residuals
 from ppmcal.targets import pose_vector
@@ -189,25 +189,26 @@ def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> str:
     """
     problem: Problem = fit.problem
     units, motion = problem.mechanism.units, problem.mechanism.motion
-    used_coordinates = sorted({c for d in problem.datasets for c in coordinates(d, motion)})
+    used = {label for d in problem.datasets for label in labels(d, motion)}
+    used_labels = [label for label in (*POSE_COORDINATES, "height", "distance") if label in used]
     dropped = [(d.name, row, reason) for d in problem.datasets for row, reason in d.dropped]
     total = sum(len(d) for d in problem.datasets) + len(dropped)
     header = ["row", "dataset"]
     columns: list[Any] = [
         [*(int(n) for d in problem.datasets for n in d.rows), *(row for _, row, _ in dropped)],
         [*(d.name for d in problem.datasets for _ in range(len(d))), *(n for n, _, _ in dropped)]]
-    for c in used_coordinates:
-        f = units.factor("length" if c < 3 else "angle")
+    for name in used_labels:
+        f = units.factor("angle" if name in POSE_COORDINATES[3:] else "length")
         for label, source in (("before", before.vector), ("after", after.vector),
                               ("sigma", after.sigma)):
             values = np.full(total, np.nan)
             at = 0
             for d, v in zip(problem.datasets, source, strict=True):
-                chosen = coordinates(d, motion)
-                if c in chosen:
-                    values[at:at + len(d)] = v[:, chosen.index(c)] / f
+                shown = labels(d, motion)
+                if name in shown:
+                    values[at:at + len(d)] = v[:, shown.index(name)] / f
                 at += len(d)
-            header.append(f"{label}_{POSE_COORDINATES[c]}")
+            header.append(f"{label}_{name}")
             columns.append(values)
     header += ["used", "reason"]
     columns.append([*(int(u) for k in fit.keep for u in k), *(0 for _ in dropped)])

@@ -12,6 +12,7 @@ from ppmcal.files import csv_text, json_text
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.files.effects import effects_tree
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.observation import SCALARS
 from ppmcal.outputs.tables import joint_columns
 from ppmcal.scenario import Scenario
 from ppmcal.simulate import Campaign
@@ -24,6 +25,9 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
     units = mechanism.units
     header: dict[str, Any] = {"pose": campaign.pose}
     header |= joint_columns(mechanism, campaign.q, "q_{}")
+    if scenario.kind in SCALARS:
+        name = "height" if scenario.kind == "plane" else "distance"
+        header[name] = campaign.value / units.factor("length")
     for c in measured_coordinates(mechanism, scenario):
         part = campaign.position[:, c] if c < 3 else campaign.rotation[:, c - 3]
         header[POSE_COORDINATES[c]] = part / units.factor("length" if c < 3 else "angle")
@@ -43,6 +47,8 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
 
 def measured_coordinates(mechanism: Mechanism, scenario: Scenario) -> tuple[int, ...]:
     """Return which of (x, y, z, rx, ry, rz) the instrument gives."""
+    if scenario.kind in SCALARS:
+        return ()
     if mechanism.motion == "planar":
         return (0, 1, 5) if scenario.kind == "pose" else (0, 1)
     pose = scenario.kind == "pose" and mechanism.motion == "spatial"
@@ -54,6 +60,9 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
     units = mechanism.units
     length, angle = units.factor("length"), units.factor("angle")
     sigma: dict[str, Any] = {"position": _sigma(scenario.sigma_position, length)}
+    if scenario.kind in SCALARS:
+        name = "height" if scenario.kind == "plane" else "distance"
+        sigma = {name: _sigma(scenario.sigma_value, length)}
     if scenario.kind == "pose":
         sigma["rotation"] = _sigma(scenario.sigma_rotation, angle)
     if np.any(scenario.sigma_actuator > 0.0):
@@ -62,12 +71,19 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
     content: dict[str, Any] = {
         "format": "ppmcal/dataset/1", "name": name,
         "units": {"length": units.length, "angle": units.angle},
-        "instrument": {"kind": scenario.kind, "sigma": sigma},
+        "instrument": {"kind": scenario.kind, "sigma": sigma} | _point(scenario, length),
         "frame": "known" if scenario.frame_known else "unknown",
         "target": "known" if scenario.target_known else "unknown",
         "target_rotation": "known" if scenario.target_rotation_known else "unknown",
         "approach": "columns"}
     return str(yaml.safe_dump(content, sort_keys=False))
+
+
+def _point(scenario: Scenario, length: float) -> dict[str, Any]:
+    """Return the fixed point of a distance instrument."""
+    if scenario.kind != "distance":
+        return {}
+    return {"point": (scenario.point / length).tolist() if scenario.point_known else "unknown"}
 
 
 def _sigma(value: float, factor: float) -> float:

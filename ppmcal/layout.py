@@ -1,0 +1,111 @@
+"""Which columns of a problem are whose: geometry first, then what each data set leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.dataset import Dataset
+from ppmcal.mechanism import Mechanism
+from ppmcal.observation import Station, pivot
+
+Array = NDArray[np.float64]
+PARTS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class Open:
+    """Columns of one data set's open quantities, and the components that they are of.
+
+    ``about`` (3,): the point about which the frame is turned.
+    """
+
+    frame: slice
+    target: slice
+    target_rotation: slice
+    homing: slice
+    frame_parts: tuple[int, ...]
+    target_parts: tuple[int, ...]
+    turn_parts: tuple[int, ...]
+    about: Array
+
+    def moved(self, station: Station, step: Array) -> Station:
+        """Return the station moved by a step (C,) of all columns."""
+        frame, target, turn = np.zeros(6), np.zeros(3), np.zeros(3)
+        homing = np.zeros_like(station.homing)
+        for whole, columns, parts in ((frame, self.frame, self.frame_parts),
+                                      (target, self.target, self.target_parts),
+                                      (turn, self.target_rotation, self.turn_parts)):
+            if columns.stop > columns.start:
+                whole[list(parts)] = step[columns]
+        homing[:step[self.homing].size] = step[self.homing]
+        return Station(turned_about(station.frame, frame, self.about), station.target + target,
+                       station.target_rotation + turn, station.homing + homing)
+
+
+def frame_parts(data: Dataset, motion: str) -> tuple[int, ...]:
+    """Return the components of an unknown frame that the instrument can tell.
+
+    Touches of a flat tell its height and tilt, distances the point they are measured from,
+    distances between two platform positions nothing.
+    """
+    if data.kind == "plane":
+        return (2, 3, 4)
+    if data.kind == "distance":
+        return () if data.to_q is not None else (0, 1) if motion == "planar" else (0, 1, 2)
+    return (0, 1, 5) if motion == "planar" else (0, 1, 2, 3, 4, 5)
+
+
+def target_parts(data: Dataset, motion: str) -> tuple[int, ...]:
+    """Return the components of an unknown target point that the instrument can tell."""
+    if motion == "translational" and data.kind in ("plane", "distance"):
+        # a platform that never turns carries the target as a constant, as the frame does
+        if data.frame.fitted or data.to_q is not None:
+            return ()
+        return (2,) if data.kind == "plane" else (0, 1, 2)
+    return (0, 1) if motion == "planar" else (0, 1, 2)
+
+
+def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
+            pivots: Sequence[Array] | None) -> tuple[tuple[Open, ...], tuple[str, ...]]:
+    """Return each data set's open columns, and the names of all columns (C,)."""
+    names = [mechanism.names[p] for p in free]
+    motion = mechanism.motion
+    opens: dict[int, Open] = {}
+    by_name: dict[str, Open] = {}
+    turn_parts = (2,) if motion == "planar" else (0, 1, 2)
+    # a frame that another data set owns must have its columns before it is referred to
+    for i, data in sorted(enumerate(datasets), key=lambda d: bool(d[1].frame.same_as)):
+        def take(wanted: bool, labels: Sequence[str], data: Dataset = data) -> slice:
+            begin = len(names)
+            if wanted:
+                names.extend(f"{label} of {data.name}" for label in labels)
+            return slice(begin, len(names))
+
+        parts, points = frame_parts(data, motion), target_parts(data, motion)
+        frame = take(data.frame.fitted and not data.frame.same_as,
+                     [f"frame.{PARTS[p]}" for p in parts])
+        about = pivots[i] if pivots else pivot(data)
+        owner = by_name.get(data.frame.same_as or "")
+        if owner is not None:
+            frame, about, parts = owner.frame, owner.about, owner.frame_parts
+        target = take(data.target.fitted, [f"target.{PARTS[p]}" for p in points])
+        turns = data.target_rotation.fitted and data.kind == "pose" and motion != "translational"
+        turn = take(turns, [f"target_rotation.{PARTS[3 + p]}" for p in turn_parts])
+        homing = take(i > 0 and data.homing == "per-file",
+                      [f"homing.{a}" for a in mechanism.actuators])
+        opens[i] = Open(frame, target, turn, homing, parts, points, turn_parts,
+                        np.where(np.isfinite(about), about, 0.0))
+        by_name[data.name] = opens[i]
+    return tuple(opens[i] for i in range(len(opens))), tuple(names)
+
+
+def turned_about(frame: Array, step: Array, about: Array) -> Array:
+    """Return a frame motor displaced by step[:3] and turned by step[3:] about a point."""
+    turn = cga.motor_from_rotation_vector(step[3:], np.zeros(3))
+    shift = about + step[:3] - cga.move_point(turn, about)
+    return cga.compose(cga.motor_from_rotation_vector(step[3:], shift), frame)
