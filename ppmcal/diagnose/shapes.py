@@ -11,7 +11,7 @@ from ppmcal.effects import Shift
 Array = NDArray[np.float64]
 LOCAL, DISTORTION = "local", "distortion"
 SHAPES = (*((i / 12.0, w) for i in range(13) for w in (0.05, 0.1)),
-          *((i / 8.0, 0.0) for i in range(1, 8)))
+          *((i / 24.0, 0.0) for i in range(2, 23)))
 """Anonymous shapes: place and width in parts of the stroke; width 0 is a kink."""
 
 
@@ -37,9 +37,12 @@ def shapes(to: Collector) -> None:
     middle = np.concatenate([p.response.seen.points[0] for p in to.system.parts]).mean(axis=0)
     shifts = []
     for p in to.system.parts:
-        away = p.response.seen.points[0] - middle
-        swell = np.sum(away**2, axis=1) / max(float(np.sum(middle**2)), 1e-12)
-        shifts.append(Shift(stretch=swell[:, None, None] * np.eye(3)))
+        point = p.response.seen.points[0]
+        swell = np.sum((point - middle) ** 2, axis=1)
+        # a stretch that carries each point along its own way from the middle
+        along = np.maximum(np.sum(point**2, axis=1), 1e-12)[:, None, None]
+        turn = np.eye(3) - middle[:, None] * point[:, None, :] / along
+        shifts.append(Shift(stretch=swell[:, None, None] * turn))
     to.forms.append(Form(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
                            (to.shifted(shifts),), anonymous=True))
 
