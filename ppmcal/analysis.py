@@ -7,7 +7,7 @@ is fitted again, except the frames of the "before" figures and the held-out part
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, Rank, analyse, observability
 from ppmcal.residuals import Residuals, residuals
 from ppmcal.targets import pose_vector
+from ppmcal.variance import noise_ratios
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -71,7 +72,8 @@ class Noise:
     """Residuals against the stated noise.
 
     ``sigma_ratio``: residual over stated noise; ``chi2_p``: chance of a larger chi-squared;
-    ``repeat_ratio``: scatter of repeats over stated noise, None without repeats.
+    ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
+    ``sigma_ratio`` of each data set that has redundancy enough.
     """
 
     sigma_ratio: float
@@ -80,6 +82,7 @@ class Noise:
     chi2_p: float
     repeat_ratio: float | None
     repeat_degrees: int
+    by_dataset: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
@@ -186,7 +189,9 @@ def noise_check(fit: Fit) -> Noise:
     ratio = float(np.sqrt(fit.reduced.square / free))
     repeat, repeat_degrees = _repeats(fit)
     p = float(chdtrc(degrees, chi2)) if degrees > 0 else float("nan")
-    return Noise(ratio, chi2, degrees, p, repeat, repeat_degrees)
+    own = {d.name: float(r) for d, r in zip(fit.problem.datasets, noise_ratios(fit)[0],
+                                            strict=True) if np.isfinite(r)}
+    return Noise(ratio, chi2, degrees, p, repeat, repeat_degrees, own)
 
 
 def _repeats(fit: Fit) -> tuple[float | None, int]:

@@ -24,6 +24,7 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, predict
 from ppmcal.problem import Problem
 from ppmcal.targets import pose_motor
+from ppmcal.variance import noise_ratios, with_estimated_noise
 
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
@@ -197,6 +198,15 @@ def test_commands_with_heights_and_distances(tmp_path: Path) -> None:
         side.write_text(yaml.safe_dump(yaml.safe_load(side.read_text()) | {"name": name}))
     ppmcal("identify", "m.yaml", "a/measurements.csv", "b/measurements.csv", "--out", "i",
            cwd=tmp_path, expect=0)
+    alone = ppmcal("identify", "m.yaml", "a/measurements.csv", "--out", "h", cwd=tmp_path,
+                   expect=0)
+    assert "Held by their tolerances" in alone.out
+    ratio = {}
+    for folder in "hi":
+        found = json.loads((tmp_path / folder / "identification.json").read_text())
+        ratio[folder] = next(p["of_tolerance"] for p in found["parameters"] if p["name"] == "rod")
+    assert ratio["h"] > 0.9
+    assert ratio["i"] < 0.7
     table = rows(tmp_path / "i" / "residuals.csv")
     touches = [r for r in table if r["dataset"] == "touches"]
     assert all(abs(float(r["after_height"])) < 0.06 for r in touches)
@@ -226,3 +236,36 @@ def test_a_planar_machine_touches_no_flat(tmp_path: Path) -> None:
     scenario(tmp_path, "3-RPR", instrument={"kind": "plane", "sigma": {"height": 0.01}})
     run = ppmcal("simulate", "m.yaml", "s.yaml", "--out", "a", cwd=tmp_path, expect=2)
     assert "s.yaml: instrument.kind" in run.err
+
+
+def test_noise_of_each_instrument_is_found() -> None:
+    """Stated noise off by 3 and by 0.4: estimated within its own uncertainty, weights right."""
+    found = []
+    for seed in range(6):
+        heights, g = session("delta-linear", "plane", 80, 100 + seed, 3.0 * SIGMA, scale=1.0)
+        points, _ = session("delta-linear", "point", 60, 100 + seed, 0.4 * SIGMA, scale=1.0)
+        both = replace(heights, datasets=(*heights.datasets, *points.datasets))
+        fit, factor = with_estimated_noise(both, Options(robust=False))
+        found.append(factor / [3.0, 0.4])
+        again, redundancy = noise_ratios(fit)
+        assert np.allclose(again, 1.0, atol=0.02)
+        assert redundancy.sum() < 140
+        assert np.all(np.abs(white_errors(fit, g)) < 5.0)
+    # one estimate is good to 1/sqrt(2 n), n about 70 and 50
+    assert np.allclose(np.mean(found, axis=0), 1.0, atol=3.0 * 0.1 / np.sqrt(6))
+
+
+def test_a_wrong_sigma_is_estimated_on_request(tmp_path: Path) -> None:
+    scenario(tmp_path, "delta-linear", instrument={"kind": "plane", "sigma": {"height": 0.05}},
+             frame="known")
+    ppmcal("simulate", "m.yaml", "s.yaml", "--out", "a", cwd=tmp_path, expect=0)
+    side = tmp_path / "a" / "measurements.yaml"
+    side.write_text(side.read_text().replace("height: 0.05", "height: 0.01"))
+    wrong = ppmcal("identify", "m.yaml", "a/measurements.csv", cwd=tmp_path, expect=1)
+    assert "noise" in wrong.out
+    run = ppmcal("identify", "m.yaml", "a/measurements.csv", "--sigma", "estimated", "--out", "e",
+                 cwd=tmp_path, expect=0)
+    factor = float(run.out.split("noise ")[1].split(" times")[0])
+    assert 3.5 < factor < 6.5
+    ppmcal("identify", "m.yaml", "a/measurements.csv", "--sigma", "estimated", "--method", "damped",
+           "--out", "f", cwd=tmp_path, expect=2)

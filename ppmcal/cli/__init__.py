@@ -16,15 +16,19 @@ from ppmcal import __version__
 
 COMMANDS = {
     "init": "Write a commented mechanism file to start from.",
+    "import": "Turn a controller's configuration into a machine and its data.",
     "check": "Check a mechanism file, alone or with its measurements.",
     "kinematics": "Inverse, forward or velocity kinematics of a table.",
     "simulate": "Simulate measurements of a machine with injected errors.",
     "identify": "Identify the machine's geometry from measurements.",
     "diagnose": "Find the effect that the model misses, name it and add it.",
     "compensate": "Turn wanted poses into corrected commands.",
+    "export": "Write a machine as lines for a controller's configuration.",
     "report": "Gather output folders into one HTML page.",
     "demo": "Run the whole job once on the sample data.",
 }
+MODULES = {"import": "imports", "export": "exports"}
+"""Modules of the commands whose own name cannot be a module's."""
 
 
 class LazyGroup(click.Group):
@@ -38,7 +42,7 @@ class LazyGroup(click.Group):
         """Load one command."""
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"ppmcal.cli.{cmd_name}")
+        module = importlib.import_module(f"ppmcal.cli.{MODULES.get(cmd_name, cmd_name)}")
         command: click.Command = module.command
         return command
 

@@ -44,13 +44,16 @@ if TYPE_CHECKING:
               help="Parameters that may change, in place of the file's; 'none' for frames only.")
 @click.option("--holdout", default="0.2", show_default=True, metavar="FRACTION|CSV",
               help="Poses to hold out, or other measurements to test on; 0 for none.")
+@click.option("--sigma", type=click.Choice(["stated", "estimated"]), default="stated",
+              show_default=True, help="estimated: the noise of each file as its residuals show "
+              "it, where the stated one does not fit.")
 @click.option("--keep-outliers", is_flag=True, help="Use every row as it is.")
 @seed_option
 @quiet_option
 @json_option
 def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: str,
-            damping: float, patterns: tuple[str, ...], holdout: str, keep_outliers: bool,
-            seed: int | None, quiet: bool, as_json: bool) -> None:
+            damping: float, patterns: tuple[str, ...], holdout: str, sigma: str,
+            keep_outliers: bool, seed: int | None, quiet: bool, as_json: bool) -> None:
     """Identify the geometry of MECH from the measurements DATA (CSV files).
 
     Writes identified.yaml (a mechanism file), parameters.csv, residuals.csv and
@@ -62,8 +65,11 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     from ppmcal.identify import identify
     from ppmcal.outputs.identification import files, summary
     from ppmcal.problem import Problem
+    from ppmcal.variance import with_estimated_noise
 
     console = Console(quiet, as_json)
+    if sigma == "estimated" and method == "damped":
+        raise click.UsageError("--sigma estimated goes with --method prior or gcv.")
     if method != "prior" and prior == "flat":
         raise click.UsageError(f"--prior flat goes with --method prior, not {method}.")
     given = click.get_current_context().get_parameter_source("damping")
@@ -76,7 +82,14 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     seed = 0 if seed is None else seed
     problem = Problem(mechanism, datasets, mechanism.free)
     with console.progress("Fitting") as show:
-        fit = identify(problem, options, lambda i, c: show(f"iteration {i}, chi-squared {c:.6g}"))
+        def watch(i: int, c: float) -> None:
+            show(f"iteration {i}, chi-squared {c:.6g}")
+
+        if sigma == "estimated":
+            fit, factor = with_estimated_noise(problem, options, watch)
+            _tell_noise(datasets, factor, console)
+        else:
+            fit = identify(problem, options, watch)
         _refuse_unconverged(fit, method)
         result = report(fit, options, fraction, seed, other)
     tables = [*data, *(Path(d.source) for d in other)]
@@ -90,6 +103,11 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     finish(out, list(output.files), console)
     console.summary(summary(result, source, chosen, False))
     leave(bool(result.findings))
+
+
+def _tell_noise(datasets: tuple[Dataset, ...], factor: Any, console: Console) -> None:
+    for d, f in zip(datasets, factor.tolist(), strict=True):
+        console.say(f"{d.name}: noise {f:.3g} times the stated one.")
 
 
 def _holdout(text: str, mechanism: Mechanism) -> tuple[tuple[Dataset, ...], float]:
@@ -141,6 +159,9 @@ def show_result(result: Identification, console: Console) -> None:
     console.say(f"Noise: residuals are {n.sigma_ratio:.3g} times the stated noise "
                 f"(p = {n.chi2_p:.2g})."
                 + (f" Repeats scatter {n.repeat_ratio:.3g} times." if n.repeat_ratio else ""))
+    if len(n.by_dataset) > 1:
+        console.say("By file: " + ", ".join(f"{name} {r:.3g}"
+                                            for name, r in n.by_dataset.items()) + ".")
     free = [parameter(e, units) for e in result.estimates if e.status != "fixed"]
     shown = sorted(free, key=lambda p: -abs(p["error"]) / (p["tolerance"] or 1.0))[:12]
     if shown:
@@ -153,7 +174,25 @@ def show_result(result: Identification, console: Console) -> None:
         console.say(f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
                     "parameters.csv.")
     _show_redundant(result, console)
+    _show_held(result, console)
     console.warn(result.findings)
+
+
+HELD = 0.8
+"""A parameter known to this part of its tolerance is held by it, not by the data."""
+
+
+def _show_held(result: Identification, console: Console) -> None:
+    """Name what the data hardly know better than the drawing did."""
+    from ppmcal.outputs.identification import of_tolerance
+
+    held = [(e.name, of_tolerance(e) or 0.0) for e in result.estimates if e.status == "identified"]
+    held = sorted((h for h in held if h[1] > HELD), key=lambda h: -h[1])
+    if held:
+        shown = ", ".join(f"{name} ({ratio:.2f})" for name, ratio in held[:6])
+        more = f" and {len(held) - 6} more" if len(held) > 6 else ""
+        console.say("Held by their tolerances rather than by these data (uncertainty after over "
+                    f"before): {shown}{more}.")
 
 
 def _show_redundant(result: Identification, console: Console) -> None:

@@ -63,6 +63,7 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
             "degrees": result.noise.degrees, "chi2_p": result.noise.chi2_p,
             "repeat_ratio": result.noise.repeat_ratio,
             "repeat_degrees": result.noise.repeat_degrees,
+            "by_dataset": dict(result.noise.by_dataset),
         },
         "observability": dict(result.observability),
         "correlations": correlations(result),
@@ -96,7 +97,15 @@ def parameter(e: Estimate, units: Units) -> dict[str, Any]:
         "name": e.name, "nominal": e.nominal / f, "value": e.value / f, "error": e.error / f,
         "sigma": _over(e.sigma, f), "sigma_data": _over(e.sigma_data, f),
         "low": _over(low, f), "high": _over(high, f), "tolerance": _over(e.tolerance, f),
-        "unit": units.name(e.quantity) + ("/unit" if e.per_unit else ""), "status": e.status}
+        "unit": units.name(e.quantity) + ("/unit" if e.per_unit else ""), "status": e.status,
+        "of_tolerance": of_tolerance(e)}
+
+
+def of_tolerance(e: Estimate) -> float | None:
+    """Return the standard deviation after the fit over that before it, None without a prior."""
+    if e.sigma is None or not e.tolerance or not np.isfinite(e.tolerance):
+        return None
+    return e.sigma / e.tolerance
 
 
 def _over(value: float | None, factor: float) -> float | None:
@@ -165,7 +174,8 @@ def _volume(result: Identification) -> dict[str, list[float]]:
     """Range of the platform poses that were measured, base frame, file units."""
     units = result.mechanism.units
     state: State = result.fit.state
-    poses = np.concatenate([p[k] for p, k in zip(state.poses, result.fit.keep, strict=True)])
+    poses = np.concatenate([p[k].reshape(-1, 8)    # a distance has two platform positions
+                            for p, k in zip(state.poses, result.fit.keep, strict=True)])
     full = pose_vector(poses)
     out = {}
     for c in result.mechanism.dof:

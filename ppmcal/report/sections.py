@@ -72,6 +72,9 @@ def _fit_facts(one: Identified) -> str:
     facts: list[tuple[str, str]] = []
     if number(noise.get("sigma_ratio")) is not None:
         facts.append(("Residual over stated noise", sig(noise["sigma_ratio"])))
+    own = noise.get("by_dataset") or {}
+    if len(own) > 1:
+        facts.append(("The same by file", ", ".join(f"{n} {sig(v)}" for n, v in own.items())))
     if number(noise.get("chi2")) is not None:
         facts.append(("χ² of data and prior", f"{sig(noise['chi2'], 4)} with "
                       f"{sig(noise.get('degrees'), 4)} degrees of freedom, "

@@ -1,0 +1,212 @@
+"""Klipper's delta arithmetic against a machine: what it makes of a command, and what fits best.
+
+The firmware has one radius r, three angles w_i, three rods L_i, three endstops e_i. For a point
+(x, y, z) the carriage of tower i goes to
+
+    h_i = sqrt(L_i^2 - (r cos w_i - x)^2 - (r sin w_i - y)^2) + z,
+
+which is e_i + sqrt(L_i^2 - r^2) - h_i below its endstop. That travel, as joint values, goes into
+the machine's own forward kinematics; where the platform ends up is compared with where it should
+be. All lengths here are SI; a :class:`Geometry` is in mm and degrees. Steps are not rounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.closure import Model
+from ppmcal.errors import BadInput
+from ppmcal.files.klipper import TOWERS, Geometry
+from ppmcal.forward import forward
+from ppmcal.inverse import home_state
+from ppmcal.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+MM = 1e-3
+UPRIGHT = 0.95
+"""Towers whose axis has less than this along z are not those of a delta printer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """How travel from the endstops becomes joint values of the machine.
+
+    Attributes:
+        mechanism: the machine.
+        towers: which limb is tower a, b, c.
+        zero: joint values at the endstops, in tower order (3,).
+        scale: joint value per metre of travel down from the endstop (3,).
+    """
+
+    mechanism: Mechanism
+    towers: tuple[int, int, int]
+    zero: Array
+    scale: Array
+
+    def joints(self, travel: Array) -> Array:
+        """Return joint values (N, 3) in the machine's order for travel (N, 3) in tower order."""
+        out = np.zeros_like(travel)
+        actuators = [self.mechanism.limbs[i].actuator for i in self.towers]
+        out[:, actuators] = self.zero + self.scale * travel
+        return out
+
+
+def tower_heights(geometry: Geometry, point: Array) -> Array:
+    """Return the carriage heights (N, 3) that the firmware wants for points (N, 3), m.
+
+    nan where a rod does not reach.
+    """
+    angle = np.radians(geometry.angles)
+    foot = geometry.radius * MM * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    away = np.sum((foot - point[:, None, :2]) ** 2, axis=-1)
+    with np.errstate(invalid="ignore"):
+        up: Array = np.sqrt((np.array(geometry.arms) * MM) ** 2 - away) + point[:, 2:]
+    return up
+
+
+def travel(geometry: Geometry, point: Array) -> Array:
+    """Return how far below its endstop each carriage goes for points (N, 3), (N, 3), m."""
+    arms = np.array(geometry.arms)
+    top = np.array(geometry.endstops) + np.sqrt(arms**2 - geometry.radius**2)
+    out: Array = top * MM - tower_heights(geometry, point)
+    return out
+
+
+def drive_of(mechanism: Mechanism) -> Drive:
+    """Return how the firmware would drive the machine.
+
+    Raises:
+        BadInput: it is not a delta with three upright towers, or no endstop is known.
+    """
+    limbs = mechanism.limbs
+    kinds = {limb.kind.name for limb in limbs}
+    if (mechanism.motion != "translational" or kinds != {"(P)US"} or len(limbs) != 3
+            or len(mechanism.actuators) != 3):
+        raise BadInput(f"the machine is {mechanism.motion} with limbs "
+                       f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,
+                       "Klipper's delta takes three limbs (P)US with `motion: translational`")
+    towers = _towers(mechanism)
+    zero, scale = np.zeros(3), np.zeros(3)
+    nominal = mechanism.nominals
+    for t, i in enumerate(towers):
+        limb = limbs[i]
+        way = axis(mechanism, i)[2]
+        place = f"{mechanism.source}: limbs.{limb.name}"
+        if abs(way) < UPRIGHT:
+            raise BadInput("the tower leans by "
+                           f"{np.degrees(np.arccos(min(abs(way), 1.0))):.0f} deg", place,
+                           "Klipper's delta has upright towers")
+        ratio = limb.slots.values(nominal).get("ratio", 1.0) * np.sign(way)
+        scale[t] = -1.0 / ratio
+        zero[t] = _endstop(mechanism, limb.actuator, ratio, place)
+    return Drive(mechanism, towers, zero, scale)
+
+
+def _towers(mechanism: Mechanism) -> tuple[int, int, int]:
+    """Return the limbs of towers a, b, c: by their actuators' names, else in file order."""
+    names = [mechanism.actuators[limb.actuator].lower() for limb in mechanism.limbs]
+    ends = [n.removeprefix("stepper_").removeprefix("tower_") for n in names]
+    if sorted(ends) == list(TOWERS):
+        return ends.index("a"), ends.index("b"), ends.index("c")
+    return 0, 1, 2
+
+
+def _endstop(mechanism: Mechanism, actuator: int, ratio: float, place: str) -> float:
+    """Return the joint value at the endstop, the upper end of the tower."""
+    if mechanism.actuator_has_ratio[actuator] and ratio < 0.0:
+        return 0.0
+    end = float(mechanism.limits[actuator][1 if ratio > 0.0 else 0])
+    if not np.isfinite(end):
+        raise BadInput("the joint value at the endstop is not known", place,
+                       "Give `limits` whose upper end is the endstop, or count steps down from "
+                       "it: `ratio: -0.0125`")
+    return end
+
+
+def axis(mechanism: Mechanism, limb: int) -> Array:
+    """Return the direction of a tower with its error turn, (3,)."""
+    values = mechanism.limbs[limb].slots.values(mechanism.values)
+    turn = np.array([values.get(f"base.direction.{c}", 0.0) for c in ("rx", "ry", "rz")])
+    motor = cga.motor_from_rotation_vector(turn, np.zeros(3))
+    out: Array = np.asarray(cga.move_point(motor, mechanism.limbs[limb].constants[
+        "base.direction"]), dtype=float)
+    return out
+
+
+def drawn(drive: Drive) -> Geometry:
+    """Return Klipper's numbers as read off the machine, turned so that c stands at 90 deg.
+
+    Exact, apart from a turn and a shift in the plane, for upright towers without frame errors:
+    single radii and a shifted effector are a circle about another centre, heights of joints are
+    endstops.
+    """
+    mechanism = drive.mechanism
+    home = home_state(mechanism)
+    feet, arms, tops = np.zeros((3, 2)), np.zeros(3), np.zeros(3)
+    for t, i in enumerate(drive.towers):
+        limb = mechanism.limbs[i]
+        v = limb.slots.values(mechanism.values)
+        base, carried = (np.array([v.get(f"{part}.point.{c}", 0.0) for c in "xyz"])
+                         for part in ("base", "platform"))
+        way, ratio, offset = axis(mechanism, i), v.get("ratio", 1.0), v.get("offset", 0.0)
+        now = base - carried + way * (ratio * home.q[limb.actuator] + offset)
+        if now[2] <= mechanism.home_pose[2]:
+            raise BadInput("the carriage is below the platform at home",
+                           f"{mechanism.source}: limbs.{limb.name}",
+                           "Klipper's delta has its carriages above: `branch: 1` for u upwards")
+        feet[t], arms[t] = now[:2], v["length"]
+        tops[t] = (base - carried + way * (ratio * drive.zero[t] + offset))[2]
+    centre, radius = _circle(feet)
+    angles = np.degrees(np.arctan2(*(feet - centre).T[::-1]))
+    if np.any(arms <= radius):
+        raise BadInput("a rod does not reach the middle", mechanism.source,
+                       "Klipper's delta needs rods longer than its radius")
+    ends = tops - np.sqrt(arms**2 - radius**2)
+    a, b = ((angles[:2] - angles[2] + 90.0) % 360.0).tolist()
+    return Geometry(radius / MM, (a, b, 90.0), triple(arms / MM), triple(ends / MM))
+
+
+def triple(values: Array) -> tuple[float, float, float]:
+    """Return three numbers of an array as they go into a :class:`Geometry`."""
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def _circle(points: Array) -> tuple[Array, float]:
+    """Return centre (2,) and radius of the circle through three points (3, 2)."""
+    across = 2.0 * (points[1:] - points[0])
+    if abs(np.linalg.det(across)) < 1e-9 * np.max(across**2):
+        raise BadInput("the towers stand in one line", "", "Check the points of the limbs")
+    square = np.sum(points**2, axis=1)
+    centre = np.linalg.solve(across, square[1:] - square[0])
+    return centre, float(np.linalg.norm(points[0] - centre))
+
+
+def reached(drive: Drive, geometry: Geometry, point: Array) -> Array:
+    """Return where the machine goes (N, 3) when Klipper is told ``point`` (N, 3), m.
+
+    nan where the firmware or the machine does not get there.
+    """
+    q = drive.joints(travel(geometry, point))
+    out: Array = np.array(cga.translation(forward(Model(drive.mechanism), q).pose))
+    return out
+
+
+def follows(drive: Drive, geometry: Geometry, point: Array) -> Array:
+    """Return how the platform moves with the joints at ``point`` (N, 3): dx/dq, (N, 3, 3).
+
+    From A dx + Jq dq = 0; nan where it is singular or not reached.
+    """
+    q = drive.joints(travel(geometry, point))
+    model = Model(drive.mechanism)
+    found = forward(model, q)
+    out = np.full((len(q), 3, 3), np.nan)
+    rows = np.flatnonzero(found.converged)
+    closure = model.closure(q[rows])
+    pose = found.pose[rows]
+    out[rows] = -np.linalg.pinv(closure.pose_matrix(pose)) @ closure.joint_matrix(pose)
+    return out

@@ -1,0 +1,253 @@
+"""A machine as Klipper's numbers: read off where they can hold it, else fitted, at what cost.
+
+What a controller makes of commands is compared with them over a grid of the workspace. A turn
+about z and a shift in the plane of the bed are taken out first, of every configuration alike:
+they say where a print lies on the bed and change no print.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ppmcal.controllers.klipper import MM, Drive, drawn, drive_of, follows, reached, travel, triple
+from ppmcal.controllers.klipper import axis as tower_axis
+from ppmcal.errors import NoResult
+from ppmcal.files.klipper import TOWERS, Geometry
+from ppmcal.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+EXACT = 1e-9
+"""Klipper expresses a machine whose largest error is below this, m."""
+LAID = 1e-7
+"""Turns (rad) and shifts (m) below this are rounding, not worth a word."""
+STEP = 1e-4
+"""Step of the differences by Klipper's numbers, mm and deg."""
+DISC = 0.8
+HEIGHTS = (0.0, 0.025, 0.05, 0.075, 0.1)
+ACROSS = 9
+ENOUGH = 20
+
+
+@dataclass(frozen=True)
+class Misses:
+    """Errors over a grid, m, and the turn (rad) and shift (2,) taken out of them."""
+
+    rms: float
+    max: float
+    turn: float
+    shift: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Lack:
+    """One thing that the controller cannot express, how large it is and what it costs.
+
+    ``cost``: errors of the best configuration of a machine that has nothing else of the kind;
+    None for what the prediction does not hold.
+    """
+
+    what: str
+    parameters: tuple[str, ...]
+    cost: Misses | None
+
+
+@dataclass(frozen=True)
+class Export:
+    """A machine in Klipper's numbers.
+
+    Attributes:
+        new, old: what is written, and what it is compared with.
+        before, after: errors of the machine driven with each.
+        points: the commands compared (N, 3), m; radius: of their disc, m.
+        lacks: what cannot be expressed; notes: what was done to express the rest.
+    """
+
+    new: Geometry
+    old: Geometry
+    before: Misses
+    after: Misses
+    points: Array
+    radius: float
+    lacks: tuple[Lack, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def exact(self) -> bool:
+        """Whether Klipper's numbers hold all of the geometry."""
+        return not self.lacks
+
+
+def project(mechanism: Mechanism, old: Geometry | None = None) -> Export:
+    """Return the machine in Klipper's numbers; ``old`` defaults to those of its drawing."""
+    drive = drive_of(mechanism)
+    start = drawn(drive)
+    points = grid(drive, start)
+    new = _best(drive, start, points).rounded()
+    if old is None:
+        first = drive_of(mechanism.nominal())
+        old = _best(first, drawn(first), points)
+    both = points[np.isfinite(reached(drive, old, points)).all(axis=1)]
+    if len(both) < ENOUGH:
+        raise NoResult("with the old configuration the machine reaches next to nothing of the "
+                       "new one's workspace", mechanism.source,
+                       "Check that --old is this printer's, and its position_endstop")
+    after = misses(drive, new, both)
+    return Export(new, old, misses(drive, old, both), after, both, DISC * start.radius * MM,
+                  tuple(_lacks(mechanism, points)), tuple(_notes(drive, after)))
+
+
+def grid(drive: Drive, geometry: Geometry) -> Array:
+    """Return points (N, 3), m, of a disc at five heights that both sides reach, within limits."""
+    radius = DISC * geometry.radius * MM
+    side = np.linspace(-radius, radius, ACROSS)
+    x, y, z = (a.ravel() for a in np.meshgrid(side, side, HEIGHTS, indexing="ij"))
+    points = np.stack([x, y, z], axis=-1)[np.hypot(x, y) <= radius * (1.0 + 1e-9)]
+    limits = drive.mechanism.limits
+    down = travel(geometry, points)
+    q = drive.joints(down)
+    with np.errstate(invalid="ignore"):
+        good = np.all((q >= limits[:, 0]) & (q <= limits[:, 1]) & (down >= 0.0), axis=1)
+    points = points[good]
+    points = points[np.isfinite(reached(drive, geometry, points)).all(axis=1)]
+    if len(points) < ENOUGH:
+        raise NoResult("the machine reaches next to nothing between z = 0 and 100 mm within 80 % "
+                       "of its radius", drive.mechanism.source,
+                       "Klipper's bed is z = 0: put the origin there, and check `limits`")
+    return np.asarray(points, dtype=float)
+
+
+def misses(drive: Drive, geometry: Geometry, points: Array) -> Misses:
+    """Return how far the machine, driven with ``geometry``, misses ``points`` (N, 3)."""
+    error, turn, shift = _laid(reached(drive, geometry, points), points)
+    size = np.linalg.norm(error, axis=1)
+    return Misses(float(np.sqrt(np.mean(size**2))), float(np.max(size)), turn, shift)
+
+
+def _laid(at: Array, wanted: Array) -> tuple[Array, float, tuple[float, float]]:
+    """Lay ``at`` on ``wanted``, (N, 3) each, by a turn about z and a shift along x and y.
+
+    With a and w the points as complex numbers about their means, the turn of least squares is
+    the argument of sum(conj(a) w). Returns what is left (N, 3), the turn and the shift.
+    """
+    a, w = at[:, 0] + 1j * at[:, 1], wanted[:, 0] + 1j * wanted[:, 1]
+    turn = float(np.angle(np.vdot(a - a.mean(), w - w.mean())))
+    shift = complex(w.mean() - np.exp(1j * turn) * a.mean())
+    left = np.exp(1j * turn) * a + shift - w
+    return (np.stack([left.real, left.imag, at[:, 2] - wanted[:, 2]], axis=-1), turn,
+            (shift.real, shift.imag))
+
+
+def _best(drive: Drive, start: Geometry, points: Array) -> Geometry:
+    """Return the geometry with the smallest squared errors at ``points``; c stays at 90 deg."""
+    if misses(drive, start, points).max < EXACT:
+        return start
+
+    def geometry(p: Array) -> Geometry:
+        return Geometry(float(p[0]), (float(p[1]), float(p[2]), 90.0), triple(p[3:6]),
+                        triple(p[6:9]))
+
+    def errors(p: Array) -> Array:
+        error = _laid(reached(drive, geometry(p), points), points)[0] / MM
+        return np.asarray(np.where(np.isfinite(error), error, 1e3).ravel(), dtype=float)
+
+    def slopes(p: Array) -> Array:
+        at, here = reached(drive, geometry(p), points), travel(geometry(p), points)
+        moves = follows(drive, geometry(p), points)
+        columns = []
+        for step in np.diag(np.full(len(p), STEP)):
+            ends = []
+            for side in (step, -step):
+                q = drive.joints(travel(geometry(p + side), points)) - drive.joints(here)
+                ends.append(_laid(at + (moves @ q[..., None])[..., 0], points)[0].ravel() / MM)
+            columns.append((ends[0] - ends[1]) / (2.0 * STEP))
+        return np.nan_to_num(np.stack(columns, axis=-1))
+
+    first = np.array([start.radius, *start.angles[:2], *start.arms, *start.endstops])
+    found = least_squares(errors, first, slopes, x_scale=np.array([1.0, 0.3, 0.3, *[1.0] * 6]),
+                          xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=60)
+    return geometry(found.x)
+
+
+def _groups(mechanism: Mechanism) -> Iterator[tuple[int, str, str, tuple[int, ...]]]:
+    """Yield limb, group, words and parameters of what Klipper has no number for."""
+    g, nominal = mechanism.values, mechanism.nominals
+    seen: set[int] = set()
+    for i, limb in enumerate(mechanism.limbs):
+        groups: dict[str, list[int]] = {}
+        for slot, p in limb.slots.direct:
+            name = _group(slot)
+            if name:
+                groups.setdefault(name, []).append(p)
+        way = tower_axis(mechanism, i)
+        lean = float(np.degrees(np.hypot(way[0], way[1])))
+        for name, used in groups.items():
+            if name == "base.direction" and lean > 1e-9:
+                yield i, name, f"tower {limb.name} leans by {lean:.4g} deg", tuple(used)
+            elif name == "ratio" and g[used[0]] != nominal[used[0]] and used[0] not in seen:
+                seen.add(used[0])
+                yield (i, name, f"drive {limb.name} travels {g[used[0]] / nominal[used[0]]:.6f} "
+                       "times what it should: multiply its rotation_distance by that",
+                       tuple(used))
+            elif name.startswith("joint") and np.any(g[used]):
+                yield i, name, f"frame error of {limb.name}.{name}", tuple(used)
+
+
+def _group(slot: str) -> str:
+    """Return the group of a slot that Klipper has no number for, else nothing."""
+    if slot.startswith(("base.direction.", "joint")):
+        return slot.rpartition(".")[0]
+    return slot if slot == "ratio" else ""
+
+
+def _lacks(mechanism: Mechanism, points: Array) -> Iterator[Lack]:
+    """Yield what Klipper has no number for, each with the cost of that alone."""
+    for i, name, words, used in _groups(mechanism):
+        alone = drive_of(_only(mechanism, i, name, used))
+        start = drawn(alone)
+        fits = points[np.isfinite(reached(alone, start, points)).all(axis=1)]
+        cost = misses(alone, _best(alone, start, fits), fits) if len(fits) >= ENOUGH else None
+        yield Lack(words, tuple(mechanism.names[p] for p in used), cost)
+    for effect in mechanism.effects:
+        yield Lack(f"effect {effect.kind.name}, which the figures above do not hold either",
+                   tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+
+
+def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> Mechanism:
+    """Return the machine with this one group and the others of the kind as Klipper has them."""
+    g = mechanism.values.copy()
+    limbs = list(mechanism.limbs)
+    for i, own in enumerate(mechanism.limbs):
+        for slot, p in own.slots.direct:
+            if _group(slot) and p not in used:
+                g[p] = mechanism.nominals[p] if slot == "ratio" else 0.0
+        if (i, name) != (limb, "base.direction"):
+            up = np.array([0.0, 0.0, np.sign(tower_axis(mechanism, i)[2])])
+            limbs[i] = replace(own, constants={**own.constants, "base.direction": up})
+    return replace(mechanism.with_values(g), limbs=tuple(limbs), effects=())
+
+
+def _notes(drive: Drive, after: Misses) -> Iterator[str]:
+    """Yield what a user should know of how the machine became Klipper's."""
+    mechanism = drive.mechanism
+    limbs = [mechanism.limbs[i] for i in drive.towers]
+    if [limb.name for limb in limbs] != list(TOWERS):
+        yield ("towers: " + ", ".join(f"{limb.name} is stepper_{t}"
+                                      for limb, t in zip(limbs, TOWERS, strict=True)))
+    if abs(after.turn) > LAID:
+        yield (f"the machine is turned by {np.degrees(after.turn):.4g} deg about z, so that tower "
+               f"{limbs[2].name} stands at 90 deg; prints turn with it")
+    if np.hypot(*after.shift) > LAID:
+        yield (f"the model's x = y = 0 becomes {after.shift[0] / MM:.4g}, "
+               f"{after.shift[1] / MM:.4g} mm: Klipper counts from the middle of the towers, "
+               "and so has one delta_radius for them")
+    values = [limb.slots.values(mechanism.values) for limb in limbs]
+    if any(v.get(f"platform.point.{c}", 0.0) for v in values for c in "xy"):
+        yield "the effector's radius is taken off delta_radius: only the difference shows"
+    if any(v.get(f"{part}.point.z", 0.0) for v in values for part in ("base", "platform")):
+        yield "heights of joints went into position_endstop"
