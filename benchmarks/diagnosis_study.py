@@ -69,7 +69,11 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one campaign; one line of study.csv."""
+    """What became of one campaign; one line of study.csv.
+
+    ``p_search``: how often noise alone shows a test as small as the smallest of all;
+    ``p_left``: of what is left following some input.
+    """
 
     cell: str
     machine: str
@@ -90,6 +94,8 @@ class Outcome:
     covered: str
     closed: str
     closed_truth: str
+    p_search: float
+    p_left: float
     seconds: float
 
 
@@ -148,6 +154,7 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
     hit = {t for t in truth if any(t in f for f in families)}
     wrong = sum(1 for f in {frozenset(f) for f in families} if not f & truth)
     closed = result.gap.closed if result.gap else None
+    first = result.found.first
     return Outcome(
         **asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
         freedom=result.found.first.search.gram.freedom, verdict=result.verdict,
@@ -156,7 +163,9 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
         right=int(bool(truth) and hit == truth), alone=int(truth == named), wrong=wrong,
         set_size=float(np.mean([len(f) for f in families])) if families else 0.0,
         covered=coverage(found, result), closed="" if closed is None else f"{closed:.4f}",
-        closed_truth=told(found, result, job.seed % 1000), seconds=round(seconds, 2))
+        closed_truth=told(found, result, job.seed % 1000),
+        p_search=first.search.calibrated(float(first.log_p.min(initial=0.0))),
+        p_left=result.remainder.p_value, seconds=round(seconds, 2))
 
 
 def family(kind: str, parameters: Iterable[str]) -> str:

@@ -28,7 +28,8 @@ def share(rows: Sequence[Row], test: Callable[[Row], bool]) -> str:
 
 def table(rows: Sequence[Row]) -> str:
     """Return the study in Markdown."""
-    parts = [_nothing(rows), _one(rows), _kinds(rows), _several(rows), _unknown(rows)]
+    parts = [_targets(rows), _nothing(rows), _one(rows), _kinds(rows), _several(rows),
+             _unknown(rows)]
     return "\n".join(parts)
 
 
@@ -38,6 +39,41 @@ def _named(row: Row) -> bool:
 
 def _cells(rows: Sequence[Row], start: str) -> list[str]:
     return list(dict.fromkeys(r["cell"] for r in rows if r["cell"].startswith(start)))
+
+
+def _targets(rows: Sequence[Row]) -> str:
+    """Return the figures that a world-class diagnosis would have, and what was found."""
+    empty = [r for r in rows if r["cell"].startswith("none")]
+    strong = [r for r in rows if r["cell"].startswith("one") and float(r["eta"]) >= 0.3
+              and int(r["freedom"]) >= 500]
+    sizes = [float(r["set_size"]) for r in strong if float(r["set_size"]) > 0.0]
+    closed = [(float(r["closed"] or 0.0), float(r["closed_truth"])) for r in strong
+              if r["closed_truth"] and float(r["closed_truth"]) > 0.0]
+    ratio = sum(a for a, _ in closed) / max(sum(b for _, b in closed), 1e-9)
+    unknown = [r for r in rows if r["cell"].startswith("unknown")]
+
+    def right(r: Row) -> bool:
+        return r["right"] == "1"
+
+    lines = [
+        ("nothing hidden: something said to be there", "at most 5 %",
+         share(empty, lambda r: r["verdict"] != "none")),
+        ("nothing hidden: something named", "at most 1 %", share(empty, _named)),
+        ("one, eta >= 0.3, 500 degrees of freedom: right, alone or in a set", "at least 95 %",
+         share(strong, right)),
+        ("the same: size of the set", "at most 1.5", f"{np.mean(sizes or [0.0]):.2f}"),
+        ("the same: a wrong name", "at most 1 %", share(strong, lambda r: int(r["wrong"]) > 0)),
+        ("the same: held-out gap closed, over that of a fit that is told", "at least 0.9",
+         f"{ratio:.2f}"),
+        ("two, eta >= 0.5: both right", "at least 90 %",
+         share([r for r in rows if r["cell"] == "two"], right)),
+        ("three, eta >= 0.5: all right", "at least 80 %",
+         share([r for r in rows if r["cell"] == "three"], right)),
+        ("not in the library, eta = 1: flagged", "at least 95 %",
+         share(unknown, lambda r: r["verdict"] in ("partial", "unnamed")))]
+    out = ["### Against what would be world-class", "", "| | wanted | found (95 %) |",
+           "|---|---|---|", *(f"| {a} | {b} | {c} |" for a, b, c in lines)]
+    return "\n".join(out) + "\n"
 
 
 def _nothing(rows: Sequence[Row]) -> str:
