@@ -22,7 +22,7 @@ from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, Rank, analyse, observability
 from ppmcal.residuals import Residuals, residuals
 from ppmcal.targets import pose_vector
-from ppmcal.variance import noise_ratios
+from ppmcal.variance import LEAST, noise_ratios
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -189,8 +189,11 @@ def noise_check(fit: Fit) -> Noise:
     ratio = float(np.sqrt(fit.reduced.square / free))
     repeat, repeat_degrees = _repeats(fit)
     p = float(chdtrc(degrees, chi2)) if degrees > 0 else float("nan")
-    own = {d.name: float(r) for d, r in zip(fit.problem.datasets, noise_ratios(fit)[0],
-                                            strict=True) if np.isfinite(r)}
+    # one data set has the ratio of all; another pass over the rows tells several apart
+    each = noise_ratios(fit)[0] if len(fit.problem.datasets) > 1 else np.array(
+        [ratio if free >= LEAST else np.nan])
+    own = {d.name: float(r) for d, r in zip(fit.problem.datasets, each, strict=True)
+           if np.isfinite(r)}
     return Noise(ratio, chi2, degrees, p, repeat, repeat_degrees, own)
 
 

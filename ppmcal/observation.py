@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 SCALARS = {"plane": 2, "distance": 0}
 """Instruments that measure one number, and its place among x, y, z, rx, ry, rz."""
+NUMBERS = {"plane": "height", "distance": "distance"}
+"""What that number is called, as a column and among the sigmas."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +68,20 @@ class View:
 
 
 def coordinates(data: Dataset, motion: str) -> tuple[int, ...]:
-    """Return which of (x, y, z, rx, ry, rz) the data set's instrument measures.
+    """Return which of (x, y, z, rx, ry, rz) the data set's instrument measures."""
+    return coordinates_of(data.kind, motion)
+
+
+def coordinates_of(kind: str, motion: str) -> tuple[int, ...]:
+    """Return which of (x, y, z, rx, ry, rz) a kind of instrument measures.
 
     A height is a z; a distance stands in the place of x.
     """
-    if data.kind in SCALARS:
-        return (SCALARS[data.kind],)
+    if kind in SCALARS:
+        return (SCALARS[kind],)
     if motion == "planar":
-        return (0, 1, 5) if data.kind == "pose" else (0, 1)
-    return (0, 1, 2, 3, 4, 5) if data.kind == "pose" and motion == "spatial" else (0, 1, 2)
+        return (0, 1, 5) if kind == "pose" else (0, 1)
+    return (0, 1, 2, 3, 4, 5) if kind == "pose" and motion == "spatial" else (0, 1, 2)
 
 
 def shown(data: Dataset) -> Array:
@@ -88,7 +95,7 @@ def shown(data: Dataset) -> Array:
 def labels(data: Dataset, motion: str) -> tuple[str, ...]:
     """Return the names of what the instrument measures: ``x``, ..., ``height``, ``distance``."""
     if data.kind in SCALARS:
-        return ("height" if data.kind == "plane" else "distance",)
+        return (NUMBERS[data.kind],)
     return tuple(POSE_COORDINATES[c] for c in coordinates(data, motion))
 
 

@@ -18,6 +18,17 @@ from ppmcal.observation import Station, predict
 Array = NDArray[np.float64]
 
 
+def refuse_flat(kind: str, motion: str, source: str) -> None:
+    """Refuse heights of a machine that has none.
+
+    Raises:
+        BadInput: touches of a flat by a planar machine; ``source``: the file that says so.
+    """
+    if kind == "plane" and motion == "planar":
+        raise BadInput("a planar machine cannot touch a flat: it has no z",
+                       f"{source}: instrument.kind", "Use pose, position or distance")
+
+
 def start_scalar(data: Dataset, pose: Array, station: Station, motion: str) -> Station:
     """Return the station from which a fit of heights or distances starts.
 

@@ -22,6 +22,7 @@ from ppmcal.influence import missing_columns, with_strokes
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import SCALARS, Station, predict, stretched
+from ppmcal.scalars import refuse_flat
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 from ppmcal.targets import pose_motor
 
@@ -74,9 +75,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         BadInput: an instrument that is not simulated, or no pose inside the workspace.
         NoResult: the true machine cannot reach any pose.
     """
-    if scenario.kind == "plane" and mechanism.motion == "planar":
-        raise BadInput("a planar machine cannot touch a flat: it has no z",
-                       f"{scenario.source}: instrument.kind", "Use pose, position or distance")
+    refuse_flat(scenario.kind, mechanism.motion, scenario.source)
     rng = np.random.default_rng(scenario.seed if seed is None else seed)
     q, left_out = commands(mechanism.nominal(), scenario, rng)
     g = true_parameters(mechanism, scenario, rng)

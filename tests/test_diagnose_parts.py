@@ -17,6 +17,7 @@ from scipy.stats import f as fisher
 from ppmcal.diagnose import gap as gaps
 from ppmcal.diagnose.adequacy import kernel_test
 from ppmcal.diagnose.candidates import library
+from ppmcal.diagnose.draws import heavy, simulated
 from ppmcal.diagnose.forms import Library
 from ppmcal.diagnose.gram import Gram, build_gram, log_p
 from ppmcal.diagnose.noise import estimate, pure_error
@@ -247,16 +248,22 @@ def stage_of(machine: str, seed: int, kinds: tuple[str, ...] = (), eta: float = 
     return run_stage(problem, fit.state, fit.keep, seed)
 
 
+def noise_of(stage: Stage, count: int, rng: np.random.Generator) -> Array:
+    """Return simulated noise as the stage itself simulates it."""
+    left = stage.residual - stage.basis @ (stage.basis.T @ stage.residual)
+    return simulated(stage.noise, stage.system, stage.basis, left, count, rng)
+
+
 SMALL = hidden.Options(poses=30)
 
 
 def test_thresholds_hold_on_fresh_noise() -> None:
-    """The smallest p of all hypotheses falls below p_det in 4 %, below p_name in 1 %."""
+    """The smallest p of all hypotheses falls below p_det and p_name as often as they say."""
     stage = stage_of("3-RPR", 3, (), 1.0, SMALL)
     search, forms = stage.search, stage.library.forms
     fresh, draws = np.random.default_rng(77), 1500
     gram = build_gram(stage.basis, stage.columns, stage.residual, stage.system.count,
-                      stage.noise.draws(stage.system, draws, fresh))
+                      noise_of(stage, draws, fresh))
     smallest = null_scan(gram, forms)
     for level, limit in ((DETECT, search.detect), (NAME, search.name)):
         # both the threshold and the count are drawn
@@ -273,7 +280,7 @@ def test_p_values_of_noise_are_uniform() -> None:
     """Each hypothesis alone rejects as often as it says, whatever its size."""
     stage = stage_of("3-RPR", 3, (), 1.0, SMALL)
     gram = build_gram(stage.basis, stage.columns, stage.residual, stage.system.count,
-                      stage.noise.draws(stage.system, 1000, np.random.default_rng(5)))
+                      noise_of(stage, 1000, np.random.default_rng(5)))
     forms = stage.library.forms
     sizes = {f.size: f for f in forms if gram.survival(f.columns) > 0.01}
     assert len(sizes) > 2
@@ -282,6 +289,25 @@ def test_p_values_of_noise_are_uniform() -> None:
         p = np.exp(log_p(square[0], gram.null_square, rank[0], gram.freedom))
         assert abs(np.mean(p < 0.1) - 0.1) < 3.5 * np.sqrt(0.1 * 0.9 / 1000), form.label
         assert abs(np.mean(p) - 0.5) < 3.5 / np.sqrt(12 * 1000), form.label
+
+
+def kurtosis(values: Array) -> float:
+    return float(np.mean(values**4) / np.mean(values**2) ** 2 - 3.0)
+
+
+def test_simulated_noise_has_the_tails_of_the_residuals() -> None:
+    """Heavy tails are drawn again, row by row and with unit variance; normal noise stays normal."""
+    rng, found = np.random.default_rng(8), {}
+    for tails in ("normal", "t4"):
+        stage = stage_of("3-RPR", 3, (), 1.0, hidden.Options(poses=80, tails=tails))
+        seen = stage.system.observed.reshape(-1)
+        left = stage.residual - stage.basis @ (stage.basis.T @ stage.residual)
+        drawn = noise_of(stage, 200, rng)[seen]
+        assert np.mean(drawn**2) == pytest.approx(1.0, abs=0.03)
+        assert heavy(left[seen]) == (tails == "t4")
+        found[tails] = kurtosis(drawn), kurtosis(left[seen])
+    assert abs(found["normal"][0]) < 0.1
+    assert found["t4"][0] == pytest.approx(found["t4"][1], rel=0.35)
 
 
 # --- noise ----------------------------------------------------------------------------------------

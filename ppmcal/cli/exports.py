@@ -65,10 +65,11 @@ def command(form: str, model: Path, out: Path, old: Path | None, quiet: bool, as
     if held:
         console.say(f"Change these in the #*# lines of {old}, which win over all others: "
                     f"{', '.join(held)}.")
-    console.warn(_findings(export))
+    findings = _findings(export)
+    console.warn(findings)
     finish(out, list(output.files), console)
     console.summary(summary(export, mechanism.name, source))
-    leave(bool(_findings(export)))
+    leave(bool(findings))
 
 
 def _autosaved(config: Config, names: Iterable[str]) -> list[str]:

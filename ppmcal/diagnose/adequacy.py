@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.noise import PureError
 from ppmcal.diagnose.stage import Stage, explained
 from ppmcal.diagnose.system import System
@@ -117,7 +118,7 @@ def kernel_test(stage: Stage, basis: Array, left: Array, seed: int
     rng = np.random.default_rng(seed)
     system = stage.system
     n, m = system.residual.shape
-    draws = stage.noise.draws(system, DRAWS, rng)
+    draws = simulated(stage.noise, system, basis, left, DRAWS, rng)
     draws -= basis @ (basis.T @ draws)
     both = np.concatenate([left[:, None], draws], axis=1)
     both /= np.sqrt(np.mean(both**2, axis=0))

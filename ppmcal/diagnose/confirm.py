@@ -17,26 +17,31 @@ from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.refit import with_mechanism
 from ppmcal.diagnose.result import Found
 from ppmcal.diagnose.stage import named_only, without
-from ppmcal.diagnose.system import INVISIBLE, Whitening, build, range_basis
+from ppmcal.diagnose.system import (
+    INVISIBLE,
+    Whitening,
+    build,
+    range_basis,
+    thinned,
+    unit_columns,
+)
 from ppmcal.fit import Fit
 from ppmcal.fit import Options as FitOptions
 
 Bools = NDArray[np.bool_]
 
 
-def confirm(found: Found, whole: Fit, options: FitOptions, keep_rows: int
-            ) -> tuple[Found, Fit | None]:
+def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit | None]:
     """Drop effects that do not stand in all rows; return what is left and its fit to them.
 
     Args:
         found: on the training rows.
         whole: fit of all rows without effects.
         options: of the fits.
-        keep_rows: test in at most so many rows.
     """
     while found.added:
         fit = with_mechanism(whole, found.after.problem.mechanism, options)
-        values = own_values(fit, found.added, found.last.noise, thinned(fit.keep, keep_rows))
+        values = own_values(fit, found.added, found.last.noise, thinned(fit.keep))
         weakest = max(values, key=lambda key: values[key])
         if values[weakest] <= found.first.search.name:
             return found, fit
@@ -79,24 +84,8 @@ def own_values(fit: Fit, added: Sequence[Added], noise: Whitening, keep: Sequenc
         left = noise.apply(alone.residual[..., None], alone)[:, 0]
         left = left - basis @ (basis.T @ left)
         columns = columns - basis @ (basis.T @ columns)
-        length = np.linalg.norm(columns, axis=0)
-        plane = range_basis(columns / np.where(length > 0.0, length, 1.0))
+        plane = range_basis(unit_columns(columns)[0])
         gain = float(np.sum((plane.T @ left) ** 2))
         freedom = system.count - basis.shape[1]
         out[key] = float(log_p(np.array([gain]), float(left @ left), plane.shape[1], freedom)[0])
-    return out
-
-
-def thinned(keep: Sequence[Bools], most: int) -> list[Bools]:
-    """Return masks with at most ``most`` rows in all, evenly spread."""
-    total = sum(int(k.sum()) for k in keep)
-    if total <= most:
-        return list(keep)
-    out = []
-    for k in keep:
-        rows = np.flatnonzero(k)
-        some = np.linspace(0, rows.size - 1, max(1, most * rows.size // total)).astype(int)
-        mask = np.zeros_like(k)
-        mask[rows[some]] = True
-        out.append(mask)
     return out

@@ -60,6 +60,10 @@ class Form:
             return self.label
         return f"{GEOMETRY} {self.slot}" if self.slot else self.kind
 
+    def apart(self, other: Form) -> float:
+        """Return by how much the constants of two forms of a grid differ."""
+        return sum(abs(v - other.constants.get(n, v)) for n, v in self.constants.items())
+
     @property
     def label(self) -> str:
         """Return words for people: ``backlash on leg2``."""

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc, betaln
 
+from ppmcal.diagnose.system import unit_columns
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 VISIBLE = 1e-8
@@ -133,9 +135,7 @@ def build_gram(basis: Array, columns: Array, residual: Array, count: int, noise:
     ``count``: how many of the n values were measured, the others being zero everywhere;
     ``noise`` (n, B): simulated, for the thresholds.
     """
-    length = np.linalg.norm(columns, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
-    unit = columns / length
+    unit, length = unit_columns(columns)
     hidden = basis.T @ unit
     unit = unit - basis @ hidden
     across = basis.T @ noise
@@ -143,6 +143,11 @@ def build_gram(basis: Array, columns: Array, residual: Array, count: int, noise:
     return Gram(unit.T @ unit, unit.T @ clean, length, float(clean @ clean),
                 count - basis.shape[1], hidden, unit.T @ noise,
                 np.sum(noise**2, axis=0) - np.sum(across**2, axis=0))
+
+
+def probability(value: float) -> float:
+    """Return the p-value of a log p, above 0 however small it is."""
+    return float(np.exp(max(value, -740.0)))
 
 
 def log_p(explained: Array, square: Array | float, size: Array | Ints | int, freedom: int) -> Array:

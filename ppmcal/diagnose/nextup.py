@@ -84,10 +84,11 @@ def propose(stage: Stage, one: int, two: int, odds: float, seed: int) -> Proposa
         return nothing(_remedy(a, b), len(mechanism.actuators))
     value_a, value_b = stage.search.gram.fit(a.columns)[0], stage.search.gram.fit(b.columns)[0]
     start = 2.0 * abs(float(np.log(odds)))
-    picked, gain = _pick(old, new, value_a, value_b, wanted(start))
+    goal = wanted(start)
+    picked, gain = _pick(old, new, value_a, value_b, goal)
     after = float(np.exp(np.clip((gain - 2.0 * SURE * np.sqrt(gain) - start) / 2.0, 0.0, 300.0)))
     label = f"{a.label} and {b.label}"
-    if gain < wanted(start):
+    if gain < goal:
         many = (f"{len(picked)} further measurements" if picked else "further measurements alone")
         return Proposal(f"{many} would not tell {label} apart: {_remedy(a, b)}",
                         np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {}, odds, after)
@@ -120,12 +121,12 @@ def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
     seen = pose_vector(np.concatenate([p.response.pose for p in stage.system.parts]))
     low, high = seen.min(axis=0), seen.max(axis=0)
     wide = WIDER * (high - low)
-    wanted = rng.uniform(low - wide, high + wide, (POSES, 6))
+    tried = rng.uniform(low - wide, high + wide, (POSES, 6))
     short = problem.mechanism.conditions - len(problem.mechanism.actuators)
     if short:
-        wanted = seen[rng.integers(len(seen), size=POSES)]
+        tried = seen[rng.integers(len(seen), size=POSES)]
     bare = Model(replace(problem.mechanism, effects=()), stage.system.state.g)
-    table = inverse_table(bare, wanted)
+    table = inverse_table(bare, tried)
     good = np.array([s == "ok" for s in table.status])
     if not good.any():
         return None
@@ -201,9 +202,8 @@ def _new_blocks(stage: Stage, a: Form, b: Form, data: Dataset) -> Blocks | None:
             form.kind, form.on, form.shared, form.slot)]
         if not match:
             return summed(found.columns, found.forms, form)
-        match.sort(key=lambda f: sum(abs(v - form.constants.get(n, v))
-                                     for n, v in f.constants.items()))
-        return np.asarray(found.columns[..., match[0].columns])
+        nearest = min(match, key=lambda f: f.apart(form))
+        return np.asarray(found.columns[..., nearest.columns])
 
     try:
         return system.jacobian, columns(a), columns(b)

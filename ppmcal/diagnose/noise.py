@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from ppmcal.diagnose.forms import GEOMETRY, Library
-from ppmcal.diagnose.system import System, Whitening, plain, range_basis
+from ppmcal.diagnose.system import System, Whitening, plain, range_basis, unit_columns
 
 Array = NDArray[np.float64]
 SIGNIFICANT = 1e-3
@@ -100,9 +100,7 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     residual = system.residual.reshape(-1)
 
     def explains(columns: Sequence[int]) -> float:
-        c = flat[:, list(columns)]
-        length = np.linalg.norm(c, axis=0)
-        unit = c / np.where(length > 0.0, length, 1.0)
+        unit, _ = unit_columns(flat[:, list(columns)])
         return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
     for form in library.forms:
@@ -125,8 +123,7 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
 def _cleaned(system: System, columns: Array, noise: Whitening) -> tuple[Array, Array]:
     """Return a basis of the columns and the residual freed of them, (N, m, ...)."""
     flat = noise.apply(columns, system)
-    length = np.linalg.norm(flat, axis=0)
-    basis = range_basis(flat / np.where(length > 0.0, length, 1.0))
+    basis = range_basis(unit_columns(flat)[0])
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     left = residual - basis @ (basis.T @ residual)
     shape = system.residual.shape

@@ -14,15 +14,16 @@ from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.diagnose import tables
 from ppmcal.diagnose.adequacy import ENOUGH_REPEATS, Remainder, remainder
-from ppmcal.diagnose.confirm import confirm, nothing_named, thinned
+from ppmcal.diagnose.confirm import confirm, nothing_named
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gap import Gap, measure_gap
+from ppmcal.diagnose.gram import probability
 from ppmcal.diagnose.localise import localise
 from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.nextup import Proposal, nothing, propose
 from ppmcal.diagnose.refit import of_rows, with_mechanism
 from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect
-from ppmcal.diagnose.rivals import rivals
+from ppmcal.diagnose.rivals import Rival, rivals
 from ppmcal.diagnose.search import own_log_p
 from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
 from ppmcal.diagnose.unrecorded import look_alikes
@@ -35,8 +36,6 @@ from ppmcal.problem import Problem
 
 Bools = NDArray[np.bool_]
 Say = Callable[[str], None]
-MOST_ROWS = 1500
-"""Effects are searched in at most so many rows, evenly spread; fits use them all."""
 ROUNDS = 3
 
 
@@ -70,7 +69,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     training, held = _split(whole, options)
     found = _find(training, options, say)
     say("confirming in all rows")
-    found, final = confirm(found, whole, options.fit, MOST_ROWS)
+    found, final = confirm(found, whole, options.fit)
     gap = _gap(found, held, options)
     if gap is not None and gap.worse:
         found, final = nothing_named(found), None
@@ -79,7 +78,8 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     left = _left(found.last, options.seed)
     start = left if found.last is found.first else remainder(
         replace(found.first, chosen=()), options.seed)
-    effects = _effects(found)
+    others = _alternatives(found.last)
+    effects = _effects(found, others)
     verdict = _verdict(found, left, start, effects)
     named = bool(effects) and verdict != "unnamed"
     if final is None or not named:
@@ -90,7 +90,8 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         localise(found.last, options.seed), tables.candidates(found, effects if named else ()),
         found.first.library.untestable, tables.swallowed(whole, final), whole,
         report(final, options.fit, 0.0, options.seed), found,
-        _proposal(found, verdict, options), _findings(whole, final, left, effects, gap))
+        _proposal(found.last, others, verdict, options.seed),
+        _findings(whole, final, left, effects, gap))
 
 
 def _left(stage: Stage, seed: int) -> Remainder:
@@ -99,7 +100,7 @@ def _left(stage: Stage, seed: int) -> Remainder:
     for i in stage.chosen:
         form = stage.forms[i]
         if form.anonymous:
-            p = float(np.exp(max(own_log_p(stage.search, stage.chosen, i), -740.0)))
+            p = probability(own_log_p(stage.search, stage.chosen, i))
             left = replace(left, follows=" ".join(form.on) or "position",
                            p_value=min(p, left.p_value))
     for i, j in combinations(named_only(stage), 2):
@@ -107,7 +108,7 @@ def _left(stage: Stage, seed: int) -> Remainder:
         joint = set(a.on) & set(b.on)
         if joint and _slow(stage, a) and _slow(stage, b) and a.kind != b.kind:
             # two smooth kinds on one joint are a shape that is neither
-            p = float(np.exp(max(own_log_p(stage.search, stage.chosen, j), -740.0)))
+            p = probability(own_log_p(stage.search, stage.chosen, j))
             left = replace(left, follows=sorted(joint)[0], p_value=min(p, left.p_value))
     return left
 
@@ -143,7 +144,7 @@ def _find(before: Fit, options: Options, say: Say) -> Found:
     """
     training = before.problem
     say("testing effects against simulated noise")
-    first = run_stage(training, before.state, thinned(before.keep, MOST_ROWS), options.seed,
+    first = run_stage(training, before.state, before.keep, options.seed,
                       options.kinds, options.draws)
     found = _settled(before, first, options, say)
     out = sum(len(r) for r in before.reasons)
@@ -151,7 +152,7 @@ def _find(before: Fit, options: Options, say: Say) -> Found:
         return found
     say("testing effects with the outliers")
     everything = [known(p) for p in before.state.poses]
-    second = run_stage(training, before.state, thinned(everything, MOST_ROWS), options.seed,
+    second = run_stage(training, before.state, everything, options.seed,
                        options.kinds, options.draws)
     other = _settled(before, second, options, say)
     explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
@@ -176,7 +177,7 @@ def _settled(before: Fit, first: Stage, options: Options, say: Say) -> Found:
         names = {n for a in added for n in a.parameters}
         columns = [c for c, p in enumerate(after.problem.free)
                    if mechanism.parameters[p].name in names]
-        again = run_stage(after.problem, after.state, thinned(after.keep, MOST_ROWS), options.seed,
+        again = run_stage(after.problem, after.state, after.keep, options.seed,
                           options.kinds, options.draws, columns, first.search,
                           [last.forms[i] for i in last.chosen])
         same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
@@ -186,19 +187,27 @@ def _settled(before: Fit, first: Stage, options: Options, say: Say) -> Found:
     return Found(before, after, first, last, added)
 
 
-def _effects(found: Found) -> tuple[NamedEffect, ...]:
+Alternatives = dict[int, tuple[list[Rival], list[Form]]]
+
+
+def _alternatives(stage: Stage) -> Alternatives:
+    """Return what could take the place of each named form: rivals, and what was not recorded."""
+    return {i: (rivals(stage.search, stage.chosen, i),
+                look_alikes(stage.search, stage.library.unrecorded, stage.chosen, i))
+            for i in named_only(stage)}
+
+
+def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...]:
     """Return what was named, with its rivals."""
     out = []
     stage, left = found.last, list(found.added)
-    for i in named_only(stage):
+    for i, (others, alike) in alternatives.items():
         form = stage.forms[i]
-        others = rivals(stage.search, stage.chosen, i)
-        alike = look_alikes(stage.search, stage.library.unrecorded, stage.chosen, i)
         value = own_log_p(stage.search, stage.chosen, i)
         for added in _of(form, left):
             left.remove(added)
             out.append(NamedEffect(
-                form.kind, added.on, added.parameters, float(np.exp(max(value, -740.0))), value,
+                form.kind, added.on, added.parameters, probability(value), value,
                 stage.search.gram.survival(form.columns),
                 (*(stage.forms[r.form].label for r in others), *(f.label for f in alike)),
                 (*(r.odds for r in others), *(np.nan for _ in alike))))
@@ -208,8 +217,7 @@ def _effects(found: Found) -> tuple[NamedEffect, ...]:
 def _of(form: Form, added: Sequence[Added]) -> list[Added]:
     """Return the effects that were added for a form; of two waves those of the nearer period."""
     mine = [a for a in added if (a.form.family, a.form.on) == (form.family, form.on)]
-    apart = [sum(abs(v - a.form.constants.get(n, v)) for n, v in form.constants.items())
-             for a in mine]
+    apart = [form.apart(a.form) for a in mine]
     return [a for a, d in zip(mine, apart, strict=True) if d <= min(apart)]
 
 
@@ -244,17 +252,14 @@ MOSTLY, FOLLOWS = 0.5, 0.05
 something with this p, are no more than an imitation."""
 
 
-def _proposal(found: Found, verdict: str, options: Options) -> Proposal:
+def _proposal(stage: Stage, alternatives: Alternatives, verdict: str, seed: int) -> Proposal:
     """Return measurements that tell the first rivals apart."""
-    stage, joints = found.last, len(found.last.system.problem.mechanism.actuators)
-    for i in named_only(stage) if verdict != "unnamed" else ():
-        others = rivals(stage.search, stage.chosen, i)
+    joints = len(stage.system.problem.mechanism.actuators)
+    for i, (others, _) in alternatives.items() if verdict != "unnamed" else ():
         if others and not stage.forms[i].slot:
             likeliest = min(others, key=lambda r: r.odds)
-            return propose(stage, i, likeliest.form, likeliest.odds, options.seed)
-    if verdict in ("named-set", "partial") and any(
-            look_alikes(stage.search, stage.library.unrecorded, stage.chosen, i)
-            for i in named_only(stage)):
+            return propose(stage, i, likeliest.form, likeliest.odds, seed)
+    if verdict in ("named-set", "partial") and any(a for _, a in alternatives.values()):
         return nothing("measure again with a known payload (column payload): give under a "
                        "weight that was not recorded looks much like this", joints)
     return nothing({"none": "nothing is missing that these data could show",

@@ -36,8 +36,8 @@ def settled(search: Search, choices: Sequence[Choice]) -> tuple[Search, tuple[in
 def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ...]]:
     """Settle, kind by kind, on which actuators an effect acts and with how many values.
 
-    Tried are one value for the actuators that were named and one for each of them, besides
-    what was chosen; BIC decides.
+    Tried are one value for a set of actuators and one for each of them, besides what was
+    chosen: those that were named, and the strongest one, two, ... BIC decides.
     """
     kinds = list(dict.fromkeys(
         search.forms[i].kind for i in chosen if search.forms[i].on and not search.forms[i].slot
@@ -138,8 +138,7 @@ def find(search: Search, form: Form) -> tuple[Search, int | None]:
     match = [i for i, f in enumerate(search.forms)
              if (f.family, f.on, f.shared) == (form.family, form.on, form.shared)]
     if match:
-        return search, min(match, key=lambda i: sum(
-            abs(v - search.forms[i].constants.get(n, v)) for n, v in form.constants.items()))
+        return search, min(match, key=lambda i: form.apart(search.forms[i]))
     parts = [f for f in search.forms if f.family == form.family and len(f.on) == 1
              and f.on[0] in form.on and (f.constants == form.constants or "low" in f.constants)]
     if form.shared and len(parts) == len(form.on):

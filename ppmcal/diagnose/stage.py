@@ -9,12 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.diagnose.candidates import library
+from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.forms import Form, Library
 from ppmcal.diagnose.gram import build_gram
 from ppmcal.diagnose.noise import PureError, estimate, pure_error
 from ppmcal.diagnose.search import Search, choose, prepare, scan
 from ppmcal.diagnose.sharing import held, settled
-from ppmcal.diagnose.system import INVISIBLE, System, Whitening, build, range_basis
+from ppmcal.diagnose.system import (
+    INVISIBLE,
+    System,
+    Whitening,
+    build,
+    range_basis,
+    thinned,
+    unit_columns,
+)
 from ppmcal.linear import column_scale
 from ppmcal.problem import Problem, State
 
@@ -79,7 +88,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
     Args:
         problem: machine, data and what is free.
         state: the fit.
-        keep: rows to use, by data set.
+        keep: rows to use, by data set; where there are very many, some of them.
         seed: of the simulated noise.
         kinds: which kinds to try; default all.
         draws: of noise, for the thresholds.
@@ -88,8 +97,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         like: an earlier search of the same library and rows, whose thresholds hold.
         hold: what was chosen before, which stays unless something is better.
     """
-    system = build(problem, state, keep)
-    system = without(system, added)
+    system = without(build(problem, state, thinned(keep)), added)
     found = library(system, kinds, [problem.free[c] for c in added])
     noise = estimate(system, found)
     rng = np.random.default_rng(seed)
@@ -127,8 +135,9 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     columns = noise.apply(found.columns, system)
+    left = residual - basis @ (basis.T @ residual)
     gram = build_gram(basis, columns, residual, system.count,
-                      noise.draws(system, 0 if like else draws, rng))
+                      simulated(noise, system, basis, left, 0 if like else draws, rng))
     search = prepare(gram, found.forms, like)
     search, chosen = settled(search, choose(search))
     search, chosen = held(search, chosen, hold)
@@ -141,9 +150,7 @@ def explained(stage: Stage) -> tuple[Array, Array]:
     columns = np.concatenate([np.zeros((len(stage.residual), 0)),
                               *(form_columns(stage, stage.forms[i]) for i in stage.chosen)], axis=1)
     extra = columns - stage.basis @ (stage.basis.T @ columns)
-    length = np.linalg.norm(extra, axis=0)
-    basis = np.concatenate([stage.basis, range_basis(extra / np.where(length > 0, length, 1.0))],
-                           axis=1)
+    basis = np.concatenate([stage.basis, range_basis(unit_columns(extra)[0])], axis=1)
     return basis, stage.residual - basis @ (basis.T @ stage.residual)
 
 

@@ -17,6 +17,7 @@ from scipy.special import stdtrit
 
 from ppmcal.arrays import known
 from ppmcal.conditions import REFERENCE_TEMPERATURE
+from ppmcal.diagnose.system import thinned
 from ppmcal.fit import Fit
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import coordinates
@@ -94,8 +95,8 @@ def gather(before: Fit, after: Fit, rows: Sequence[Bools]
 
     ``rows``: those wanted, by data set.
     """
-    keep = [_spread(a & known(p) & known(q), rows) for a, p, q in
-            zip(rows, before.state.poses, after.state.poses, strict=True)]
+    keep = thinned([a & known(p) & known(q) for a, p, q in
+                    zip(rows, before.state.poses, after.state.poses, strict=True)], MOST_ROWS)
     old, new = (list(f.problem.rows(f.state, True, keep)) for f in (before, after))
     mechanism = after.problem.mechanism
     errors = []
@@ -105,18 +106,6 @@ def gather(before: Fit, after: Fit, rows: Sequence[Bools]
     inputs = Inputs(*(np.concatenate(p) for p in
                       zip(*(_inputs(c, mechanism) for c in new), strict=True)))
     return errors[0], errors[1], inputs, np.arange(len(inputs.time), dtype=np.int64)
-
-
-def _spread(rows: Bools, all_rows: Sequence[Bools]) -> Bools:
-    """Return rows evenly thinned so that all data sets together have MOST_ROWS at most."""
-    total = sum(int(k.sum()) for k in all_rows)
-    if total <= MOST_ROWS:
-        return rows
-    some = np.flatnonzero(rows)
-    out = np.zeros_like(rows)
-    count = max(1, MOST_ROWS * some.size // total)
-    out[some[np.linspace(0, some.size - 1, count).astype(int)]] = True
-    return out
 
 
 def _errors(fit: Fit, rows: Rows) -> tuple[Array, Array, Array]:

@@ -22,6 +22,8 @@ from ppmcal.problem import Problem, State
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
+MOST_ROWS = 1500
+"""Effects are searched in at most so many rows, evenly spread; fits use them all."""
 RANK = 1e-9
 """Directions below this part of the strongest are round-off."""
 INVISIBLE = 0.3
@@ -88,6 +90,21 @@ class System:
         return out
 
 
+def thinned(keep: Sequence[Bools], most: int = MOST_ROWS) -> list[Bools]:
+    """Return masks with at most ``most`` rows in all, evenly spread."""
+    total = sum(int(k.sum()) for k in keep)
+    if total <= most:
+        return list(keep)
+    out = []
+    for k in keep:
+        rows = np.flatnonzero(k)
+        count = min(rows.size, max(1, most * rows.size // total))
+        mask = np.zeros_like(k)
+        mask[rows[np.linspace(0, rows.size - 1, count).astype(int)]] = True
+        out.append(mask)
+    return out
+
+
 def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
     """Return the system of the rows ``keep`` (N,) of each data set at a state."""
     chunks = list(problem.rows(state, True, keep))
@@ -147,32 +164,17 @@ class Whitening:
             -1, values.shape[-1])
 
 
-    def draws(self, system: System, count: int, rng: np.random.Generator) -> Array:
-        """Return simulated noise (N m, count) after a whitening that knows ``rho`` only so well.
-
-        Each draw has a correlation of its own, as far from ``rho`` as that may be off.
-        """
-        n, m = system.residual.shape
-        noise = rng.normal(size=(n, m, count))
-        if self.rho_error > 0.0:
-            true = np.clip(self.rho + self.rho_error * rng.normal(size=count), -0.95, 0.95)
-            before = noise[0]
-            for row in range(1, n):
-                gap = int(system.apart[row - 1])
-                if gap == 0:
-                    before = noise[row]
-                    continue
-                tie, known = true**gap, self.rho**gap
-                now = tie * before + np.sqrt(1.0 - tie**2) * noise[row]
-                noise[row] = (now - known * before) / np.sqrt(1.0 - known**2)
-                before = now
-        return np.asarray(noise * system.observed[..., None]).reshape(n * m, count)
-
-
 def plain(system: System) -> Whitening:
     """Return the whitening that changes nothing."""
     m = system.residual.shape[1]
     return Whitening(np.tile(np.eye(m), (len(system.problem.datasets), 1, 1)), 0.0)
+
+
+def unit_columns(matrix: Array) -> tuple[Array, Array]:
+    """Return columns (n, c) of length 1, and the lengths (c,) they had, 1 for those of zeros."""
+    length = np.linalg.norm(matrix, axis=0)
+    length = np.where(length > 0.0, length, 1.0)
+    return np.asarray(matrix / length), length
 
 
 def range_basis(matrix: Array, least: float = 0.0) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ppmcal.diagnose.gram import probability
 from ppmcal.diagnose.result import Candidate, Found, NamedEffect, Swallowed
 from ppmcal.diagnose.search import columns_of, scan
 from ppmcal.diagnose.stage import WEAK_SURVIVAL, Stage, named_only
@@ -49,7 +50,7 @@ def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate,
             status = "weakly testable"
         also = tuple(a for e in effects if e.kind == form.kind for a in e.alternatives) if (
             status == "named") else ()
-        out.append(Candidate(form, float(np.exp(max(first.log_p[i], -740.0))), survival, status,
+        out.append(Candidate(form, probability(first.log_p[i]), survival, status,
                              also, _detectable(first, i)))
     return tuple(sorted(out, key=lambda c: (c.status != "named", c.p_value)))
 

@@ -28,6 +28,7 @@ from ppmcal.files.sidecar import (
 from ppmcal.files.table import Table, read_table
 from ppmcal.files.yaml_text import number_text
 from ppmcal.mechanism import Mechanism
+from ppmcal.scalars import refuse_flat
 from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.units import Units
 
@@ -75,9 +76,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
         target_rotation=rotation_of(file.target_rotation, units, side), homing=file.homing,
         approach=approach, findings=tuple(findings + list(seen.findings) + more),
         extra=_fixed_point(file, to_q, mechanism, units, side))
-    if data.kind == "plane" and mechanism.motion == "planar":
-        raise BadInput("a planar machine cannot touch a flat: it has no z",
-                       f"{side}: instrument.kind", "Use pose, position or distance")
+    refuse_flat(data.kind, mechanism.motion, side)
     return _usable(_from_point(data, side), seen, mechanism)
 
 

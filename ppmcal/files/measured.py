@@ -14,6 +14,7 @@ from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.sidecar import SidecarFile, sigma_needs
 from ppmcal.files.table import Table
 from ppmcal.mechanism import Mechanism
+from ppmcal.observation import NUMBERS
 from ppmcal.units import Units
 
 
@@ -41,8 +42,8 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
         BadInput: a needed column is missing or wholly empty, or a sigma is not positive.
     """
     units, kind, n = file.units.units(), file.instrument.kind, len(table)
-    if kind in ("plane", "distance"):
-        return _scalar(table, file, side, "height" if kind == "plane" else "distance", units)
+    if kind in NUMBERS:
+        return _scalar(table, file, side, NUMBERS[kind], units)
     position, rotation, findings = _pose(table, mechanism, kind, units)
     turning = bool(np.isfinite(rotation).any())
     sigma_needs(file, side, turning)

@@ -12,7 +12,7 @@ from ppmcal.files import csv_text, json_text
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.files.effects import effects_tree
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.observation import SCALARS
+from ppmcal.observation import NUMBERS, SCALARS, coordinates_of
 from ppmcal.outputs.tables import joint_columns
 from ppmcal.scenario import Scenario
 from ppmcal.simulate import Campaign
@@ -26,11 +26,11 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
     header: dict[str, Any] = {"pose": campaign.pose}
     header |= joint_columns(mechanism, campaign.q, "q_{}")
     if scenario.kind in SCALARS:
-        name = "height" if scenario.kind == "plane" else "distance"
-        header[name] = campaign.value / units.factor("length")
-    for c in measured_coordinates(mechanism, scenario):
-        part = campaign.position[:, c] if c < 3 else campaign.rotation[:, c - 3]
-        header[POSE_COORDINATES[c]] = part / units.factor("length" if c < 3 else "angle")
+        header[NUMBERS[scenario.kind]] = campaign.value / units.factor("length")
+    else:
+        for c in coordinates_of(scenario.kind, mechanism.motion):
+            part = campaign.position[:, c] if c < 3 else campaign.rotation[:, c - 3]
+            header[POSE_COORDINATES[c]] = part / units.factor("length" if c < 3 else "angle")
     header |= {f"dir_{a}": campaign.direction[:, i].astype(int)
                for i, a in enumerate(mechanism.actuators)}
     if campaign.velocity is not None:
@@ -45,24 +45,13 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
             "truth.json": json_text(truth(mechanism, scenario, campaign, provenance))}
 
 
-def measured_coordinates(mechanism: Mechanism, scenario: Scenario) -> tuple[int, ...]:
-    """Return which of (x, y, z, rx, ry, rz) the instrument gives."""
-    if scenario.kind in SCALARS:
-        return ()
-    if mechanism.motion == "planar":
-        return (0, 1, 5) if scenario.kind == "pose" else (0, 1)
-    pose = scenario.kind == "pose" and mechanism.motion == "spatial"
-    return (0, 1, 2, 3, 4, 5) if pose else (0, 1, 2)
-
-
 def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
     """Return measurements.yaml: what a user would know, not what is true."""
     units = mechanism.units
     length, angle = units.factor("length"), units.factor("angle")
     sigma: dict[str, Any] = {"position": _sigma(scenario.sigma_position, length)}
     if scenario.kind in SCALARS:
-        name = "height" if scenario.kind == "plane" else "distance"
-        sigma = {name: _sigma(scenario.sigma_value, length)}
+        sigma = {NUMBERS[scenario.kind]: _sigma(scenario.sigma_value, length)}
     if scenario.kind == "pose":
         sigma["rotation"] = _sigma(scenario.sigma_rotation, angle)
     if np.any(scenario.sigma_actuator > 0.0):
