@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,8 +20,9 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.controllers.klipper_fit import Export
-    from ppmcal.files.klipper import Config, Geometry
+    from ppmcal.outputs.exported import Exported
+
+ROWS = 24
 
 
 @click.command("export")
@@ -30,85 +30,65 @@ if TYPE_CHECKING:
 @click.argument("model", type=FILE)
 @out_option("exported")
 @click.option("--old", type=FILE, default=None,
-              help="The printer.cfg in use, to predict the gain against  [default: the nominal "
-              "values of MODEL].")
+              help="The controller's file in use, to predict the gain against  [default: the "
+              "nominal values of MODEL].")
+@click.option("--poses", type=FILE, default=None,
+              help="Wanted poses, for formats that are tables of them.")
 @quiet_option
 @json_option
-def command(form: str, model: Path, out: Path, old: Path | None, quiet: bool, as_json: bool
-            ) -> None:
-    """Write MODEL as lines to paste into a controller's configuration.
+def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | None, quiet: bool,
+            as_json: bool) -> None:
+    """Write MODEL as a controller's configuration takes it.
 
-    FORMAT klipper: a delta printer. The machine is driven through the controller's own
-    arithmetic with the old and the new lines, and what it cannot express is listed with what
-    that costs. Writes klipper.cfg and export.json.
+    FORMAT klipper: lines for the printer.cfg of a linear delta.
+
+    The file is read back, and the machine is driven through the controller's own arithmetic
+    with the old and the new numbers; what the controller cannot express is listed with what
+    that costs. Writes the controller's file and export.json.
     """
-    from ppmcal.controllers.klipper_fit import project
     from ppmcal.files import Output, provenance, read_mechanism
-    from ppmcal.files.klipper import find_format, read_config, read_geometry
-    from ppmcal.outputs.klipper_export import CONFIG, files, keys, same_again, summary
+    from ppmcal.outputs.exported import all_files, exporter, summary
 
     console = Console(quiet, as_json)
-    find_format(form)
+    writer = exporter(form)
     mechanism = read_mechanism(model)
-    present = None if old is None else read_config(old)
-    before = None if present is None else read_geometry(present)
     with console.progress("Fitting"):
-        export = project(mechanism, before)
-    inputs = [*mechanism.inputs, *([str(old)] if old is not None else [])]
+        exported = writer.export(mechanism, old, poses)
+    inputs = [*mechanism.inputs, *(str(p) for p in (old, poses) if p is not None)]
     source = provenance(inputs, command_line(), None)
     with Output(out) as output:
-        for name, text in files(export, mechanism.name, source).items():
+        for name, text in all_files(exported, mechanism.name, source).items():
             output.add(name, text)
-    same_again(read_geometry(read_config(out / CONFIG)), export.new)
-    _show(export, mechanism.name, export.old, console)
-    held = [] if present is None else _autosaved(present, keys(export.new))
-    if held:
-        console.say(f"Change these in the #*# lines of {old}, which win over all others: "
-                    f"{', '.join(held)}.")
-    findings = _findings(export)
+    _show(exported, mechanism.name, console)
+    findings = exported.findings
     console.warn(findings)
     finish(out, list(output.files), console)
-    console.summary(summary(export, mechanism.name, source))
+    console.summary(summary(exported, mechanism.name, source))
     leave(bool(findings))
 
 
-def _autosaved(config: Config, names: Iterable[str]) -> list[str]:
-    """Return which ``section.key`` stand in the lines that the printer saved itself."""
-    split = ((name, *name.split(".")) for name in names)
-    return [name for name, section, key in split
-            if key in config.sections.get(section, {}) and config.sections[section][key].saved]
-
-
-def _findings(export: Export) -> list[str]:
-    """Return what the user must look at."""
-    out = []
-    for lack in export.lacks:
-        cost = "" if lack.cost is None else (
-            f": costs {lack.cost.rms * 1e3:.4f} mm rms, {lack.cost.max * 1e3:.4f} mm at most")
-        out.append(f"cannot be expressed: {lack.what}{cost}")
-    if export.after.rms > export.before.rms + 1e-8:
-        out.append("the new lines are worse than the old ones over this workspace")
-    return out
-
-
-def _show(export: Export, name: str, old: Geometry, console: Console) -> None:
-    """Print the lines, and what they are worth."""
+def _show(exported: Exported, name: str, console: Console) -> None:
+    """Print the numbers, and what they are worth."""
     if not console.speaks:
         return
-    from ppmcal.outputs.klipper_export import keys
-
-    console.say(f"{name}: Klipper's numbers hold "
-                f"{'all of the geometry' if export.exact else 'most of it, fitted'}.")
-    before = keys(old)
-    console.table(plain_table(["parameter", "old", "new", "change"], [
-        [key, f"{before[key]:.4f}", f"{value:.4f}", f"{round(value - before[key], 4) + 0.0:+.4f}"]
-        for key, value in keys(export.new).items()], (1, 2, 3)))
-    console.say(f"Predicted error in mm, driving the model over {len(export.points)} points, "
-                f"{export.radius * 1e3:.0f} mm around the middle, z 0 to 100 mm, where on the bed "
-                "a print lies aside:")
-    console.table(plain_table(["lines", "rms", "max"], [
-        [label, f"{found.rms * 1e3:.4f}", f"{found.max * 1e3:.4f}"]
-        for label, found in (("old", export.before), ("new", export.after))], (1, 2)))
+    console.say(f"{name}: {exported.said}.")
+    if exported.numbers:
+        console.table(plain_table(["parameter", "old", "new", "change", "unit"], [
+            [n.name, "-" if n.old is None else f"{n.old:.4f}", f"{n.new:.4f}",
+             "-" if n.old is None else f"{round(n.new - n.old, 4) + 0.0:+.4f}", n.unit]
+            for n in exported.numbers[:ROWS]], (1, 2, 3)))
+    if len(exported.numbers) > ROWS:
+        console.say(f"... and {len(exported.numbers) - ROWS} more, all in export.json.")
+    console.say(f"Predicted error over {exported.over}:")
+    figures = (("old", exported.before), ("new", exported.after))
+    turns = exported.after.rotation_rms is not None
+    rows = [[label, f"{f.rms * 1e3:.4f}", f"{f.max * 1e3:.4f}", *(
+        [f"{(v or 0.0) * 57.29577951308232:.5f}" for v in (f.rotation_rms, f.rotation_max)]
+        if turns else [])] for label, f in figures]
+    console.table(plain_table(["", "rms mm", "max mm",
+                               *(["rms deg", "max deg"] if turns else [])], rows, (1, 2, 3, 4)))
     console.say("How well the measurements know the model is in its identification.json.")
-    for note in export.notes:
+    for note in exported.notes:
         console.say(f"Note: {note}.")
+    for line in exported.advice:
+        console.say(line)

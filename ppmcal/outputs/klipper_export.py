@@ -1,56 +1,67 @@
-"""klipper.cfg and export.json."""
+"""``export klipper``: lines for the printer.cfg of a linear delta."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 
 from ppmcal.controllers.klipper import MM
-from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, Misses
-from ppmcal.errors import NoResult
-from ppmcal.files import json_text
+from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, Misses, project
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.files.klipper import (
     TOWERS,
+    Config,
     Geometry,
     format_geometry,
     parse_config,
+    read_config,
     read_geometry,
 )
+from ppmcal.mechanism import Mechanism
+from ppmcal.outputs.exported import Exported, Figure, Lacking, Number, words
 
 CONFIG = "klipper.cfg"
 
 
-def files(export: Export, name: str, provenance: Mapping[str, Any]) -> dict[str, str]:
-    """Return file name -> text of everything that the export writes.
-
-    Raises:
-        NoResult: the lines do not read back as what they were written from.
-    """
-    text = format_geometry(export.new, _comment(export, name))
-    same_again(read_geometry(parse_config(text, CONFIG)), export.new)
-    return {CONFIG: text, "export.json": json_text(summary(export, name, provenance))}
-
-
-def same_again(found: Geometry, written: Geometry) -> None:
-    """Refuse an export that reads back as another one."""
-    if found != written:
+def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
+    """Return the machine in Klipper's numbers; see :class:`ppmcal.outputs.exported.Exporter`."""
+    if poses is not None:
+        raise BadInput("klipper takes numbers, not poses", "--poses", "Leave it out")
+    present = None if old is None else read_config(old)
+    found = project(mechanism, None if present is None else read_geometry(present))
+    text = format_geometry(found.new, _comment(found, mechanism.name))
+    if read_geometry(parse_config(text, CONFIG)) != found.new:
         raise NoResult("the lines read back as another geometry", CONFIG,
                        "This is a fault of ppmcal; do not use them")
+    before, after = keys(found.old), keys(found.new)
+    held = [] if present is None else _autosaved(present, after)
+    advice = [f"Change these in the #*# lines of {old}, which win over all others: "
+              f"{', '.join(held)}."] if held else []
+    return Exported(
+        "klipper", "Klipper", {CONFIG: text},
+        f"Klipper's numbers hold {'all of the geometry' if found.exact else 'most of it, fitted'}",
+        tuple(Number(key, before[key], value, "deg" if key.endswith("angle") else "mm")
+              for key, value in after.items()),
+        f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
+        "mm, where on the bed a print lies aside",
+        _figure(found.before), _figure(found.after),
+        tuple(Lacking(lack.what, lack.parameters,
+                      None if lack.cost is None else _figure(lack.cost)) for lack in found.lacks),
+        found.notes, tuple(advice),
+        {"grid": {"points": len(found.points), "radius": found.radius / MM,
+                  "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}})
 
 
-def _comment(export: Export, name: str) -> str:
-    lines = [f"{name}: predicted error {_both(export.after)}, before {_both(export.before)}.",
+def _comment(found: Export, name: str) -> str:
+    lines = [f"{name}: predicted error {words(_figure(found.after))}, before "
+             f"{words(_figure(found.before))}.",
              "Paste above the #*# lines of printer.cfg, below the sections of the same names (the",
              "later value wins). Where #*# lines name the same keys, put the numbers there: they",
              "win over all others."]
-    return "\n".join([*lines, *(f"Cannot be expressed: {lack.what}." for lack in export.lacks),
-                      *(f"Note: {note}." for note in export.notes)])
-
-
-def _both(found: Misses) -> str:
-    return f"{found.rms / MM:.4f} mm rms, {found.max / MM:.4f} mm at most"
+    return "\n".join([*lines, *(f"Cannot be expressed: {lack.what}." for lack in found.lacks),
+                      *(f"Note: {note}." for note in found.notes)])
 
 
 def keys(geometry: Geometry) -> dict[str, float]:
@@ -63,24 +74,14 @@ def keys(geometry: Geometry) -> dict[str, float]:
     return out
 
 
-def summary(export: Export, name: str, provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of export.json: mm and degrees."""
-    return {
-        "format": "ppmcal/export/1", "controller": "klipper", "name": name,
-        "units": {"length": "mm", "angle": "deg"},
-        "parameters": keys(export.new), "old": keys(export.old),
-        "exact": export.exact, "read_back": True,
-        "gain": {"before": _misses(export.before), "after": _misses(export.after)},
-        "not_expressed": [{"what": lack.what, "parameters": lack.parameters,
-                           "cost": None if lack.cost is None else _misses(lack.cost)}
-                          for lack in export.lacks],
-        "notes": export.notes,
-        "grid": {"points": len(export.points), "radius": export.radius / MM,
-                 "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]},
-        "provenance": dict(provenance)}
+def _autosaved(config: Config, names: Iterable[str]) -> list[str]:
+    """Return which ``section.key`` stand in the lines that the printer saved itself."""
+    split = ((name, *name.split(".")) for name in names)
+    return [name for name, section, key in split
+            if key in config.sections.get(section, {}) and config.sections[section][key].saved]
 
 
-def _misses(found: Misses) -> dict[str, Any]:
-    return {"rms": found.rms / MM, "max": found.max / MM, "unit": "mm",
-            "taken_out": {"turn": float(np.degrees(found.turn)),
-                          "shift": [v / MM for v in found.shift]}}
+def _figure(found: Misses) -> Figure:
+    return Figure(found.rms, found.max, more={
+        "taken_out": {"turn": float(np.degrees(found.turn)),
+                      "shift": [v / MM for v in found.shift]}})

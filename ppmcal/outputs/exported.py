@@ -1,0 +1,156 @@
+"""What every export has in common: texts, numbers old and new, what they are worth and lack."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+
+from ppmcal.errors import unknown
+from ppmcal.files import json_text
+from ppmcal.mechanism import Mechanism
+
+FORMATS = {"klipper": "klipper_export"}
+"""Formats, and the modules beside this one that write them; each is one more file."""
+NO_GAIN = 1e-9
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Errors over the commands compared: of position, m, and of rotation, rad, if there is one."""
+
+    rms: float
+    max: float
+    rotation_rms: float | None = None
+    rotation_max: float | None = None
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number that the controller takes, in the controller's own unit."""
+
+    name: str
+    old: float | None
+    new: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """One thing that the controller cannot express, and what that alone costs (None: unknown)."""
+
+    what: str
+    parameters: tuple[str, ...]
+    cost: Figure | None
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A machine as a controller takes it.
+
+    Attributes:
+        controller: the format's name; title: what people call it.
+        files: file name -> text, read back and found equal before it gets here.
+        said: one sentence on what the controller holds of the machine.
+        numbers: what is written, and what stood there before; old None where nothing did.
+        over: over which commands the figures are, as the end of a sentence.
+        before, after: errors of the machine driven by the controller's arithmetic with each.
+        lacks: what cannot be expressed; notes: what was done to express the rest.
+        advice: sentences on how to bring the numbers into the controller.
+        extra: more for export.json.
+    """
+
+    controller: str
+    title: str
+    files: Mapping[str, str]
+    said: str
+    numbers: tuple[Number, ...]
+    over: str
+    before: Figure
+    after: Figure
+    lacks: tuple[Lacking, ...] = ()
+    notes: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+    extra: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def findings(self) -> list[str]:
+        """What the user must look at."""
+        out = [f"cannot be expressed: {lack.what}"
+               + ("" if lack.cost is None else f": costs {words(lack.cost)}")
+               for lack in self.lacks]
+        if self.after.rms > self.before.rms + NO_GAIN:
+            out.append(f"the new {self.title} numbers are worse than the old ones over this "
+                       "workspace")
+        return out
+
+
+class Exporter(Protocol):
+    """A module that writes one format."""
+
+    def export(self, mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
+        """Return the machine in this format.
+
+        Args:
+            mechanism: the calibrated machine; its nominal values are the drawing.
+            old: the controller's present file, to predict the gain against.
+            poses: wanted poses (CSV), for formats that are tables of them.
+
+        Raises:
+            BadInput: a machine that this controller does not drive, or an option without use.
+            NoResult: the file does not read back as what it was written from.
+        """
+        ...
+
+
+def exporter(name: str) -> Exporter:
+    """Return the module that writes format ``name``, whatever its case.
+
+    Raises:
+        BadInput: there is no such format.
+    """
+    if name.lower() not in FORMATS:
+        raise unknown("format", name, tuple(FORMATS))
+    return cast("Exporter", importlib.import_module(f"ppmcal.outputs.{FORMATS[name.lower()]}"))
+
+
+def words(figure: Figure) -> str:
+    """Return errors for people: ``0.0123 mm rms, 0.0456 mm at most``."""
+    out = f"{figure.rms * 1e3:.4f} mm rms, {figure.max * 1e3:.4f} mm at most"
+    if figure.rotation_rms is not None and figure.rotation_max is not None:
+        out += (f"; {np.degrees(figure.rotation_rms):.5f} deg rms, "
+                f"{np.degrees(figure.rotation_max):.5f} deg at most")
+    return out
+
+
+def all_files(exported: Exported, name: str, provenance: Mapping[str, Any]) -> dict[str, str]:
+    """Return file name -> text of everything that an export writes."""
+    return {**exported.files, "export.json": json_text(summary(exported, name, provenance))}
+
+
+def summary(exported: Exported, name: str, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of export.json: mm and degrees, numbers in the controller's units."""
+    return {
+        "format": "ppmcal/export/1", "controller": exported.controller, "name": name,
+        "units": {"length": "mm", "angle": "deg"},
+        "parameters": {n.name: n.new for n in exported.numbers},
+        "old": {n.name: n.old for n in exported.numbers if n.old is not None},
+        "exact": not exported.lacks, "read_back": True,
+        "gain": {"before": _figure(exported.before), "after": _figure(exported.after)},
+        "not_expressed": [{"what": lack.what, "parameters": lack.parameters,
+                           "cost": None if lack.cost is None else _figure(lack.cost)}
+                          for lack in exported.lacks],
+        "notes": exported.notes, **exported.extra, "provenance": dict(provenance)}
+
+
+def _figure(figure: Figure) -> dict[str, Any]:
+    out: dict[str, Any] = {"rms": figure.rms * 1e3, "max": figure.max * 1e3, "unit": "mm"}
+    if figure.rotation_rms is not None and figure.rotation_max is not None:
+        out["rotation"] = {"rms": float(np.degrees(figure.rotation_rms)),
+                           "max": float(np.degrees(figure.rotation_max)), "unit": "deg"}
+    return {**out, **figure.more}
