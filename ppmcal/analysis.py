@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from ppmcal.dataset import Dataset
+from ppmcal.earlier import Posterior
 from ppmcal.fit import Fit, Options, directions, posterior, prediction_covariance
 from ppmcal.holdout import held_out, on_other, register_only
 from ppmcal.linear import SOLVE_TOLERANCE, prior_square
@@ -103,12 +104,14 @@ class Identification:
     observability: Mapping[str, float]
     columns: tuple[str, ...]
     covariance: Array
+    inflation: float
     before: Residuals
     before_registrations: Mapping[str, Registration]
     after: Residuals
     holdout: Mapping[str, Mapping[str, float]]
     holdout_note: str
     findings: tuple[str, ...]
+    earlier: Posterior | None = None
 
 
 def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
@@ -262,7 +265,7 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
-        prediction_covariance(fit) * inflation**2, residuals(fit.problem, before.state),
+        prediction_covariance(fit) * inflation**2, inflation, residuals(fit.problem, before.state),
         registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note,
         _findings(fit, noise, inflation))
 

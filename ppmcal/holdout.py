@@ -24,7 +24,7 @@ Bools = NDArray[np.bool_]
 
 def register_only(problem: Problem, state: State | None = None) -> Fit:
     """Fit only open frames and targets, geometry as it is."""
-    bare = replace(problem, free=())
+    bare = replace(problem, free=(), earlier=None)
     return identify(bare, Options(method="flat"), start=state)
 
 

@@ -73,6 +73,12 @@ def reduce_rows(problem: Problem, state: State, keep: Sequence[Bools],
         block = block.reshape(-1, size)
         count += int(rows.observed.sum())
         stack = np.asarray(np.linalg.qr(np.concatenate([stack, block]), mode="r"))
+    if problem.earlier is not None:
+        residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
+        block = np.zeros((residual.size, size))
+        block[:, :len(problem.free)], block[:, -1] = jacobian, residual
+        stack = np.asarray(np.linalg.qr(np.concatenate([stack, block]), mode="r"))
+        count += residual.size
     full = np.zeros((size, size))
     full[:min(size, stack.shape[0])] = stack[:size]
     right = full[:-1, -1]
@@ -91,6 +97,8 @@ def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
         if weights is not None:
             r = r * weights[rows.dataset][rows.index][:, None]
         total += float(np.sum(r * r))
+    if problem.earlier is not None:
+        total += float(np.sum(problem.earlier.rows(problem.mechanism, (), state.g)[0] ** 2))
     return total
 
 

@@ -24,6 +24,7 @@ from ppmcal.arrays import known
 from ppmcal.closure import Closure, Model
 from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
+from ppmcal.earlier import Earlier
 from ppmcal.effects import Shift
 from ppmcal.equilibrium import platform_pose, reach, settle
 from ppmcal.influence import Response, conditions_of, shifted
@@ -75,7 +76,7 @@ class Problem:
 
     ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
     one (3,) per data set, default each one's middle; ``given`` their conditions, default as
-    their columns say.
+    their columns say; ``earlier``: what earlier measurements knew.
     """
 
     mechanism: Mechanism
@@ -83,6 +84,7 @@ class Problem:
     free: tuple[int, ...]
     pivots: tuple[Array, ...] | None = None
     given: tuple[Conditions, ...] | None = None
+    earlier: Earlier | None = None
 
     @cached_property
     def _layout(self) -> tuple[tuple[Open, ...], tuple[str, ...]]:

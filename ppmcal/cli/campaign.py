@@ -55,3 +55,26 @@ def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]
 
     datasets = read_campaign(list(paths), mechanism)
     return tuple(with_joints(mechanism, d) for d in datasets)
+
+
+def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
+    """Return the machine with the free values of an earlier calibration, and what was odd."""
+    from ppmcal.errors import BadInput
+    from ppmcal.files import read_mechanism
+
+    other = read_mechanism(start)
+    found = dict(zip(other.names, other.values.tolist(), strict=True))
+    free = {mechanism.names[p] for p in mechanism.free}
+    kinds = [{limb.name: limb.kind.name for limb in m.limbs} for m in (mechanism, other)]
+    if kinds[0] != kinds[1]:
+        raise BadInput("is of another machine: its limbs are not those of "
+                       f"{mechanism.source}", str(start),
+                       "Give the identified.yaml of an earlier calibration of this machine")
+    g = mechanism.values.copy()
+    notes = []
+    for i, name in enumerate(mechanism.names):
+        if name in free:
+            g[i] = found.get(name, g[i])
+        elif name in found and found[name] != g[i]:
+            notes.append(f"{name} is fixed here, at another value than in {start}")
+    return mechanism.with_values(g), notes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ppmcal.cli.campaign import load, readable
+from ppmcal.cli.campaign import load, readable, started
 from ppmcal.cli.common import (
     FILE,
     Console,
@@ -47,23 +47,32 @@ if TYPE_CHECKING:
 @click.option("--sigma", type=click.Choice(["stated", "estimated"]), default="stated",
               show_default=True, help="estimated: the noise of each file as its residuals show "
               "it, where the stated one does not fit.")
+@click.option("--start", type=FILE, default=None, metavar="OLD/identified.yaml",
+              help="Start from the values of an earlier calibration of this machine.")
+@click.option("--keep", is_flag=True, help="Carry on the calibration of --start (or of MECH): "
+              "what its data knew stays known; identification.json must be beside it.")
 @click.option("--keep-outliers", is_flag=True, help="Use every row as it is.")
 @seed_option
 @quiet_option
 @json_option
 def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: str,
             damping: float, patterns: tuple[str, ...], holdout: str, sigma: str,
-            keep_outliers: bool, seed: int | None, quiet: bool, as_json: bool) -> None:
+            start: Path | None, keep: bool, keep_outliers: bool, seed: int | None, quiet: bool,
+            as_json: bool) -> None:
     """Identify the geometry of MECH from the measurements DATA (CSV files).
 
     Writes identified.yaml (a mechanism file), parameters.csv, residuals.csv and
     identification.json.
     """
+    from dataclasses import replace
+
     from ppmcal.analysis import report
+    from ppmcal.compare import carried_on
     from ppmcal.files import Output, provenance
     from ppmcal.fit import Options
     from ppmcal.identify import identify
     from ppmcal.outputs.identification import files, summary
+    from ppmcal.outputs.knowledge import read_posterior, refuse_twice
     from ppmcal.problem import Problem
     from ppmcal.variance import with_estimated_noise
 
@@ -72,15 +81,31 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
         raise click.UsageError("--sigma estimated goes with --method prior or gcv.")
     if method != "prior" and prior == "flat":
         raise click.UsageError(f"--prior flat goes with --method prior, not {method}.")
+    if keep and method == "damped":
+        raise click.UsageError("--keep goes with --method prior or gcv.")
     given = click.get_current_context().get_parameter_source("damping")
     if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("--damping goes with --method damped.")
     mechanism, datasets = load(mech, data, patterns)
     other, fraction = _holdout(holdout, mechanism)
+    tables = [*data, *(Path(d.source) for d in other)]
+    inputs = [*mechanism.inputs, *(str(t) for t in tables),
+              *(str(t.with_suffix(".yaml")) for t in tables)]
+    notes: list[str] = []
+    if start is not None:
+        mechanism, notes = started(mechanism, start)
+        inputs.append(str(start))
+    before = read_posterior((start or mech).with_name("identification.json"),
+                            mechanism) if keep else None
+    inputs += [before.source] if before else []
+    seed = 0 if seed is None else seed
+    source = provenance(inputs, command_line(), seed)
+    if before is not None:
+        refuse_twice(before, source)
     chosen = "flat" if prior == "flat" else method
     options = Options(chosen, damping, not keep_outliers and method != "damped")
-    seed = 0 if seed is None else seed
-    problem = Problem(mechanism, datasets, mechanism.free)
+    problem = Problem(mechanism, datasets, mechanism.free,
+                      earlier=before.data() if before else None)
     with console.progress("Fitting") as show:
         def watch(i: int, c: float) -> None:
             show(f"iteration {i}, chi-squared {c:.6g}")
@@ -92,10 +117,9 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
             fit = identify(problem, options, watch)
         _refuse_unconverged(fit, method)
         result = report(fit, options, fraction, seed, other)
-    tables = [*data, *(Path(d.source) for d in other)]
-    inputs = [*mechanism.inputs, *(str(t) for t in tables),
-              *(str(t.with_suffix(".yaml")) for t in tables)]
-    source = provenance(inputs, command_line(), seed)
+    if before is not None:
+        notes += carried_on(fit, before, options)
+    result = replace(result, findings=(*notes, *result.findings), earlier=before)
     with Output(out) as output:
         for name, text in files(result, source, chosen).items():
             output.add(name, text)

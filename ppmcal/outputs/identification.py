@@ -84,6 +84,8 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
         "measured_volume": _volume(result),
         "provenance": dict(provenance),
     }
+    if result.earlier is not None:
+        out["earlier"] = dict(result.earlier.inputs)
     if covariance:
         out["covariance"] = covariance_entry(result)
     return out
@@ -156,7 +158,10 @@ def covariance_entry(result: Identification) -> dict[str, Any]:
     f = np.array([_column_factor(result, n) for n in result.columns])
     length = result.mechanism.units.factor("length")
     problem = result.fit.problem
+    tau = [float(1.0 / w) if w > 0.0 else None for w in result.fit.prior.tolist()]
     return {"names": list(result.columns),
+            "prior": [_over(t, u) for t, u in zip(tau, f.tolist(), strict=True)],
+            "inflation": result.inflation,
             "matrix": (result.covariance / np.outer(f, f)).tolist(),
             "frames_turn_about": {d.name: (o.about / length).tolist() for d, o in
                                   zip(problem.datasets, problem.opens, strict=True)}}

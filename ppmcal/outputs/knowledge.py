@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ppmcal.compensate import Knowledge
+from ppmcal.earlier import Posterior
 from ppmcal.errors import BadInput
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.outputs.identification import column_factor
@@ -20,10 +23,8 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     Raises:
         BadInput: not readable, not such a file, or of another machine.
     """
+    content = read_content(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["format"] != "ppmcal/identification/1":
-            raise KeyError("format")
         names = tuple(str(n) for n in content["covariance"]["names"])
         units = Units(**content["units"])
         matrix = np.array(content["covariance"]["matrix"], dtype=float)
@@ -34,20 +35,98 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
                 content["covariance"]["frames_turn_about"].items()}
         before = {str(d["name"]): _registration(d["registration_before"], units)
                   for d in content["datasets"]}
-    except OSError as error:
-        raise BadInput(f"cannot be read ({error.strerror})", str(path),
-                       "Give the identification.json of this model") from None
-    except (KeyError, TypeError, ValueError, AttributeError):
-        raise BadInput("is not an identification.json of ppmcal", str(path),
-                       "Run identify again, or remove it to go on without uncertainties") from None
-    strangers = [n for n in names if " of " not in n and n not in mechanism.names]
-    if strangers:
-        raise BadInput(f"belongs to another machine: it has a parameter '{strangers[0]}'",
-                       str(path), "Keep MODEL and its identification.json together")
+    except FORMS as error:
+        raise _no_such(path) from error
+    of_machine(names, mechanism, path)
     factor = np.array([column_factor(mechanism, n) for n in names])
     scaled = {c: (low * _unit(mechanism, c), high * _unit(mechanism, c))
               for c, (low, high) in volume.items()}
     return Knowledge(names, matrix * np.outer(factor, factor), scaled, turn, before)
+
+
+FORMS = (KeyError, TypeError, ValueError, AttributeError, IndexError)
+"""What reading a file of another form raises."""
+
+
+def read_content(path: Path) -> dict[str, Any]:
+    """Return what an identification.json holds.
+
+    Raises:
+        BadInput: not readable, or not such a file.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["format"] != "ppmcal/identification/1":
+            raise KeyError("format")
+    except OSError as error:
+        raise BadInput(f"cannot be read ({error.strerror})", str(path),
+                       "Give the identification.json of this model") from None
+    except FORMS as error:
+        raise _no_such(path) from error
+    return dict(content)
+
+
+def _no_such(path: Path) -> BadInput:
+    return BadInput("is not an identification.json of ppmcal", str(path),
+                    "Run identify again, or remove it to go on without uncertainties")
+
+
+def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
+    """Refuse a file whose parameters the machine does not have.
+
+    Raises:
+        BadInput: it belongs to another machine.
+    """
+    strangers = [n for n in names if " of " not in n and n not in mechanism.names]
+    if strangers:
+        raise BadInput(f"belongs to another machine: it has a parameter '{strangers[0]}'",
+                       str(path), "Keep MODEL and its identification.json together")
+
+
+def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
+    """Return what an identification.json knows of a machine's parameters.
+
+    Raises:
+        BadInput: not readable, not such a file, of another machine, or of an old version.
+    """
+    content = read_content(path)
+    try:
+        entry = content["covariance"]
+        names = [str(n) for n in entry["names"] if " of " not in n]
+        count = len(names)
+        matrix = np.array(entry["matrix"], dtype=float).reshape(len(entry["names"]), -1)
+        tau = [np.inf if t is None else float(t) for t in entry["prior"][:count]]
+        inflation = float(entry["inflation"])
+        found = {str(p["name"]): (float(p["value"]), float(p["nominal"]))
+                 for p in content["parameters"]}
+        units = Units(**content["units"])
+        value, nominal = (np.array([found[n][i] for n in names]) for i in (0, 1))
+        inputs = {str(v): str(k) for k, v in content["provenance"]["inputs"].items()
+                  if str(k).lower().endswith(".csv")}
+        inputs |= {str(k): str(v) for k, v in content.get("earlier", {}).items()}
+    except FORMS as error:
+        raise _no_such(path) from error
+    of_machine(names, mechanism, path)
+    if (units.length, units.angle) != (mechanism.units.length, mechanism.units.angle):
+        raise BadInput(f"is in {units.length} and {units.angle}, the machine in "
+                       f"{mechanism.units.length} and {mechanism.units.angle}", str(path),
+                       "Use the machine file that it was made with")
+    factor = np.array([column_factor(mechanism, n) for n in names])
+    return Posterior(tuple(mechanism.names.index(n) for n in names), value * factor,
+                     nominal * factor, matrix[:count, :count] * np.outer(factor, factor),
+                     np.array(tau) * factor, inflation, inputs, str(path))
+
+
+def refuse_twice(before: Posterior, source: Mapping[str, Any]) -> None:
+    """Refuse to count measurements that an earlier calibration holds already.
+
+    Raises:
+        BadInput: a table in the provenance ``source`` is behind ``before``.
+    """
+    for name, digest in source["inputs"].items():
+        if digest in before.inputs:
+            raise BadInput(f"is in that calibration already, as {before.inputs[digest]}", name,
+                           "Give new measurements only, or leave out --keep")
 
 
 def _registration(entry: dict[str, list[float]], units: Units) -> Registration:

@@ -1,0 +1,103 @@
+"""``ppmcal compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ppmcal.cli.common import (
+    Console,
+    command_line,
+    finish,
+    json_option,
+    leave,
+    number,
+    out_option,
+    plain_table,
+    quiet_option,
+)
+
+if TYPE_CHECKING:
+    from ppmcal.compare import Comparison
+    from ppmcal.mechanism import Mechanism
+
+PATH = click.Path(path_type=Path)
+SHOWN = 12
+
+
+@click.command("compare")
+@click.argument("old", type=PATH)
+@click.argument("new", type=PATH)
+@out_option("compared")
+@quiet_option
+@json_option
+def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None:
+    """Tell what changed between two calibrations OLD and NEW of one machine.
+
+    Both are folders that identify wrote (or the identified.yaml in them), from different
+    measurements. All parameters are judged together, with what each calibration did not know;
+    the fewest that explain a change are named. Writes compare.csv and comparison.json.
+    """
+    import numpy as np
+
+    from ppmcal.compare import between
+    from ppmcal.files import Output, provenance, read_mechanism
+    from ppmcal.outputs.comparison import files, summary
+    from ppmcal.outputs.knowledge import read_knowledge, read_posterior
+
+    console = Console(quiet, as_json)
+    first, second = (p / "identified.yaml" if p.is_dir() else p for p in (old, new))
+    mechanism = read_mechanism(second)
+    paths = [p.with_name("identification.json") for p in (first, second)]
+    before, after = (read_posterior(p, mechanism) for p in paths)
+    knowledge = read_knowledge(paths[0], mechanism)
+    rng = np.random.default_rng(0)
+    found, notes = between(mechanism, before, after, knowledge.volume, rng)
+    source = provenance([*mechanism.inputs, *(str(p) for p in paths)], command_line(), None)
+    with Output(out) as output:
+        for name, text in files(found, mechanism, source).items():
+            output.add(name, text)
+    _show(found, mechanism, console)
+    console.warn(notes)
+    finish(out, list(output.files), console)
+    console.summary({**summary(found, mechanism, source), "findings": notes})
+    leave(found.changed or bool(notes))
+
+
+def _show(found: Comparison, mechanism: Mechanism, console: Console) -> None:
+    """Print what a person wants to know."""
+    if not console.speaks:
+        return
+    from ppmcal.outputs.comparison import change, entries
+
+    console.say(f"{mechanism.name}: {len(found.names)} parameters; "
+                + ("the machine has changed" if found.changed else "nothing has changed")
+                + f" (chi-squared {found.chi2:.4g} of {found.freedom} degrees, p = "
+                f"{found.p_value:.2g}).")
+    for c in (change(c, mechanism) for c in found.changes):
+        instead = f"; it could as well be {', '.join(c['instead'][:4])}" if c["instead"] else ""
+        console.say(f"{c['name']} changed by {c['value']:+.4g} +- {1.96 * c['sigma']:.2g} "
+                    f"{c['unit']} (95 %){instead}.")
+    if found.changed and not found.changes:
+        console.say("No single parameter explains it.")
+    elif found.changes and found.p_left < 0.01:
+        console.say(f"That does not explain all of it (p = {found.p_left:.2g} of the rest).")
+    rows = sorted(entries(found, mechanism), key=lambda r: r["p_alone"])
+    console.table(plain_table(
+        ["parameter", "new", "new - old", "+- 95 %", "unit", ""],
+        [[r["name"], number(r["new"], 6), f"{r['difference']:+.3g}",
+          number(1.96 * r["sigma"], 2), r["unit"],
+          "" if r["status"] == "unchanged" else r["status"]] for r in rows[:SHOWN]],
+        (1, 2, 3)))
+    if len(rows) > SHOWN:
+        console.say(f"The {SHOWN} likeliest to have changed; all {len(rows)} in compare.csv.")
+    if found.moved is not None:
+        m, units = found.moved, mechanism.units
+        f = units.factor("length")
+        turn = (f", {number(m.rotation_rms / units.factor('angle'))} {units.angle} rms"
+                if mechanism.motion != "translational" else "")
+        console.say(f"At the same joints the platform is {number(m.position_rms / f)} "
+                    f"{units.length} rms and {number(m.position_max / f)} {units.length} at most "
+                    f"from where it was{turn}, over {m.poses} poses of the volume measured before.")

@@ -1,0 +1,276 @@
+"""Calibrations carried on with new data, and what changed between two of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from commands import ppmcal, rows
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.closure import Model
+from ppmcal.compare import Comparison, between, compare
+from ppmcal.dataset import Dataset, Unknown
+from ppmcal.earlier import Posterior
+from ppmcal.files import read_mechanism
+from ppmcal.fit import Fit, Options, posterior
+from ppmcal.forward import forward
+from ppmcal.identify import identify
+from ppmcal.inverse import inverse
+from ppmcal.mechanism import Mechanism
+from ppmcal.observation import Station, measured_pose
+from ppmcal.problem import Problem
+from ppmcal.targets import pose_motor
+
+Array = NDArray[np.float64]
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+BOX = {"3-RPR": [0.08, 0.08, 0, 0, 0, 0.2], "delta-linear": [0.08, 0.08, 0.06, 0, 0, 0],
+       "6-UPS": [0.3, 0.3, 0.25, 0.2, 0.2, 0.2]}
+POSITION, ROTATION = 1e-5, 2e-5
+OPTIONS = Options(robust=False)
+
+
+def machine(name: str) -> Mechanism:
+    return read_mechanism(CONFIGS / f"{name}.yaml")
+
+
+def session(mechanism: Mechanism, name: str, g: Array, rng: np.random.Generator, n: int = 40,
+            label: str = "a") -> Dataset:
+    """Measure poses of the machine ``g`` with an instrument that stands somewhere."""
+    pose = mechanism.home_pose + rng.uniform(-1.0, 1.0, (3 * n, 6)) * BOX[name]
+    found = inverse(Model(mechanism), pose_motor(pose))
+    q = found.q[found.reached][:n]
+    planar = mechanism.motion == "planar"
+    frame = rng.normal(size=6) * ([0.1, 0.1, 0, 0, 0, 0.2] if planar else [0.1] * 3 + [0.05] * 3)
+    station = Station(pose_motor(frame), np.zeros(3), np.zeros(3), np.zeros(q.shape[1]))
+    seen = measured_pose(station, forward(Model(mechanism, g), q).pose)
+    seen = seen + rng.normal(size=seen.shape) * ([POSITION] * 3 + [ROTATION] * 3)
+    data = Dataset.of_poses(label, q, seen, (POSITION, ROTATION), False)
+    if mechanism.motion == "translational":
+        data = replace(data, kind="position", rotation=np.full((len(q), 3), np.nan))
+    return replace(data, frame=Unknown(True, np.zeros(6)))
+
+
+def drawn(mechanism: Mechanism, rng: np.random.Generator) -> Array:
+    g = mechanism.nominals.copy()
+    for p in mechanism.free:
+        g[p] += (mechanism.parameters[p].tolerance or 0.0) * rng.normal()
+    return g
+
+
+def fitted(mechanism: Mechanism, *data: Dataset, before: Posterior | None = None,
+           options: Options = OPTIONS) -> Fit:
+    problem = Problem(mechanism, data, mechanism.free,
+                      earlier=before.data() if before else None)
+    fit = identify(problem, options)
+    assert fit.converged
+    return fit
+
+
+def known(fit: Fit) -> Posterior:
+    """Return what a file would hold of a fit."""
+    count = len(fit.problem.free)
+    places = fit.problem.free
+    with np.errstate(divide="ignore"):
+        tolerance = 1.0 / fit.prior[:count]
+    covariance = posterior(fit)[:count, :count]
+    np.fill_diagonal(covariance, np.where(np.isfinite(np.diagonal(covariance)),
+                                          np.diagonal(covariance), 0.0))
+    return Posterior(places, fit.state.g[list(places)],
+                     fit.problem.mechanism.nominals[list(places)], covariance, tolerance, 1.0,
+                     {fit.problem.datasets[0].name: "x.csv"}, "x")
+
+
+def sigmas(fit: Fit) -> Array:
+    return np.sqrt(np.diagonal(posterior(fit))[:len(fit.problem.free)])
+
+
+@pytest.mark.parametrize("name", list(BOX))
+def test_carrying_on_is_fitting_everything_at_once(name: str) -> None:
+    """A then B, or A then B then C, give values and uncertainties of A, B and C in one fit."""
+    mechanism, rng = machine(name), np.random.default_rng(5)
+    g = drawn(mechanism, rng)
+    data = [session(mechanism, name, g, rng, label=label) for label in "abc"]
+    whole = fitted(mechanism, *data)
+    step = fitted(mechanism, data[0])
+    for d in data[1:]:
+        step = fitted(mechanism, d, before=known(step))
+    free = list(mechanism.free)
+    apart = np.abs(step.state.g[free] - whole.state.g[free]) / sigmas(whole)
+    assert apart.max() < 0.1
+    assert sigmas(step) == pytest.approx(sigmas(whole), rel=0.02)
+    alone = fitted(mechanism, data[2])
+    assert np.mean(sigmas(step) / sigmas(alone)) < 0.9
+
+
+def test_carrying_on_without_tolerances() -> None:
+    """With a flat prior only what the old data saw is kept."""
+    mechanism, rng = machine("3-RPR"), np.random.default_rng(6)
+    g, flat = drawn(mechanism, rng), Options("flat", robust=False)
+    data = [session(mechanism, "3-RPR", g, rng, label=label) for label in "ab"]
+    whole = fitted(mechanism, *data, options=flat)
+    first = known(fitted(mechanism, data[0], options=flat))
+    step = fitted(replace_values(mechanism, first), data[1], before=first, options=flat)
+    probe = session(mechanism, "3-RPR", g, rng, 20).q
+    apart = []
+    for fit in (whole, step):
+        at = cga.translation(forward(Model(mechanism, fit.state.g), probe).pose)
+        apart.append(np.linalg.norm(at[:, None] - at[None], axis=-1))
+    # frames are free, so only distances compare
+    assert np.max(np.abs(apart[0] - apart[1])) < 0.3 * POSITION
+    alone = fitted(mechanism, data[1], options=flat)
+    at = cga.translation(forward(Model(mechanism, alone.state.g), probe).pose)
+    assert np.max(np.abs(np.linalg.norm(at[:, None] - at[None], axis=-1) - apart[0])) > POSITION
+
+
+def campaigns(count: int, change: float, where: str = "leg2.offset"
+              ) -> list[tuple[Comparison, float]]:
+    """Return comparisons of two sessions of fresh machines, and the change between them, SI."""
+    mechanism = machine("3-RPR")
+    out = []
+    for seed in range(count):
+        rng = np.random.default_rng([17, seed])
+        g = drawn(mechanism, rng)
+        h = g.copy()
+        h[mechanism.names.index(where)] += change
+        old, new = (known(fitted(mechanism, session(mechanism, "3-RPR", v, rng, 25, label)))
+                    for v, label in ((g, "a"), (h, "b")))
+        found, notes = between(replace_values(mechanism, new), old, new, {}, rng)
+        assert not notes
+        out.append((found, change))
+    return out
+
+
+def replace_values(mechanism: Mechanism, found: Posterior) -> Mechanism:
+    g = mechanism.values.copy()
+    g[list(found.places)] = found.value
+    return mechanism.with_values(g)
+
+
+def test_nothing_changed_is_uniform() -> None:
+    """p-values of unchanged machines are uniform, single ones too, and differences have sigma."""
+    found = [c for c, _ in campaigns(50, 0.0)]
+    p = np.array([c.p_value for c in found])
+    assert abs(p.mean() - 0.5) < 3.5 / np.sqrt(12 * p.size)
+    assert np.mean(p < 0.1) < 0.1 + 3.0 * np.sqrt(0.09 / p.size)
+    alone = np.stack([c.alone for c in found])
+    assert abs(alone.mean() - 0.5) < 0.08
+    assert sum(c.changed for c in found) <= 3
+    seen = found[0].sigma > 1e-9
+    z = np.stack([(c.new - c.old)[seen] / c.sigma[seen] for c in found])
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_change_is_named_with_its_interval() -> None:
+    """One offset moved between the sessions: it is named, alone or among those as good."""
+    found = campaigns(24, 1.5e-4)
+    named = hit = total = 0
+    for c, change in found:
+        for one in c.changes:
+            named += one.name == "leg2.offset" or "leg2.offset" in one.instead
+            if one.name == "leg2.offset" and len(c.changes) == 1:
+                total += 1
+                hit += abs(one.value - change) < 1.96 * one.sigma
+    assert named >= 22
+    assert total >= 12 and hit >= 0.8 * total
+
+
+def test_the_same_calibration_twice_has_not_changed() -> None:
+    mechanism, rng = machine("3-RPR"), np.random.default_rng(2)
+    one = known(fitted(mechanism, session(mechanism, "3-RPR", drawn(mechanism, rng), rng)))
+    found, notes = between(replace_values(mechanism, one), one, one,
+                           {"x": (-0.02, 0.02), "y": (-0.02, 0.02), "rz": (-0.1, 0.1)}, rng)
+    assert not found.changed and "x.csv is in both" in notes[0]
+    assert np.max(np.abs(found.new - found.old)) == 0.0
+    moved = replace(one, value=one.value)
+    assert compare(mechanism, moved.data(), one.value, one.covariance, one.tolerance).moved is None
+
+
+# ---------------------------------------------------------------- the commands
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """3-RPR.yaml, three sessions A, B, C (leg 2 homed anew), and their calibrations idA, ..."""
+    folder = tmp_path_factory.mktemp("sessions")
+    ppmcal("init", "3-RPR", cwd=folder, expect=0)
+    scenario = yaml.safe_load((folder / "3-RPR.scenario.yaml").read_text())
+    scenario["errors"] = {"leg1.offset": 0.3, "leg3.base.point.x": -0.2, "leg2.offset": -0.1}
+    for seed, label in enumerate("ABC"):
+        if label == "C":
+            scenario["errors"]["leg2.offset"] = 0.4
+        scenario["seed"] = seed
+        (folder / f"{label}.yaml").write_text(yaml.safe_dump(scenario))
+        ppmcal("simulate", "3-RPR.yaml", f"{label}.yaml", "--out", label, "--quiet", cwd=folder,
+               expect=0)
+        ppmcal("identify", "3-RPR.yaml", f"{label}/measurements.csv", "--out", f"id{label}",
+               "--quiet", cwd=folder, expect=0)
+    return folder
+
+
+def test_compare_says_nothing_changed(sessions: Path, tmp_path: Path) -> None:
+    run = ppmcal("compare", "idA", "idB", "--out", tmp_path / "o", cwd=sessions, expect=0)
+    assert "nothing has changed" in run.out
+    assert max(len(line) for line in run.out.splitlines()) <= 80
+    entries = rows(tmp_path / "o" / "compare.csv")
+    assert {e["status"] for e in entries} == {"unchanged"}
+    found = json.loads((tmp_path / "o" / "comparison.json").read_text())
+    assert found["verdict"] == "unchanged" and found["platform"]["poses"] > 100
+
+
+def test_compare_names_what_changed(sessions: Path, tmp_path: Path) -> None:
+    run = ppmcal("compare", "idA/identified.yaml", "idC", "--out", tmp_path / "o", "--json",
+                 cwd=sessions, expect=1)
+    (change,) = run.json["changes"]
+    assert "leg2.offset" in [change["name"], *change["instead"]]
+    assert run.json["verdict"] == "changed" and run.json["p_value"] < 1e-6
+
+
+def test_keep_carries_on(sessions: Path, tmp_path: Path) -> None:
+    """--start OLD --keep, or the old model itself with --keep; the same rows twice are refused."""
+    args = ("--keep", "--quiet", "--holdout", "0")
+    ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--start", "idA/identified.yaml", *args,
+           "--out", tmp_path / "one", cwd=sessions, expect=0)
+    ppmcal("identify", "idA/identified.yaml", "B/measurements.csv", *args,
+           "--out", tmp_path / "two", cwd=sessions, expect=0)
+    one, two, alone = (rows(f / "parameters.csv") for f in
+                       (tmp_path / "one", tmp_path / "two", sessions / "idB"))
+    assert [r["value"][:10] for r in one] == [r["value"][:10] for r in two]
+    smaller = [float(a["sigma"]) < float(b["sigma"]) for a, b in zip(one, alone, strict=True)
+               if a["status"] == "identified"]
+    assert np.mean(smaller) > 0.9
+    run = ppmcal("identify", "3-RPR.yaml", "A/measurements.csv", "--start",
+                 tmp_path / "one" / "identified.yaml", *args, "--out", tmp_path / "no",
+                 cwd=sessions, expect=2)
+    assert "in that calibration already" in run.err and not (tmp_path / "no").exists()
+
+
+def test_keep_says_when_the_machine_has_changed(sessions: Path, tmp_path: Path) -> None:
+    run = ppmcal("identify", "3-RPR.yaml", "C/measurements.csv", "--start", "idA/identified.yaml",
+                 "--keep", "--out", tmp_path / "o", cwd=sessions, expect=1)
+    words = " ".join(run.out.split())
+    assert "the machine has changed since the calibration" in words
+
+
+def test_bad_starts_are_refused(sessions: Path, tmp_path: Path) -> None:
+    data = "B/measurements.csv"
+    (tmp_path / "identified.yaml").write_text((sessions / "idA" / "identified.yaml").read_text())
+    for args, words in (
+            (("--start", tmp_path / "identified.yaml", "--keep"), "identification.json"),
+            (("--start", CONFIGS / "6-UPS.yaml"), "is of another machine"),
+            (("--keep", "--method", "damped"), "--keep goes with"),
+            (("--start", "nowhere.yaml"), "nowhere.yaml")):
+        run = ppmcal("identify", "3-RPR.yaml", data, *args, "--out", tmp_path / "o",
+                     cwd=sessions, expect=2)
+        assert words in run.err, args
+    (tmp_path / "identification.json").write_text('{"format": "ppmcal/identification/1"}')
+    for args in (("identify", "3-RPR.yaml", data, "--keep", "--start",
+                  tmp_path / "identified.yaml"), ("compare", tmp_path, "idB"),
+                 ("compare", "idA", tmp_path / "none")):
+        run = ppmcal(*args, "--out", tmp_path / "o", cwd=sessions, expect=2)
+        assert run.err.startswith("Error:") or "Error:" in run.err
