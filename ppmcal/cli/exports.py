@@ -41,6 +41,10 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     """Write MODEL as a controller's configuration takes it.
 
     FORMAT klipper: lines for the printer.cfg of a linear delta.
+    FORMAT linuxcnc: HAL pins of genhexkins for a hexapod.
+    FORMAT reprap: M665 and M666 of a linear delta.
+    FORMAT joints: LinuxCNC compensation files, one for each actuator.
+    FORMAT grid: a table of wanted poses, their corrected commands and joint values.
 
     The file is read back, and the machine is driven through the controller's own arithmetic
     with the old and the new numbers; what the controller cannot express is listed with what

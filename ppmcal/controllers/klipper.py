@@ -89,7 +89,7 @@ def drive_of(mechanism: Mechanism) -> Drive:
             or len(mechanism.actuators) != 3):
         raise BadInput(f"the machine is {mechanism.motion} with limbs "
                        f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,
-                       "Klipper's delta takes three limbs (P)US with `motion: translational`")
+                       "A linear delta has three limbs (P)US with `motion: translational`")
     towers = _towers(mechanism)
     zero, scale = np.zeros(3), np.zeros(3)
     nominal = mechanism.nominals
@@ -100,7 +100,7 @@ def drive_of(mechanism: Mechanism) -> Drive:
         if abs(way) < UPRIGHT:
             raise BadInput("the tower leans by "
                            f"{np.degrees(np.arccos(min(abs(way), 1.0))):.0f} deg", place,
-                           "Klipper's delta has upright towers")
+                           "A linear delta printer has upright towers")
         ratio = limb.slots.values(nominal).get("ratio", 1.0) * np.sign(way)
         scale[t] = -1.0 / ratio
         zero[t] = _endstop(mechanism, limb.actuator, ratio, place)
@@ -108,11 +108,12 @@ def drive_of(mechanism: Mechanism) -> Drive:
 
 
 def _towers(mechanism: Mechanism) -> tuple[int, int, int]:
-    """Return the limbs of towers a, b, c: by their actuators' names, else in file order."""
+    """Return the limbs of towers a, b, c (x, y, z): by actuators' names, else in file order."""
     names = [mechanism.actuators[limb.actuator].lower() for limb in mechanism.limbs]
     ends = [n.removeprefix("stepper_").removeprefix("tower_") for n in names]
-    if sorted(ends) == list(TOWERS):
-        return ends.index("a"), ends.index("b"), ends.index("c")
+    for first, second, third in (TOWERS, ("x", "y", "z")):
+        if {first, second, third} == set(ends):
+            return ends.index(first), ends.index(second), ends.index(third)
     return 0, 1, 2
 
 
@@ -158,14 +159,15 @@ def drawn(drive: Drive) -> Geometry:
         if now[2] <= mechanism.home_pose[2]:
             raise BadInput("the carriage is below the platform at home",
                            f"{mechanism.source}: limbs.{limb.name}",
-                           "Klipper's delta has its carriages above: `branch: 1` for u upwards")
+                           "A linear delta printer has its carriages above: `branch: 1` for u "
+                           "upwards")
         feet[t], arms[t] = now[:2], v["length"]
         tops[t] = (base - carried + way * (ratio * drive.zero[t] + offset))[2]
     centre, radius = _circle(feet)
     angles = np.degrees(np.arctan2(*(feet - centre).T[::-1]))
     if np.any(arms <= radius):
         raise BadInput("a rod does not reach the middle", mechanism.source,
-                       "Klipper's delta needs rods longer than its radius")
+                       "A linear delta printer needs rods longer than its radius")
     ends = tops - np.sqrt(arms**2 - radius**2)
     a, b = ((angles[:2] - angles[2] + 90.0) % 360.0).tolist()
     return Geometry(radius / MM, (a, b, 90.0), triple(arms / MM), triple(ends / MM))
@@ -191,7 +193,15 @@ def reached(drive: Drive, geometry: Geometry, point: Array) -> Array:
 
     nan where the firmware or the machine does not get there.
     """
-    q = drive.joints(travel(geometry, point))
+    return driven(drive, travel(geometry, point))
+
+
+def driven(drive: Drive, down: Array) -> Array:
+    """Return where the machine goes (N, 3), m, with its carriages ``down`` (N, 3) from the top.
+
+    nan where the firmware or the machine does not get there.
+    """
+    q = drive.joints(down)
     out: Array = np.array(cga.translation(forward(Model(drive.mechanism), q).pose))
     return out
 

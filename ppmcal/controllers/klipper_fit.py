@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from ppmcal.controllers.klipper import MM, Drive, drawn, drive_of, follows, reached, travel, triple
 from ppmcal.controllers.klipper import axis as tower_axis
 from ppmcal.errors import NoResult
-from ppmcal.files.klipper import TOWERS, Geometry
+from ppmcal.files.klipper import Geometry
 from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -32,6 +32,27 @@ DISC = 0.8
 HEIGHTS = (0.0, 0.025, 0.05, 0.075, 0.1)
 ACROSS = 9
 ENOUGH = 20
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What a firmware with these numbers calls them, for sentences.
+
+    Attributes:
+        title: the firmware; towers: of a, b, c.
+        radius, endstops: what holds the radius and the heights of the endstops.
+        scale: what to do to a drive that travels so many times what it should.
+    """
+
+    title: str
+    towers: tuple[str, str, str]
+    radius: str
+    endstops: str
+    scale: str
+
+
+KLIPPER = Terms("Klipper", ("stepper_a", "stepper_b", "stepper_c"), "delta_radius",
+                "position_endstop", "multiply its rotation_distance by that")
 
 
 @dataclass(frozen=True)
@@ -83,8 +104,11 @@ class Export:
         return not self.lacks
 
 
-def project(mechanism: Mechanism, old: Geometry | None = None) -> Export:
-    """Return the machine in Klipper's numbers; ``old`` defaults to those of its drawing."""
+def project(mechanism: Mechanism, old: Geometry | None = None, terms: Terms = KLIPPER) -> Export:
+    """Return the machine in Klipper's numbers; ``old`` defaults to those of its drawing.
+
+    ``terms``: words of another firmware whose numbers are these in other conventions.
+    """
     drive = drive_of(mechanism)
     start = drawn(drive)
     points = grid(drive, start)
@@ -96,10 +120,10 @@ def project(mechanism: Mechanism, old: Geometry | None = None) -> Export:
     if len(both) < ENOUGH:
         raise NoResult("with the old configuration the machine reaches next to nothing of the "
                        "new one's workspace", mechanism.source,
-                       "Check that --old is this printer's, and its position_endstop")
+                       f"Check that --old is this printer's, and its {terms.endstops}")
     after = misses(drive, new, both)
     return Export(new, old, misses(drive, old, both), after, both, DISC * start.radius * MM,
-                  tuple(_lacks(mechanism, points)), tuple(_notes(drive, after)))
+                  tuple(_lacks(mechanism, points, terms)), tuple(_notes(drive, after, terms)))
 
 
 def grid(drive: Drive, geometry: Geometry) -> Array:
@@ -118,13 +142,18 @@ def grid(drive: Drive, geometry: Geometry) -> Array:
     if len(points) < ENOUGH:
         raise NoResult("the machine reaches next to nothing between z = 0 and 100 mm within 80 % "
                        "of its radius", drive.mechanism.source,
-                       "Klipper's bed is z = 0: put the origin there, and check `limits`")
+                       "The bed is z = 0: put the origin there, and check `limits`")
     return np.asarray(points, dtype=float)
 
 
 def misses(drive: Drive, geometry: Geometry, points: Array) -> Misses:
     """Return how far the machine, driven with ``geometry``, misses ``points`` (N, 3)."""
-    error, turn, shift = _laid(reached(drive, geometry, points), points)
+    return misses_at(reached(drive, geometry, points), points)
+
+
+def misses_at(at: Array, points: Array) -> Misses:
+    """Return how far a machine that goes to ``at`` (N, 3) misses ``points`` (N, 3)."""
+    error, turn, shift = _laid(at, points)
     size = np.linalg.norm(error, axis=1)
     return Misses(float(np.sqrt(np.mean(size**2))), float(np.max(size)), turn, shift)
 
@@ -174,7 +203,7 @@ def _best(drive: Drive, start: Geometry, points: Array) -> Geometry:
     return geometry(found.x)
 
 
-def _groups(mechanism: Mechanism) -> Iterator[tuple[int, str, str, tuple[int, ...]]]:
+def _groups(mechanism: Mechanism, terms: Terms) -> Iterator[tuple[int, str, str, tuple[int, ...]]]:
     """Yield limb, group, words and parameters of what Klipper has no number for."""
     g, nominal = mechanism.values, mechanism.nominals
     seen: set[int] = set()
@@ -192,8 +221,7 @@ def _groups(mechanism: Mechanism) -> Iterator[tuple[int, str, str, tuple[int, ..
             elif name == "ratio" and g[used[0]] != nominal[used[0]] and used[0] not in seen:
                 seen.add(used[0])
                 yield (i, name, f"drive {limb.name} travels {g[used[0]] / nominal[used[0]]:.6f} "
-                       "times what it should: multiply its rotation_distance by that",
-                       tuple(used))
+                       f"times what it should: {terms.scale}", tuple(used))
             elif name.startswith("joint") and np.any(g[used]):
                 yield i, name, f"frame error of {limb.name}.{name}", tuple(used)
 
@@ -205,9 +233,9 @@ def _group(slot: str) -> str:
     return slot if slot == "ratio" else ""
 
 
-def _lacks(mechanism: Mechanism, points: Array) -> Iterator[Lack]:
+def _lacks(mechanism: Mechanism, points: Array, terms: Terms) -> Iterator[Lack]:
     """Yield what Klipper has no number for, each with the cost of that alone."""
-    for i, name, words, used in _groups(mechanism):
+    for i, name, words, used in _groups(mechanism, terms):
         alone = drive_of(_only(mechanism, i, name, used))
         start = drawn(alone)
         fits = points[np.isfinite(reached(alone, start, points)).all(axis=1)]
@@ -232,22 +260,22 @@ def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> 
     return replace(mechanism.with_values(g), limbs=tuple(limbs), effects=())
 
 
-def _notes(drive: Drive, after: Misses) -> Iterator[str]:
-    """Yield what a user should know of how the machine became Klipper's."""
+def _notes(drive: Drive, after: Misses, terms: Terms) -> Iterator[str]:
+    """Yield what a user should know of how the machine became the firmware's."""
     mechanism = drive.mechanism
     limbs = [mechanism.limbs[i] for i in drive.towers]
-    if [limb.name for limb in limbs] != list(TOWERS):
-        yield ("towers: " + ", ".join(f"{limb.name} is stepper_{t}"
-                                      for limb, t in zip(limbs, TOWERS, strict=True)))
+    pairs = [(limb.name, tower) for limb, tower in zip(limbs, terms.towers, strict=True)]
+    if not all(tower.endswith(name) for name, tower in pairs):
+        yield "towers: " + ", ".join(f"{name} is {tower}" for name, tower in pairs)
     if abs(after.turn) > LAID:
         yield (f"the machine is turned by {np.degrees(after.turn):.4g} deg about z, so that tower "
                f"{limbs[2].name} stands at 90 deg; prints turn with it")
     if np.hypot(*after.shift) > LAID:
         yield (f"the model's x = y = 0 becomes {after.shift[0] / MM:.4g}, "
-               f"{after.shift[1] / MM:.4g} mm: Klipper counts from the middle of the towers, "
-               "and so has one delta_radius for them")
+               f"{after.shift[1] / MM:.4g} mm: {terms.title} counts from the middle of the "
+               f"towers, and so has one {terms.radius} for them")
     values = [limb.slots.values(mechanism.values) for limb in limbs]
     if any(v.get(f"platform.point.{c}", 0.0) for v in values for c in "xy"):
-        yield "the effector's radius is taken off delta_radius: only the difference shows"
+        yield f"the effector's radius is taken off {terms.radius}: only the difference shows"
     if any(v.get(f"{part}.point.z", 0.0) for v in values for part in ("base", "platform")):
-        yield "heights of joints went into position_endstop"
+        yield f"heights of joints went into {terms.endstops}"

@@ -1,4 +1,4 @@
-"""Backlash: the joint stops half the play short, on the side from which it came."""
+"""Backlash: where the joint ends differs by the play between its two directions of approach."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ from ppmcal.errors import unknown
 from ppmcal.files import json_text
 from ppmcal.mechanism import Mechanism
 
-FORMATS = {"klipper": "klipper_export"}
+FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
+           "reprap": "reprap_export", "joints": "joints_export", "grid": "grid_export"}
 """Formats, and the modules beside this one that write them; each is one more file."""
 NO_GAIN = 1e-9
 

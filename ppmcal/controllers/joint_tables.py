@@ -1,0 +1,310 @@
+"""What a machine's joints do, as tables joint by joint that LinuxCNC adds to its commands.
+
+The controller asks joint a for the nominal value n, which the drawing means as the coordinate
+u = ratio0 n + offset0 of its limb. The real joint, told m, stands at u = ratio m + offset + du(m),
+where du are the effects that know nothing but the joint's own value and the direction of travel
+(gain, curvature, periodic, eccentricity, backlash). So it has to be told the m at which both are
+equal, and LinuxCNC tells it n + (nominal - forward): the table holds forward = 2 n - m, which is
+the joint's actual position at n up to errors times slopes. All SI, apart from
+:class:`ppmcal.files.joint_compensation.Triplets`, which are in the controller's unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.closure import Model
+from ppmcal.controllers.pose_grid import (
+    Misses,
+    at_rest,
+    default_grid,
+    misses,
+    refuse_open,
+    targets,
+)
+from ppmcal.equilibrium import reach
+from ppmcal.errors import NoResult
+from ppmcal.files.joint_compensation import DIGITS, MOST, Triplets, correction
+from ppmcal.influence import shifted
+from ppmcal.inverse import home_state
+from ppmcal.mechanism import Effect, Mechanism
+from ppmcal.targets import inverse_partial
+from ppmcal.units import LENGTHS
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TARGET = 1e-8
+"""Tables have as many points as bring their interpolation within this, m or rad, if they can."""
+COARSE = 1e-6
+"""A table that is off by more between its points, m or rad, is worth a warning."""
+SAMPLES = 8001
+ROUNDS = 100
+SETTLED = 1e-14
+HALVINGS = 12
+MOST_TRIED = 500
+"""Poses of the grid at which tables are tried, each in two directions."""
+JOINT_SLOTS = ("offset", "ratio")
+
+
+@dataclass(frozen=True)
+class JointTable:
+    """The table of one actuator.
+
+    ``unit``: what the table counts in, ``factor`` its SI value (1 and "" for a bare number);
+    ``error``: how far interpolation is off at most, in the unit; ``coarse``: that is more than
+    :data:`COARSE`, because more points would be needed than the controller takes.
+    """
+
+    actuator: str
+    unit: str
+    factor: float
+    table: Triplets
+    error: float
+    coarse: bool
+
+
+def joint_effects(mechanism: Mechanism) -> tuple[Effect, ...]:
+    """Return the effects that act on joints alone and know but their value and direction."""
+    return tuple(e for e in mechanism.effects if e.kind.per_actuator and not e.kind.uses_load
+                 and set(e.kind.needs) <= {"dir"} and _moves_joints(mechanism, e))
+
+
+def _moves_joints(mechanism: Mechanism, effect: Effect) -> bool:
+    alone = Model(replace(mechanism, effects=(effect,)))
+    shift = shifted(alone, at_rest(mechanism, 1), home_state(mechanism).q[None],
+                    mechanism.home[None]).shift
+    return shift is None or (shift.pose is None and shift.stretch is None
+                             and all(slot == "offset" for _, slot in shift.slots))
+
+
+def joint_parameters(mechanism: Mechanism) -> list[int]:
+    """Return the indices of ratios and offsets."""
+    return sorted({p for limb in mechanism.limbs for slot, p in limb.slots.direct
+                   if slot in JOINT_SLOTS})
+
+
+def told(mechanism: Mechanism, nominal: Array, way: Array) -> Array:
+    """Return what joints have to be told (n, k) to stand where ``nominal`` (n, k) means.
+
+    Args:
+        mechanism: the machine; its nominals are what the controller believes.
+        nominal: joint values that the drawing's kinematics asks for.
+        way: direction of travel of each joint (n, k), +1 or -1.
+
+    Limbs that share a drive but not its errors share the mean.
+
+    Raises:
+        NoResult: the effects of a joint fold back, so that no such value is found.
+    """
+    real = replace(mechanism, effects=joint_effects(mechanism))
+    want = _coordinates(mechanism.nominal(), nominal, way)
+    scale = np.max(np.abs(nominal), axis=0) + 1e-9
+    ratio = np.array([limb.slots.values(mechanism.values).get("ratio", 1.0)
+                      for limb in mechanism.limbs])
+    actuator = np.array([limb.actuator for limb in mechanism.limbs])
+    share = (actuator[:, None] == np.arange(nominal.shape[1])) / ratio[:, None]
+    share /= np.bincount(actuator, minlength=nominal.shape[1])
+    out: Array = nominal.copy()
+    for _ in range(ROUNDS):
+        step = (want - _coordinates(real, out, way)) @ share
+        out += step
+        if np.all(np.abs(step) <= SETTLED * scale):
+            return out
+    worst = int(np.argmax(np.max(np.abs(step), axis=0) / scale))
+    raise NoResult(f"the effects of {mechanism.actuators[worst]} are steeper than the joint itself",
+                   mechanism.source, "Check their parameters and units")
+
+
+def _coordinates(mechanism: Mechanism, q: Array, way: Array) -> Array:
+    """Return the joint coordinate u of each limb (n, L) at joint values (n, k)."""
+    rows = replace(at_rest(mechanism, len(q)), approach=way)
+    model = shifted(Model(mechanism), rows, q, np.full((len(q), 8), np.nan))
+    return np.stack([model.joint_coordinate(i, q) for i in range(len(mechanism.limbs))], axis=-1)
+
+
+def divided(mechanism: Mechanism) -> list[str]:
+    """Return the actuators whose limbs do not share the errors of their drive."""
+    names = mechanism.actuators
+    owners = [limb.actuator for limb in mechanism.limbs]
+    if len(set(owners)) == len(owners):
+        return []
+    q = np.array([[-1.0], [1.0]]) + home_state(mechanism).q
+    way = np.ones_like(q)
+    off = (_coordinates(mechanism.nominal(), q, way)
+           - _coordinates(replace(mechanism, effects=()), q, way))
+    return [name for a, name in enumerate(names)
+            if np.any(np.ptp(off[:, [o == a for o in owners]], axis=1) > TARGET)]
+
+
+def controller_unit(mechanism: Mechanism, actuator: int) -> tuple[float, str]:
+    """Return SI value and name of the unit in which LinuxCNC counts a joint.
+
+    As in the mechanism file where LinuxCNC knows the unit, else mm; bare numbers stay bare.
+    """
+    factor, name = mechanism.joint_units[actuator]
+    return (LENGTHS["mm"], "mm") if name in ("m", "um") else (factor, name)
+
+
+def joint_tables(mechanism: Mechanism) -> tuple[JointTable, ...]:
+    """Return the table of each actuator over its limits.
+
+    Raises:
+        BadInput: an actuator has no limits. NoResult: as :func:`told`.
+    """
+    refuse_open(mechanism, "the table")
+    low, high = mechanism.limits.T
+    even = low + np.linspace(0.0, 1.0, SAMPLES)[:, None] * (high - low)
+    wanted = _both_ways(mechanism, even)
+    # other points to look at, so that nothing hides between the first ones
+    other = np.random.default_rng(0).uniform(low, high, even.shape)
+    check = _both_ways(mechanism, other)
+    out = []
+    for a, name in enumerate(mechanism.actuators):
+        factor, unit = controller_unit(mechanism, a)
+        slope = _slope(mechanism, a)
+        x, added = even[:, a], wanted[:, a] - even[:, a, None]
+        chosen = knots(x, added, TARGET / slope)
+        table = _table(mechanism, a, even[chosen], factor)
+        error, _ = _misses(table, factor, other[:, a], check[:, a])
+        coarse = error * slope > COARSE
+        if coarse:
+            spread = np.linspace(0, SAMPLES - 1, MOST).astype(np.int64)
+            tables = [_smoothed(x, added, at, factor) for at in (chosen, spread)]
+            off = [_misses(t, factor, other[:, a], check[:, a]) for t in tables]
+            best = int(np.argmin([rms for _, rms in off]))
+            table, error = tables[best], off[best][0]
+        out.append(JointTable(name, unit, factor, table, error / factor, coarse))
+    return tuple(out)
+
+
+def _table(mechanism: Mechanism, actuator: int, at: Array, factor: float) -> Triplets:
+    """Return an actuator's table at joint values ``at`` (P, k), right at what the file will say."""
+    n = np.round(at[:, actuator] / factor, DIGITS)
+    at = at.copy()
+    at[:, actuator] = n * factor
+    return _triplets(n, _both_ways(mechanism, at)[:, actuator] / factor - n[:, None])
+
+
+def _smoothed(x: Array, added: Array, at: Ints, factor: float) -> Triplets:
+    """Return the table with points ``at`` that is nearest to ``added`` (n, 2) in the mean.
+
+    Lines through points of waves that are too short for them may be worse than no table; those
+    of least squares are not.
+    """
+    hats = np.stack([np.interp(x, x[at], row) for row in np.eye(len(at))], axis=-1)
+    n = np.round(x[at] / factor, DIGITS)
+    fitted: Array = np.asarray(np.linalg.lstsq(hats, added, rcond=None)[0], dtype=float)
+    return _triplets(n, fitted / factor)
+
+
+def _triplets(nominal: Array, added: Array) -> Triplets:
+    """Return the table that adds ``added`` (P, 2) to ``nominal`` (P,)."""
+    actual = nominal[:, None] - added
+    return Triplets(tuple(nominal.tolist()), tuple(actual[:, 0].tolist()),
+                    tuple(actual[:, 1].tolist())).rounded()
+
+
+def _misses(table: Triplets, factor: float, q: Array, right: Array) -> tuple[float, float]:
+    """Return largest and rms difference of what joints (n,) are told from ``right`` (n, 2)."""
+    off = np.stack([commanded(table, factor, q, np.full_like(q, way)) for way in (1.0, -1.0)],
+                   axis=-1) - right
+    return float(np.max(np.abs(off))), float(np.sqrt(np.mean(off**2)))
+
+
+def _both_ways(mechanism: Mechanism, q: Array) -> Array:
+    """Return what joints are told in positive and in negative travel (n, k, 2)."""
+    return np.stack([told(mechanism, q, np.full_like(q, way)) for way in (1.0, -1.0)], axis=-1)
+
+
+def _slope(mechanism: Mechanism, actuator: int) -> float:
+    """Return |du/dq| of one of the drawing's joints."""
+    limb = next(limb for limb in mechanism.limbs if limb.actuator == actuator)
+    return abs(limb.slots.values(mechanism.nominals).get("ratio", 1.0))
+
+
+def knots(x: Array, y: Array, target: float, most: int = MOST) -> Ints:
+    """Return which of the points carry the others by straight lines, ends included (P,).
+
+    As few as keep all of ``y`` (n, c) over increasing ``x`` (n,) within ``target`` of the lines;
+    if those are more than ``most``, about the smallest error that ``most`` of them allow.
+    """
+    found = _spanned(x, y, target, most)
+    if found is not None:
+        return found
+    low, high = np.log(target), np.log(2.0 * float(np.max(np.ptp(y, axis=0))) + target)
+    best = np.array([0, len(x) - 1])
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        found = _spanned(x, y, float(np.exp(middle)), most)
+        if found is None:
+            low = middle
+        else:
+            best, high = found, middle
+    return best
+
+
+def _spanned(x: Array, y: Array, tolerance: float, most: int) -> Ints | None:
+    """Return knots of lines as long as the tolerance allows, None if that takes too many."""
+    def fits(i: int, j: int) -> bool:
+        part = ((x[i:j + 1] - x[i]) / (x[j] - x[i]))[:, None]
+        line = y[i] + part * (y[j] - y[i])
+        return bool(np.max(np.abs(y[i:j + 1] - line)) <= tolerance)
+
+    last, out = len(x) - 1, [0]
+    while out[-1] < last:
+        if len(out) >= most:
+            return None
+        i, good, step = out[-1], out[-1] + 1, 2
+        while i + step <= last and fits(i, i + step):
+            good, step = i + step, 2 * step
+        bad = min(i + step, last + 1)
+        while bad - good > 1:
+            middle = (good + bad) // 2
+            good, bad = (middle, bad) if fits(i, middle) else (good, middle)
+        out.append(good)
+    return np.array(out)
+
+
+def commanded(table: Triplets, factor: float, q: Array, way: Array) -> Array:
+    """Return what the motor is told (n,) for joint values ``q`` (n,), SI."""
+    x = q / factor
+    return (x + correction(table, x, way)) * factor
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Commands to try tables with.
+
+    ``asked``: commanded poses (N, 6), nan where open; ``q``: the drawing's joint values for
+    them (N, k); ``way``: direction in which each joint comes (N, k).
+    """
+
+    asked: Array
+    q: Array
+    way: Array
+
+
+def trial(mechanism: Mechanism, seed: int) -> Trial:
+    """Return the poses of the default grid, thinned, each with drawn and opposite directions."""
+    poses = default_grid(mechanism).poses(mechanism)
+    rng = np.random.default_rng(seed)
+    if len(poses) > MOST_TRIED:
+        poses = poses[np.sort(rng.choice(len(poses), MOST_TRIED, replace=False))]
+    q = inverse_partial(Model(mechanism.nominal()), poses).q
+    way = rng.choice([-1.0, 1.0], q.shape)
+    return Trial(np.tile(poses, (2, 1)), np.tile(q, (2, 1)), np.concatenate([way, -way]))
+
+
+def tried(mechanism: Mechanism, plan: Trial, tables: Sequence[JointTable] = ()) -> Misses:
+    """Return how far the machine, driven with tables or without, is from what was asked."""
+    q = plan.q.copy()
+    for a, own in enumerate(tables):
+        q[:, a] = commanded(own.table, own.factor, q[:, a], plan.way[:, a])
+    rows = replace(at_rest(mechanism, len(q)), approach=plan.way)
+    return misses(mechanism, reach(Model(mechanism), q, rows).pose,
+                  targets(mechanism, plan.asked))

@@ -1,0 +1,132 @@
+"""``export grid``: wanted poses with the commands that bring the machine there."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.controllers.pose_grid import (
+    BETWEEN,
+    Corrected,
+    Grid,
+    corrected,
+    default_grid,
+    named,
+    tried_at,
+    tried_between,
+)
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.files import csv_text, read_poses
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.outputs.exported import Exported, Lacking
+from ppmcal.outputs.joints_export import INSTRUMENT, figure, instrument_notes
+from ppmcal.outputs.tables import joint_columns, pose_columns, unit_map
+
+Array = NDArray[np.float64]
+
+TABLE = "grid.csv"
+SEED = 1
+
+
+def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
+    """Return the machine as a table of poses; see :class:`ppmcal.outputs.exported.Exporter`."""
+    if old is not None:
+        raise BadInput("a grid of poses is compared with the drawing, not with another grid",
+                       "--old", "Leave it out")
+    grid, further = None, []
+    if poses is None:
+        grid = default_grid(mechanism)
+        wanted = grid.poses(mechanism)
+    else:
+        table = read_poses(poses, mechanism)
+        wanted, further = table.poses, list(table.conditions)
+    found = corrected(mechanism, wanted)
+    if not found.good.any():
+        reasons = "; ".join(found.left_out)
+        raise NoResult(f"none of the {len(wanted)} poses has a command ({reasons})",
+                       str(poses or mechanism.source), "Wanted are platform poses in the base "
+                       "frame, inside the limits")
+    before, after = (tried_at(mechanism, found) if grid is None
+                     else tried_between(mechanism, grid, found, SEED))
+    count = int(found.good.sum())
+    return Exported(
+        "grid", "pose grid", {TABLE: _text(mechanism, found)},
+        f"{count} poses with the commands that bring the machine there", (),
+        f"the {after.count} poses themselves, none in between" if grid is None else
+        f"{after.count} random poses between those of the grid, commands interpolated linearly",
+        figure(before), figure(after), tuple(_lacks(mechanism)),
+        tuple(_notes(mechanism, grid, found, further)), (_advice(mechanism, grid),),
+        _extra(mechanism, grid, found))
+
+
+def columns(mechanism: Mechanism, found: Corrected) -> dict[str, Array]:
+    """Return the table, rows that have a command: wanted pose, command, joints; file units."""
+    good = found.good
+    return {**pose_columns(mechanism, found.wanted[good]),
+            **pose_columns(mechanism, found.command[good], "cmd_"),
+            **joint_columns(mechanism, found.q[good], "q_{}")}
+
+
+def _text(mechanism: Mechanism, found: Corrected) -> str:
+    """Return grid.csv, read back."""
+    table = columns(mechanism, found)
+    text = csv_text(list(table), list(table.values()))
+    again = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, ndmin=2)
+    if not np.array_equal(again, np.column_stack(list(table.values()))):
+        raise NoResult("the table reads back as another one", TABLE,
+                       "This is a fault of ppmcal; do not use it")
+    return text
+
+
+def _lacks(mechanism: Mechanism) -> Iterator[Lacking]:
+    """Yield the effects that a table of poses holds at rest only."""
+    for effect in mechanism.effects:
+        if effect.kind.needs and effect.kind.name not in INSTRUMENT:
+            yield Lacking(f"effect {effect.kind.name}, which depends on "
+                          f"{', '.join(effect.kind.needs)}: taken without direction, speed and "
+                          "load, at 20 C",
+                          tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+
+
+def _notes(mechanism: Mechanism, grid: Grid | None, found: Corrected, further: list[str]
+           ) -> Iterator[str]:
+    """Yield what a user should know of the rows."""
+    missing = len(found.good) - int(found.good.sum())
+    if missing:
+        reasons = ", ".join(f"{n} {reason}" for reason, n in found.left_out.items())
+        yield f"{missing} of {len(found.good)} poses have no command and are left out: {reasons}"
+    if grid is None:
+        yield "between the poses of a list nothing is predicted: the figures are at the poses"
+    open_ = [POSE_COORDINATES[c] for c in mechanism.dof if c not in named(mechanism)]
+    if open_:
+        yield f"{', '.join(open_)} follow from the other coordinates and are not commanded"
+    if further:
+        yield (f"the columns {', '.join(further)} are not used; `ppmcal compensate` makes commands "
+               "for given directions, loads and temperatures")
+    yield from instrument_notes(mechanism)
+
+
+def _advice(mechanism: Mechanism, grid: Grid | None) -> str:
+    names = ", ".join(f"cmd_{POSE_COORDINATES[c]}" for c in named(mechanism))
+    joints = ", ".join(f"q_{a}" for a in mechanism.actuators[:1])
+    between = ("" if grid is None else " In between, interpolate the difference of command and "
+               "wanted pose linearly in each coordinate.")
+    return (f"Ask a controller with the nominal geometry for {names} to get the pose before them, "
+            f"or send the joint values ({joints}, ...).{between}")
+
+
+def _extra(mechanism: Mechanism, grid: Grid | None, found: Corrected) -> dict[str, Any]:
+    names = list(columns(mechanism, found))
+    out: dict[str, Any] = {"rows": int(found.good.sum()), "left_out": dict(found.left_out),
+                           "columns": unit_map(mechanism, names)}
+    if grid is not None:
+        out["grid"] = {POSE_COORDINATES[c]: level / mechanism.units.factor(
+            "length" if c < 3 else "angle") for c, level in zip(
+                grid.coordinates, grid.levels, strict=True)}
+        out["tried"] = {"poses": BETWEEN, "seed": SEED}
+    return out

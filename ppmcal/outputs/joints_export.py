@@ -1,0 +1,180 @@
+"""``export joints``: LinuxCNC's compensation files, one for each actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ppmcal.controllers.joint_tables import (
+    JointTable,
+    Trial,
+    divided,
+    joint_effects,
+    joint_parameters,
+    joint_tables,
+    trial,
+    tried,
+)
+from ppmcal.controllers.pose_grid import Misses
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.files.joint_compensation import MOST, format_triplets, parse_triplets
+from ppmcal.mechanism import Mechanism
+from ppmcal.outputs.exported import Exported, Figure, Lacking, Number
+
+SEED = 1
+INSTRUMENT = ("sensor_scale", "tilt")
+"""Effects of what measured the machine; nothing of them is sent to it."""
+
+
+def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
+    """Return the machine's joints as tables; see :class:`ppmcal.outputs.exported.Exporter`."""
+    if old is not None:
+        raise BadInput("joint tables replace the present ones, whatever they hold", "--old",
+                       "Leave it out; measure with the present tables switched off")
+    if poses is not None:
+        raise BadInput("joint tables go along the joints, not over poses", "--poses",
+                       "Leave it out, or export `grid`")
+    tables = joint_tables(mechanism)
+    plan = trial(mechanism, SEED)
+    after = tried(mechanism, plan, tables)
+    return Exported(
+        "joints", "joint table", _files(tables),
+        "the tables hold what each joint does by itself", tuple(_numbers(mechanism, tables)),
+        f"{len(plan.q) // 2} poses of a box about home, each come to in two directions",
+        figure(tried(mechanism, plan)), figure(after), tuple(_lacks(mechanism, tables, plan)),
+        tuple(_notes(mechanism, tables)), tuple(_advice(tables)),
+        {"type": 0, "seed": SEED, "rows": after.count,
+         "tables": {t.actuator: {"file": file_name(t), "points": len(t.table.nominal),
+                                 "unit": t.unit, "interpolation_error": t.error}
+                    for t in tables}})
+
+
+def figure(found: Misses) -> Figure:
+    """Return errors as exports show them."""
+    return Figure(found.rms, found.max, found.rotation_rms, found.rotation_max)
+
+
+def file_name(table: JointTable) -> str:
+    """Return the name of an actuator's file."""
+    return f"{table.actuator}.comp"
+
+
+def _files(tables: tuple[JointTable, ...]) -> dict[str, str]:
+    """Return the files, read back."""
+    out = {}
+    for own in tables:
+        text = format_triplets(own.table)
+        if parse_triplets(text, file_name(own)) != own.table:
+            raise NoResult("the lines read back as another table", file_name(own),
+                           "This is a fault of ppmcal; do not use them")
+        out[file_name(own)] = text
+    return out
+
+
+def _numbers(mechanism: Mechanism, tables: tuple[JointTable, ...]) -> Iterator[Number]:
+    """Yield what the tables add at most, how much directions differ, and how many points."""
+    for own in tables:
+        n, forward, reverse = (np.array(c) for c in (own.table.nominal, own.table.forward,
+                                                     own.table.reverse))
+        added = np.concatenate([n - forward, n - reverse])
+        yield Number(f"{own.actuator} added", None, float(added[np.argmax(np.abs(added))]),
+                     own.unit)
+        apart = forward - reverse
+        yield Number(f"{own.actuator} forward - reverse", None,
+                     float(apart[np.argmax(np.abs(apart))]), own.unit)
+        yield Number(f"{own.actuator} points", None, float(len(n)), "")
+
+
+def _lacks(mechanism: Mechanism, tables: tuple[JointTable, ...], plan: Trial
+           ) -> Iterator[Lacking]:
+    """Yield what tables of single joints cannot hold."""
+    names = mechanism.names
+    changed = geometry_parameters(mechanism)
+    if changed:
+        yield Lacking(f"the geometry beside the joints, {len(changed)} changed numbers",
+                      tuple(names[p] for p in changed),
+                      figure(tried(geometry_alone(mechanism), plan)))
+    shared, short = divided(mechanism), [t for t in tables if t.coarse]
+    if shared or short:
+        cost = figure(tried(joints_alone(mechanism), plan, tables))
+        if shared:
+            yield Lacking(f"limbs on one drive, {', '.join(shared)}, with joint errors of their "
+                          "own: the table has their mean",
+                          tuple(names[p] for p in joint_parameters(mechanism)), cost)
+        if short:
+            yield Lacking(f"what {MOST} points cannot follow of "
+                          f"{', '.join(t.actuator for t in short)}", (), cost)
+    held = joint_effects(mechanism)
+    for effect in mechanism.effects:
+        if effect not in held and effect.kind.name not in INSTRUMENT:
+            needs = effect.kind.needs
+            why = (f"which depends on {', '.join(needs)} and is not in the figures either"
+                   if needs else "which acts on more than the joints")
+            yield Lacking(f"effect {effect.kind.name}, {why}",
+                          tuple(names[p] for p in effect.parameters.values()), None)
+
+
+def joints_alone(mechanism: Mechanism) -> Mechanism:
+    """Return the drawing with the machine's drives: ratios, offsets and joint effects."""
+    g = mechanism.nominals.copy()
+    drives = joint_parameters(mechanism)
+    g[drives] = mechanism.values[drives]
+    effects = joint_effects(mechanism)
+    own = [p for e in effects for p in e.parameters.values()]
+    g[own] = mechanism.values[own]
+    return replace(mechanism.with_values(g), effects=effects)
+
+
+def geometry_alone(mechanism: Mechanism) -> Mechanism:
+    """Return the machine with the drawing's drives and no effects."""
+    g = mechanism.values.copy()
+    drives = joint_parameters(mechanism)
+    g[drives] = mechanism.nominals[drives]
+    return replace(mechanism.with_values(g), effects=())
+
+
+def geometry_parameters(mechanism: Mechanism) -> list[int]:
+    """Return the indices of what else of the geometry is not as drawn."""
+    others = {*joint_parameters(mechanism),
+              *(p for e in mechanism.effects for p in e.parameters.values())}
+    return [i for i, p in enumerate(mechanism.parameters)
+            if i not in others and p.value != p.nominal]
+
+
+def _notes(mechanism: Mechanism, tables: tuple[JointTable, ...]) -> Iterator[str]:
+    """Yield what a user should know of the numbers."""
+    worst = max(tables, key=lambda t: t.error * t.factor)
+    size = f"{worst.error:.2g} {worst.unit}".rstrip()
+    yield f"between its points a table is off by {size} at most ({worst.actuator})"
+    yield ("forward is written so that the command plus nominal - forward is right; it differs "
+           "from the joint's actual position there by errors times slopes")
+    bare = [t.actuator for t in tables if not t.unit]
+    if bare:
+        yield (f"{', '.join(bare)} counts in the mechanism file's bare numbers: so must the "
+               "controller's joint")
+    yield from instrument_notes(mechanism)
+
+
+def instrument_notes(mechanism: Mechanism) -> Iterator[str]:
+    """Yield which effects are the instrument's, so that no controller has to know them."""
+    for effect in mechanism.effects:
+        if effect.kind.name in INSTRUMENT:
+            yield f"effect {effect.kind.name} belongs to the instrument and is not sent"
+
+
+def _advice(tables: tuple[JointTable, ...]) -> Iterator[str]:
+    """Yield what LinuxCNC's own documents and source ask for."""
+    units = sorted({t.unit for t in tables if t.unit})
+    name = file_name(tables[0])
+    yield (f"For each joint, in its section [JOINT_n]: COMP_FILE = {name} (and so on), "
+           "COMP_FILE_TYPE = 0. BACKLASH is not used then."
+           + (f" The numbers are in {' and '.join(units)}." if units else ""))
+    yield ("LinuxCNC uses the tables while it homes. After homing to a switch, without an index "
+           "or an absolute encoder, it counts from the table's value there: lower HOME_OFFSET by "
+           "nominal - forward at the switch (reverse, if the last approach goes down), and home "
+           "twice after switching on.")
+    yield ("Where the directions differ the joint makes a jump on reversal: leave the step "
+           "generator or drive 1.5 to 2 times MAX_ACCELERATION.")

@@ -1,0 +1,267 @@
+"""``export linuxcnc``: HAL pins of genhexkins for a hexapod, and notes for its INI file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.arrays import known
+from ppmcal.controllers.genhexkins import (
+    Drive,
+    Setting,
+    commands,
+    drawn,
+    drive_of,
+    joints,
+    reached,
+    rounded,
+)
+from ppmcal.controllers.genhexkins_fit import EXACT, Misses, best, grid, misses, within
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.files import read_poses
+from ppmcal.files.hal import (
+    STRUTS,
+    Geometry,
+    Joint,
+    format_hal,
+    format_joints,
+    parse_hal,
+    parse_joints,
+    pins,
+    read_geometry,
+    read_hal,
+)
+from ppmcal.mechanism import Mechanism
+from ppmcal.outputs.exported import Exported, Figure, Lacking, Number, words
+from ppmcal.targets import pose_motor
+from ppmcal.units import LENGTHS
+
+Array = NDArray[np.float64]
+
+HAL, JOINTS = "genhexkins.hal", "joints.ini"
+WORD = {"mm": "mm", "in": "inch"}
+"""Units of points as LinuxCNC calls them."""
+ENOUGH = 20
+APART = 1.6
+"""Points that spread by more than this, or its inverse, of what they should are not these."""
+OTHER = 0.2
+"""A strut whose points are nearer to another limb's than this part of the way is that one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Over:
+    """The poses over which errors are predicted, motors (N, 8), and what to say of them."""
+
+    pose: Array
+    words: str
+    notes: tuple[str, ...] = ()
+
+
+def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
+    """Return the machine in genhexkins' numbers; see :class:`ppmcal.outputs.exported.Exporter`."""
+    present = None if old is None else read_geometry(read_hal(old))
+    unit = _unit(mechanism, present, old)
+    drive = drive_of(mechanism, LENGTHS[unit])
+    around, far, turn = grid(drive)
+    if len(around) < ENOUGH:
+        raise NoResult("the machine takes next to no pose around home within its limits",
+                       mechanism.source, "Check `home` and `limits`")
+    new = rounded(best(drive, drawn(drive, present), around))
+    old_pins = drawn(drive_of(mechanism.nominal(), drive.unit)).geometry
+    before = Setting(old_pins if present is None else present, np.ones(STRUTS), np.zeros(STRUTS))
+    over = Over(around, f"{len(around)} poses within the limits, up to {far * 1e3:.0f} mm along "
+                f"each axis and {np.degrees(turn):.0f} deg from home") if poses is None else (
+        _given(mechanism, poses))
+    over = _taken(drive, (before, new), over, old)
+    was, after = (misses(drive, setting, over.pose) for setting in (before, new))
+    ini = tuple(joint.rounded() for joint in joints(drive, new))
+    lacks = tuple(_lacks(mechanism, drive, around))
+    notes = (*over.notes, *_notes(drive, new, unit, poses is not None and _lateral(drive) != []))
+    head = "\n".join([
+        f"{mechanism.name}: predicted error {words(_figure(after))}, before "
+        f"{words(_figure(was))}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
+        *(f"Note: {note}." for note in notes)])
+    return Exported(
+        "linuxcnc", "LinuxCNC", _files(drive, new.geometry, ini, unit, head),
+        f"genhexkins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
+        tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, _figure(was),
+        _figure(after), lacks, notes, tuple(_advice(ini, unit)),
+        {"length_unit": unit, "poses": len(over.pose)})
+
+
+def _unit(mechanism: Mechanism, present: Geometry | None, old: Path | None) -> str:
+    """Return ``mm`` or ``in``: in which unit the present points are as large as the drawing's.
+
+    Without present points, the inch if the mechanism file is in inches.
+
+    Raises:
+        BadInput: they are another machine's, or numbered otherwise.
+    """
+    if present is None:
+        return "in" if mechanism.units.length == "in" else "mm"
+    drawing = drive_of(mechanism.nominal(), 1.0).legs
+    size = _spread(drawing.base) + _spread(drawing.platform)
+    held = _spread(np.array(present.base)) + _spread(np.array(present.platform))
+    for unit in ("mm", "in"):
+        if size / APART < held * LENGTHS[unit] < size * APART:
+            there = np.hstack([present.base, present.platform]) * LENGTHS[unit]
+            here = np.hstack([drawing.base, drawing.platform])
+            _same_order(mechanism, np.linalg.norm(there[:, None] - here, axis=-1), old)
+            return unit
+    raise BadInput(f"its points are spread by {held:.4g}, the drawing's by {size * 1e3:.4g} mm",
+                   str(old), "Give the HAL file of this machine, in mm or inch")
+
+
+def _same_order(mechanism: Mechanism, away: Array, old: Path | None) -> None:
+    """Refuse struts that stand at another limb's place; ``away`` (strut 6, limb 6), m."""
+    nearest = np.argmin(away, axis=1)
+    for n in np.flatnonzero(away[range(STRUTS), nearest] < OTHER * np.diag(away)):
+        raise BadInput(f"strut {n} stands where {mechanism.limbs[nearest[n]].name} is drawn, not "
+                       f"{mechanism.limbs[n].name}", str(old),
+                       "Order the limbs of MODEL as the file numbers its struts")
+
+
+def _spread(values: Array) -> float:
+    """Return the root mean square distance of points (6, 3) from their middle."""
+    return float(np.sqrt(np.mean(np.sum((values - values.mean(axis=0)) ** 2, axis=1))))
+
+
+def _given(mechanism: Mechanism, path: Path) -> Over:
+    """Return the poses of a CSV that the machine takes within its limits."""
+    wanted = read_poses(path, mechanism).poses
+    open_ = np.flatnonzero(~known(wanted))
+    if open_.size:
+        raise BadInput("the pose has an empty coordinate", f"{path}: row {open_[0] + 1}",
+                       f"A pose of this machine is {', '.join(mechanism.coordinates)}")
+    pose = pose_motor(wanted)
+    good = within(mechanism, pose)
+    if not good.any():
+        raise BadInput("the machine takes none of these poses within its limits", str(path),
+                       "Give platform poses in the base frame, in the units of MODEL")
+    lost = len(pose) - int(good.sum())
+    return Over(pose[good], f"the {int(good.sum())} poses of {path}", () if not lost else (
+        f"{lost} of the {len(pose)} poses are out of reach or limits and left aside",))
+
+
+def _taken(drive: Drive, settings: tuple[Setting, Setting], over: Over, old: Path | None) -> Over:
+    """Return the poses that the machine takes with both settings."""
+    good = np.logical_and(*(known(reached(drive, setting, over.pose)) for setting in settings))
+    if np.mean(good) < 0.5:
+        raise BadInput("with these points the machine does not get to most of the poses",
+                       str(old or drive.mechanism.source),
+                       "Check that they are this machine's, and its struts numbered as in MODEL")
+    lost = int(np.sum(~good))
+    return replace(over, pose=over.pose[good], notes=(*over.notes, *(
+        [f"{lost} poses that it does not get to with the old points are left aside"]
+        if lost else [])))
+
+
+def _figure(found: Misses) -> Figure:
+    return Figure(found.rms, found.max, found.rotation_rms, found.rotation_max)
+
+
+def _files(drive: Drive, geometry: Geometry, ini: tuple[Joint, ...], unit: str, head: str
+           ) -> dict[str, str]:
+    """Return the two files, read back and found equal.
+
+    Raises:
+        NoResult: they do not read back as what they were written from.
+    """
+    names = [limb.name for limb in drive.mechanism.limbs]
+    pose = commands(drive.mechanism.home[None], drive.unit)[0]
+    texts = {
+        HAL: format_hal(geometry, names, f"{head}\nPins of LinuxCNC's genhexkins; lengths in "
+                        f"{WORD[unit]}, as [TRAJ]LINEAR_UNITS must be."),
+        JOINTS: format_joints(ini, names, "\n".join([
+            f"What {HAL} needs of the machine's INI file; lengths in {WORD[unit]}.",
+            "'present' is what stands there while the measurements were made: change it once.",
+            "HOME is the joint position at the model's home pose; both have to match. That is",
+            f"[TRAJ]HOME = {' '.join(f'{v + 0.0:.6f}' for v in np.round(pose, 6))}"]))}
+    if (read_geometry(parse_hal(texts[HAL], HAL)) != geometry
+            or parse_joints(texts[JOINTS], JOINTS) != ini):
+        raise NoResult("the lines read back as other numbers", f"{HAL}, {JOINTS}",
+                       "This is a fault of ppmcal; do not use them")
+    return texts
+
+
+def _numbers(old: Geometry, new: Geometry, ini: tuple[Joint, ...], unit: str) -> Iterator[Number]:
+    """Yield the 36 coordinates, and per joint the changes of the INI file."""
+    present = pins(old)
+    for pin, value in pins(new).items():
+        yield Number(pin, present[pin], value, unit)
+    for n, joint in enumerate(ini):
+        yield Number(f"[JOINT_{n}] stretch", 1.0, joint.stretch, "")
+        yield Number(f"[JOINT_{n}] shift", 0.0, joint.shift, unit)
+
+
+def _lateral(drive: Drive) -> list[int]:
+    """Return the struts whose joints stand so far beside the driven line that lengths show it."""
+    legs = drive.legs
+    strut = cga.move_point(drive.mechanism.home, legs.platform) - legs.base
+    shown = legs.beside**2 / (2.0 * np.linalg.norm(strut, axis=1))
+    return [int(n) for n in np.flatnonzero(shown > EXACT)]
+
+
+def _lacks(mechanism: Mechanism, drive: Drive, around: Array) -> Iterator[Lacking]:
+    """Yield what genhexkins has no number for, each with the cost of that alone."""
+    for strut in _lateral(drive):
+        limb = mechanism.limbs[strut]
+        used = [p for slot, p in limb.slots.direct
+                if slot.startswith(("joint2.", "joint3.")) and mechanism.values[p]]
+        alone = drive_of(_only(mechanism, used), drive.unit)
+        pose = around[within(alone.mechanism, around)]
+        found = best(alone, drawn(alone), pose) if len(pose) >= ENOUGH else None
+        yield Lacking(
+            f"joints 2 and 3 of {limb.name} stand {drive.legs.beside[strut] * 1e3:.4g} mm beside "
+            "the driven line", tuple(mechanism.names[p] for p in used),
+            None if found is None else _figure(misses(alone, found, pose)))
+    for effect in mechanism.effects:
+        yield Lacking(f"effect {effect.kind.name}, which the figures above do not hold either",
+                      tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+
+
+def _only(mechanism: Mechanism, used: list[int]) -> Mechanism:
+    """Return the machine with all joints 2 and 3 right but for ``used``, without effects."""
+    g = mechanism.values.copy()
+    for limb in mechanism.limbs:
+        for slot, p in limb.slots.direct:
+            if slot.startswith(("joint2.", "joint3.")) and p not in used:
+                g[p] = 0.0
+    return replace(mechanism.with_values(g), effects=())
+
+
+def _notes(drive: Drive, new: Setting, unit: str, fitted_elsewhere: bool) -> Iterator[str]:
+    """Yield what a user should know of how the machine became genhexkins'."""
+    mechanism, legs, geometry = drive.mechanism, drive.legs, new.geometry
+    yield (f"limbs {mechanism.limbs[0].name} to {mechanism.limbs[-1].name} are struts and joints "
+           f"0 to 5; lengths are in {WORD[unit]}")
+    shifted = [limb.name for limb in mechanism.limbs if any(
+        limb.slots.values(mechanism.values).get(f"joint1.{c}", 0.0) for c in "xyz")]
+    if shifted:
+        yield f"shifts of joint 1 went into the base points of {', '.join(shifted)}"
+    if np.any(legs.along):
+        yield "shifts of joints 2 and 3 along the driven lines went into HOME_OFFSET"
+    if geometry.screw_lead:
+        yield (f"screw-lead {geometry.screw_lead:g} and the joints' axes stay as they are: the "
+               "model knows nothing of nuts that turn with the joints, so its joint values have "
+               "to be strut lengths, without genhexkins.correction")
+    if geometry.spindle_offset or geometry.tool_offset:
+        yield ("spindle-offset and tool-offset stay as they are; the figures are those of the "
+               "platform's own origin")
+    if fitted_elsewhere:
+        yield "the numbers were fitted over poses around home, not over the given ones"
+
+
+def _advice(ini: tuple[Joint, ...], unit: str) -> Iterator[str]:
+    """Yield how to bring the numbers into the controller."""
+    yield (f"Load {HAL} by HALFILE in place of the lines that set these pins now; "
+           f"[TRAJ]LINEAR_UNITS must be {WORD[unit]}.")
+    changed = [str(n) for n, j in enumerate(ini) if (j.stretch, j.shift) != (1.0, 0.0)]
+    if changed:
+        yield (f"Change the INI file's sections of joints {', '.join(changed)} as {JOINTS} says, "
+               "once: the points are right only together with that.")
