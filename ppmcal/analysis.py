@@ -23,12 +23,15 @@ from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, Rank, analyse, observability
 from ppmcal.residuals import Residuals, residuals
 from ppmcal.targets import pose_vector
+from ppmcal.untold import Untold, untold
 from ppmcal.variance import LEAST, noise_ratios
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 Z95 = 1.959963984540054
+IMPLAUSIBLE = 8.0
+"""A finding: a parameter that ends so many tolerances from its nominal value."""
 FAILED_NOISE = 1e-3
 """The noise check fails below this p-value."""
 
@@ -111,6 +114,7 @@ class Identification:
     holdout: Mapping[str, Mapping[str, float]]
     holdout_note: str
     findings: tuple[str, ...]
+    untold: Untold
     earlier: Posterior | None = None
 
 
@@ -267,10 +271,11 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         prediction_covariance(fit) * inflation**2, inflation, residuals(fit.problem, before.state),
         registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note,
-        _findings(fit, noise, inflation))
+        _findings(fit, noise, inflation, found), untold(fit))
 
 
-def _findings(fit: Fit, noise: Noise, inflation: float) -> tuple[str, ...]:
+def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate]
+              ) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:
@@ -280,6 +285,12 @@ def _findings(fit: Fit, noise: Noise, inflation: float) -> tuple[str, ...]:
         out.append(f"the residuals are {noise.sigma_ratio:.2f} times the stated noise "
                    f"(p = {noise.chi2_p:.2g}): something is missing in the model, or sigma is too "
                    f"small; all uncertainties are scaled by {inflation:.2f}")
+    far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
+                 if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance))
+    if far and -far[0][0] > IMPLAUSIBLE:
+        words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])
+        out.append(f"farther from the drawing than {IMPLAUSIBLE:.0f} of their tolerances: {words}"
+                   "; the drawing, the units or the data are wrong there")
     if not fit.converged:
         out.append(f"the fit had not converged after {fit.iterations} iterations")
     return tuple(out)

@@ -22,6 +22,7 @@ from ppmcal.linear import column_scale, reduce_rows
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, analyse
+from ppmcal.untold import Untold, foreseen
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,8 @@ class Check:
 
     ``findings`` need a look (exit code 1); ``gaps`` per limb, empty where the file gives no
     home q; ``condition`` at home; ``rank`` of ``columns``; ``unseen`` parameters that no
-    measured row feels; ``redundant`` further ones that others explain.
+    measured row feels; ``redundant`` further ones that others explain; ``untold``: what a fit to
+    the measurements will leave open, None without any.
     """
 
     findings: tuple[str, ...]
@@ -61,6 +63,7 @@ class Check:
     columns: int
     unseen: tuple[str, ...]
     redundant: tuple[str, ...]
+    untold: Untold | None = None
 
 
 def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
@@ -98,8 +101,9 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         if lost:
             findings.append(f"{lost} rows have no pose at their joint values: check q, its unit "
                             "and the home pose.")
-    return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen,
-                 redundant)
+    ahead = foreseen(Problem(mechanism, tuple(datasets), mechanism.free), "prior") if (
+        datasets and columns) else None
+    return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead)
 
 
 def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:

@@ -19,6 +19,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     from ppmcal.check import check
     from ppmcal.cli.campaign import load
     from ppmcal.files import unit_findings
+    from ppmcal.outputs.untold_words import entry, sentences
 
     console = Console(quiet, as_json)
     mechanism, datasets = load(mech, data, ())
@@ -44,6 +45,9 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
         console.say(f"Not seen at all: {', '.join(result.unseen)}.")
     if result.redundant:
         console.say(f"Not told apart from others: {', '.join(result.redundant)}.")
+    if result.untold is not None:
+        for sentence in sentences(result.untold, mechanism):
+            console.say(sentence)
     console.warn(result.findings)
     if not result.findings:
         console.say("No findings.")
@@ -52,5 +56,6 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
         "gaps": [{"limb": g.limb, "gap": g.gap / factor, "allowed": g.allowed / factor,
                   "unit": unit, "open": g.open} for g in result.gaps],
         "condition": result.condition, "rank": result.rank, "columns": result.columns,
-        "unseen": list(result.unseen), "redundant": list(result.redundant)})
+        "unseen": list(result.unseen), "redundant": list(result.redundant),
+        "untold": None if result.untold is None else entry(result.untold, mechanism)})
     leave(bool(result.findings))

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ppmcal.analysis import Identification
     from ppmcal.dataset import Dataset
     from ppmcal.mechanism import Mechanism
+    from ppmcal.problem import Problem
 
 
 @click.command("identify")
@@ -106,6 +107,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     options = Options(chosen, damping, not keep_outliers and method != "damped")
     problem = Problem(mechanism, datasets, mechanism.free,
                       earlier=before.data() if before else None)
+    if prior == "flat":
+        _refuse_lost(problem, mech)
     with console.progress("Fitting") as show:
         def watch(i: int, c: float) -> None:
             show(f"iteration {i}, chi-squared {c:.6g}")
@@ -132,6 +135,19 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
 def _tell_noise(datasets: tuple[Dataset, ...], factor: Any, console: Console) -> None:
     for d, f in zip(datasets, factor.tolist(), strict=True):
         console.say(f"{d.name}: noise {f:.3g} times the stated one.")
+
+
+def _refuse_lost(problem: Problem, mech: Path) -> None:
+    """Refuse a fit without tolerances that nothing keeps from shrinking or growing."""
+    from ppmcal.errors import BadInput
+    from ppmcal.untold import foreseen
+
+    scale = foreseen(problem, "flat").scale
+    if scale is not None and scale.lost:
+        raise BadInput("these data do not hold the machine's size, and without tolerances "
+                       "nothing else does: the fit would run off", f"{mech} with --prior flat",
+                       "Keep the tolerances, fix the lengths or the drives (fixed: true), or add "
+                       "a measured distance")
 
 
 def _holdout(text: str, mechanism: Mechanism) -> tuple[tuple[Dataset, ...], float]:
@@ -161,6 +177,7 @@ def show_result(result: Identification, console: Console) -> None:
     if not console.speaks:
         return
     from ppmcal.outputs.identification import figures, parameter
+    from ppmcal.outputs.untold_words import sentences
 
     fit, units = result.fit, result.mechanism.units
     rows = sum(int(k.sum()) for k in fit.keep)
@@ -199,6 +216,8 @@ def show_result(result: Identification, console: Console) -> None:
                     "parameters.csv.")
     _show_redundant(result, console)
     _show_held(result, console)
+    for sentence in sentences(result.untold, result.mechanism):
+        console.say(sentence)
     console.warn(result.findings)
 
 

@@ -13,6 +13,7 @@ from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fit import Fit
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.observation import labels
+from ppmcal.outputs.untold_words import entry as untold_entry
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import Residuals
 from ppmcal.targets import pose_vector
@@ -67,6 +68,7 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
         },
         "observability": dict(result.observability),
         "correlations": correlations(result),
+        "untold": untold_entry(result.untold, result.mechanism),
         "excluded": [
             {"dataset": d.name, "row": int(d.rows[n]), "reason": reason}
             for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)

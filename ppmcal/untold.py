@@ -1,0 +1,187 @@
+"""What the data do not tell: scale held by a drawing, and parameters that act as one.
+
+Everything is read off the triangle of the rows, so that it can be said before a fit (at the
+nominal machine) as well as after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.arrays import known
+from ppmcal.closure import Model
+from ppmcal.fit import Fit, directions, posterior
+from ppmcal.linear import column_scale, prior_weights, reduce_rows
+from ppmcal.mechanism import Mechanism
+from ppmcal.parameters import is_joint_component
+from ppmcal.problem import Problem
+
+Array = NDArray[np.float64]
+
+SHARE = 0.7
+"""A distance is held by tolerances where they leave less than this part of what the data do."""
+MATTERS = 1e-5
+"""And where it is known no better than this part of it."""
+LOOSE, LOST = 1e-3, 0.02
+"""Without tolerances scale is open where a distance is known no better than this part of it, and
+a fit would run off where no better than that."""
+ONE = 0.95
+"""Two kinds of parameter are one direction from this correlation on, tolerances aside."""
+OPEN = 0.3
+"""And where each of the two keeps more than this part of its tolerance."""
+WEAK = 0.01
+"""Tolerances count so little when it is asked what the data tell apart."""
+CALIPER = 5e-5
+"""What a caliper measures a distance to, m, one standard deviation."""
+POSITIONS = 300
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How well a distance between two measured positions is known, m.
+
+    ``length``: their distance; ``sigma``: its standard deviation with the tolerances,
+    ``alone`` by the data alone (inf where they leave it open).
+    """
+
+    length: float
+    sigma: float
+    alone: float
+
+    @property
+    def needed(self) -> float:
+        """Length of a distance that, measured to :data:`CALIPER`, halves the uncertainty, m."""
+        return float(np.sqrt(3.0) * CALIPER * self.length / self.sigma) if self.sigma else 0.0
+
+    @property
+    def held(self) -> bool:
+        """Whether tolerances, more than the data, hold the machine's size."""
+        return self.sigma < SHARE * self.alone
+
+    @property
+    def lost(self) -> bool:
+        """Whether a fit has nothing that holds its size."""
+        return not self.held and self.sigma > LOST * self.length
+
+    @property
+    def open(self) -> bool:
+        """Whether these data leave scale to the drawing, or to nothing."""
+        least = MATTERS if self.held else LOOSE
+        return self.sigma > least * self.length
+
+
+@dataclass(frozen=True)
+class Twins:
+    """Two kinds of slot that act as one; ``each``: limb by limb, not only all together."""
+
+    one: str
+    other: str
+    correlation: float
+    each: bool
+
+
+@dataclass(frozen=True)
+class Untold:
+    """What the data do not tell; ``scale`` None where it could not be judged."""
+
+    scale: Scale | None
+    twins: tuple[Twins, ...]
+
+
+def foreseen(problem: Problem, method: str) -> Untold:
+    """Return what a fit of a problem would leave open, judged at the machine as it stands."""
+    state = problem.start()
+    keep = tuple(known(pose) for pose in state.poses)
+    return untold(Fit(problem, state, reduce_rows(problem, state, keep),
+                      prior_weights(problem, method), column_scale(problem), keep, 0, False))
+
+
+def untold(fit: Fit) -> Untold:
+    """Return what the rows and priors of a fit, or of a machine before it, leave open."""
+    if not fit.problem.free:
+        return Untold(None, ())
+    return Untold(_scale(fit), tuple(sorted(_twins(fit), key=lambda t: -abs(t.correlation))))
+
+
+def _scale(fit: Fit) -> Scale | None:
+    """Judge the distance of the two measured positions that lie farthest apart."""
+    problem, state = fit.problem, fit.state
+    pairs = [end for i, k in enumerate(fit.keep)
+             for end in problem.ends(i, state, np.flatnonzero(k))]
+    q = np.concatenate([p[0] for p in pairs])
+    pose = np.concatenate([p[1] for p in pairs])
+    if len(q) < 2:
+        return None
+    some = np.linspace(0, len(q) - 1, min(POSITIONS, len(q))).astype(int)
+    q, pose = q[some], pose[some]
+    at = cga.translation(pose)
+    away = np.linalg.norm(at[:, None] - at[None], axis=-1)
+    a, b = np.unravel_index(int(np.argmax(away)), away.shape)
+    length = float(away[a, b])
+    if length < 1e-3 * problem.mechanism.length_scale:
+        return None
+    two = [int(a), int(b)]
+    closure = Model(problem.mechanism, state.g).closure(q[two], problem.free)
+    moves = -np.linalg.pinv(closure.pose_matrix(pose[two])) @ closure.error_matrix(
+        pose[two], problem.free)
+    places = [c for c in problem.mechanism.dof if c < 3]
+    slope = ((at[a] - at[b]) / length)[places] @ (moves[0] - moves[1])[:len(places)]
+    return Scale(length, _spread(fit, slope, fit.prior), _spread(fit, slope, 0.0 * fit.prior))
+
+
+def _spread(fit: Fit, slope: Array, prior: Array) -> float:
+    """Return the standard deviation of slope . g with prior weights (C,), inf where open."""
+    s, vt, seen = directions(fit, prior)
+    row = np.zeros(fit.scale.size)
+    row[:slope.size] = slope * fit.scale[:slope.size]
+    if np.linalg.norm(vt[~seen] @ row) > 1e-6 * np.linalg.norm(row):
+        return float("inf")
+    return float(np.linalg.norm((vt[seen] @ row) / s[seen]))
+
+
+def _twins(fit: Fit) -> Iterator[Twins]:
+    """Yield kinds of slot whose common value the data see only together."""
+    count, scale = len(fit.problem.free), fit.scale[:len(fit.problem.free)]
+    after = posterior(fit)[:count, :count] / np.outer(scale, scale)
+    if not np.isfinite(after).all():
+        return
+    s, vt, seen = directions(fit, WEAK * fit.prior)
+    half = vt[seen][:, :count].T / s[seen]
+    weight = np.where(fit.prior[:count] > 0.0, fit.prior[:count] * scale, 1.0)
+    kinds = kinds_of(fit.problem.mechanism, fit.problem.free)
+
+    def correlated(one: Sequence[int], other: Sequence[int]) -> float:
+        """Correlation of two sums of columns; 0 where either is known well."""
+        a, b = (np.isin(np.arange(count), c).astype(float) for c in (one, other))
+        if min(float(e @ after @ e) / float(np.sum((e / weight) ** 2)) for e in (a, b)) < OPEN**2:
+            return 0.0
+        va, vb = a @ half, b @ half
+        return float(va @ vb) / float(np.linalg.norm(va) * np.linalg.norm(vb))
+
+    for one, other in combinations(kinds, 2):
+        r = correlated(list(kinds[one].values()), list(kinds[other].values()))
+        both = [limb for limb in kinds[one] if kinds[other].get(limb, kinds[one][limb])
+                != kinds[one][limb]]
+        each = [correlated([kinds[one][limb]], [kinds[other][limb]]) for limb in both]
+        alike = len(each) > 1 and all(abs(e) > ONE for e in each)
+        if abs(r) > ONE or alike:
+            yield Twins(one, other, r if abs(r) > ONE else each[0], alike)
+
+
+def kinds_of(mechanism: Mechanism, free: tuple[int, ...]) -> dict[str, dict[str, int]]:
+    """Return slot -> limb -> column among ``free``, frame error components left out."""
+    column = {p: c for c, p in enumerate(free)}
+    out: dict[str, dict[str, int]] = {}
+    for limb in mechanism.limbs:
+        polar = [(f"{x.rpartition('.')[0]}.{name}", p) for x, _, radius, angle in limb.slots.polar
+                 for name, p in (("radius", radius), ("angle", angle))]
+        for slot, p in (*limb.slots.direct, *polar):
+            if p in column and not is_joint_component(mechanism.names[p]):
+                out.setdefault(slot, {})[limb.name] = column[p]
+    return out

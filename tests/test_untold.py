@@ -1,0 +1,183 @@
+"""What the data do not tell: scale, and parameters that act as one, before and after the fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from commands import ppmcal
+from numpy.typing import NDArray
+from test_instruments import data_of, joints, truth
+
+from ppmcal import algebra as cga
+from ppmcal.closure import Model
+from ppmcal.dataset import Dataset
+from ppmcal.files import read_mechanism
+from ppmcal.fit import Fit, Options
+from ppmcal.forward import forward
+from ppmcal.identify import identify
+from ppmcal.inverse import inverse
+from ppmcal.mechanism import Mechanism
+from ppmcal.outputs.untold_words import sentences
+from ppmcal.problem import Problem
+from ppmcal.targets import pose_motor
+from ppmcal.untold import CALIPER, foreseen, untold
+
+Array = NDArray[np.float64]
+NAME = "delta-linear"
+ROBUST = Options(robust=False)
+
+
+def printer(tmp_path: Path, **limb: object) -> Mechanism:
+    """Return a delta whose drives are in steps; ``limb``: slots of every limb."""
+    slots: dict[str, object] = {"ratio": {"value": -0.0125, "tolerance": 2.5e-5}, **limb}
+    tree = {
+        "format": "ppmcal/mechanism/1", "name": "printer", "units": {"length": "mm",
+                                                                     "angle": "deg"},
+        "motion": "translational", "home": {"pose": {"x": 0, "y": 0, "z": 0}},
+        "tolerances": {"point": 0.5, "length": 0.3, "angle": 0.2, "offset": 0.5},
+        "limbs": [{"name": n, "kind": "(P)US",
+                   "base": {"point": {"radius": {"share": "radius", "value": 135},
+                                      "angle": {"value": 120 * i + 90, "fixed": i == 2},
+                                      "z": {"value": 0, "fixed": True}},
+                            "direction": {"value": [0, 0, 1], "fixed": True}},
+                   "platform": {"point": [{"value": 0, "fixed": True}] * 3},
+                   "length": 300, "offset": 500.0, "branch": 1, **slots}
+                  for i, n in enumerate("abc")]}
+    path = tmp_path / "printer.yaml"
+    path.write_text(yaml.safe_dump(tree))
+    return read_mechanism(path)
+
+
+def touches(mechanism: Mechanism, g: Array, rng: np.random.Generator, n: int = 60) -> Dataset:
+    """Touch a flat bed all over."""
+    angle, radius = rng.uniform(0, 2 * np.pi, n), 0.11 * np.sqrt(rng.uniform(size=n))
+    pose = np.zeros((n, 6))
+    pose[:, 0], pose[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
+    q = joints_at(mechanism, g, pose)
+    return data_of(mechanism, "plane", q, None, g, rng, 1e-5, False)
+
+
+def joints_at(mechanism: Mechanism, g: Array, pose: Array) -> Array:
+    found = inverse(Model(mechanism, g), pose_motor(pose))
+    assert found.reached.all()
+    return found.q
+
+
+def fitted(mechanism: Mechanism, *data: Dataset, options: Options = ROBUST) -> Fit:
+    return identify(Problem(mechanism, data, mechanism.free), options)
+
+
+def test_touches_leave_scale_to_the_tolerances(tmp_path: Path) -> None:
+    """Before the fit and after it; rods and drives are one direction to a flat bed."""
+    mechanism = printer(tmp_path)
+    rng = np.random.default_rng(1)
+    g = truth(mechanism, rng)
+    data = touches(mechanism, g, rng)
+    ahead = foreseen(Problem(mechanism, (data,), mechanism.free), "prior")
+    after = untold(fitted(mechanism, data))
+    for found in (ahead, after):
+        assert found.scale is not None and found.scale.held and found.scale.open
+        assert ("length", "ratio") in [(t.one, t.other) for t in found.twins]
+    assert ahead.scale and after.scale
+    assert ahead.scale.sigma == pytest.approx(after.scale.sigma, rel=0.1)
+    words = " ".join(sentences(after, mechanism))
+    assert "from the tolerances; the data alone leave" in words and "One distance of" in words
+
+
+def test_the_promised_distance_halves_it(tmp_path: Path) -> None:
+    mechanism = printer(tmp_path)
+    rng = np.random.default_rng(2)
+    g = truth(mechanism, rng)
+    data = touches(mechanism, g, rng)
+    before = untold(fitted(mechanism, data)).scale
+    assert before is not None and before.needed < before.length
+    ends = np.zeros((2, 6))
+    ends[:, 0] = -before.needed / 2, before.needed / 2
+    q = joints_at(mechanism, g, ends)
+    one = data_of(mechanism, "distance", q[:1], q[1:], g, rng, CALIPER, False)
+    one = replace(one, name="caliper", sigma_value=np.full(1, CALIPER))
+    after = untold(fitted(mechanism, data, one)).scale
+    assert after is not None
+    assert after.sigma / after.length == pytest.approx(0.5 * before.sigma / before.length, rel=0.1)
+
+
+def test_the_uncertainty_of_a_distance_is_true(tmp_path: Path) -> None:
+    """Over machines drawn from the tolerances, the error of the distance has that sigma."""
+    mechanism = printer(tmp_path)
+    ratio = []
+    for seed in range(60):
+        rng = np.random.default_rng([3, seed])
+        g = truth(mechanism, rng)
+        data = touches(mechanism, g, rng, 30)
+        fit = fitted(mechanism, data)
+        found = untold(fit).scale
+        assert found is not None
+        # the two touches that lie farthest apart
+        at = cga.translation(forward(Model(mechanism, fit.state.g), data.q).pose)
+        away = np.linalg.norm(at[:, None] - at[None], axis=-1)
+        a, b = np.unravel_index(int(np.argmax(away)), away.shape)
+        assert away[a, b] == pytest.approx(found.length, rel=1e-9)
+        real = cga.translation(forward(Model(mechanism, g), data.q[[a, b]]).pose)
+        ratio.append((found.length - np.linalg.norm(real[0] - real[1])) / found.sigma)
+    assert np.sqrt(np.mean(np.square(ratio))) == pytest.approx(1.0, abs=0.25)
+
+
+def test_positions_tell_scale() -> None:
+    mechanism = read_mechanism(Path(__file__).resolve().parent.parent / "configs"
+                               / f"{NAME}.yaml")
+    rng = np.random.default_rng(4)
+    q = joints(mechanism, NAME, 40, rng)
+    g = truth(mechanism, rng, 0.3)
+    pose = np.concatenate([cga.translation(forward(Model(mechanism, g), q).pose),
+                           np.full((len(q), 3), np.nan)], axis=1)
+    data = replace(Dataset.of_poses("camera", q, pose, (1e-5, 1.0), False), kind="position")
+    found = untold(fitted(mechanism, data))
+    assert found.scale is not None and not found.scale.open
+    assert not any("Scale" in s for s in sentences(found, mechanism))
+
+
+def test_fixed_drives_tell_scale_a_little(tmp_path: Path) -> None:
+    """With rods and drives as drawn the curvature of the bed's touches holds the size."""
+    mechanism = printer(tmp_path, ratio=-0.0125, length={"value": 300, "fixed": True})
+    rng = np.random.default_rng(5)
+    g = truth(mechanism, rng)
+    found = foreseen(Problem(mechanism, (touches(mechanism, g, rng),), mechanism.free), "flat")
+    assert found.scale is not None and not found.scale.lost
+
+
+def test_a_flat_fit_that_would_run_off_is_refused(tmp_path: Path) -> None:
+    """288 mm rods became 269 or 320 mm that way; with tolerances they stay."""
+    mechanism = printer(tmp_path)
+    rng = np.random.default_rng(6)
+    g = truth(mechanism, rng)
+    data = touches(mechanism, g, rng)
+    table = "height," + ",".join(f"q_{n}" for n in mechanism.actuators) + "\n" + "\n".join(
+        ",".join(repr(float(v)) for v in (h * 1e3, *q))
+        for h, q in zip(data.value, data.q, strict=True))
+    (tmp_path / "bed.csv").write_text(table + "\n")
+    (tmp_path / "bed.yaml").write_text(yaml.safe_dump({
+        "format": "ppmcal/dataset/1", "name": "bed", "units": {"length": "mm", "angle": "deg"},
+        "instrument": {"kind": "plane", "sigma": {"height": 0.01}}, "frame": "known",
+        "target": "known"}))
+    run = ppmcal("identify", "printer.yaml", "bed.csv", "--prior", "flat", cwd=tmp_path, expect=2)
+    assert "do not hold the machine's size" in run.err and "measured distance" in run.err
+    run = ppmcal("identify", "printer.yaml", "bed.csv", cwd=tmp_path, expect=0)
+    assert "length and ratio, limb by limb, are one direction" in " ".join(run.out.split())
+    run = ppmcal("identify", "printer.yaml", "bed.csv", "--json", cwd=tmp_path, expect=0)
+    lengths = [p["value"] for p in run.json["parameters"] if p["name"].endswith(".length")]
+    assert np.max(np.abs(np.array(lengths) - 300.0)) < 1.0
+    assert run.json["untold"]["scale"]["open"]
+    run = ppmcal("check", "printer.yaml", "bed.csv", cwd=tmp_path, expect=0)
+    assert "Scale: a distance of" in run.out
+
+
+def test_nothing_free_leaves_nothing_to_say(tmp_path: Path) -> None:
+    mechanism = printer(tmp_path)
+    rng = np.random.default_rng(7)
+    data = touches(mechanism, mechanism.values, rng)
+    found = foreseen(Problem(mechanism, (data,), ()), "prior")
+    assert found.scale is None and found.twins == ()
