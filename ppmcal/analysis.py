@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from ppmcal.blunders import Blunders, blunders
 from ppmcal.dataset import Dataset
 from ppmcal.earlier import Posterior
 from ppmcal.fit import Fit, Options, directions, posterior, prediction_covariance
@@ -115,6 +116,7 @@ class Identification:
     holdout_note: str
     findings: tuple[str, ...]
     untold: Untold
+    blunders: Blunders
     earlier: Posterior | None = None
 
 
@@ -271,7 +273,7 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         prediction_covariance(fit) * inflation**2, inflation, residuals(fit.problem, before.state),
         registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note,
-        _findings(fit, noise, inflation, found), untold(fit))
+        _findings(fit, noise, inflation, found), untold(fit), blunders(fit))
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate]

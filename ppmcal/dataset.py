@@ -50,7 +50,8 @@ class Dataset:
             ``temperature``, ``payload``, ``time``, ``fx`` ...; (N,) each, nan = missing.
         sessions: label per row, or None.
         frame, target, target_rotation: known or to be fitted; (6,), (3,), (3,).
-        homing: ``shared`` or ``per-file``.
+        homing: ``shared`` or ``per-file``; inside the program also ``alone``: open even in the
+            first file.
         approach: ``columns``, ``sequence`` or ``unknown``.
         findings: warnings that reading gave, each naming the row or column.
         dropped: rows of the CSV that hold nothing usable: (row number, reason).

@@ -96,7 +96,7 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
         target = take(data.target.fitted, [f"target.{PARTS[p]}" for p in points])
         turns = data.target_rotation.fitted and data.kind == "pose" and motion != "translational"
         turn = take(turns, [f"target_rotation.{PARTS[3 + p]}" for p in turn_parts])
-        homing = take(i > 0 and data.homing == "per-file",
+        homing = take((i > 0 and data.homing == "per-file") or data.homing == "alone",
                       [f"homing.{a}" for a in mechanism.actuators])
         opens[i] = Open(frame, target, turn, homing, parts, points, turn_parts,
                         np.where(np.isfinite(about), about, 0.0))

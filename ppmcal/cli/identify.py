@@ -129,7 +129,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     show_result(result, console)
     finish(out, list(output.files), console)
     console.summary(summary(result, source, chosen, False))
-    leave(bool(result.findings))
+    leave(bool(result.findings or result.blunders.shifts))
 
 
 def _tell_noise(datasets: tuple[Dataset, ...], factor: Any, console: Console) -> None:
@@ -176,6 +176,7 @@ def show_result(result: Identification, console: Console) -> None:
     """Print what a person wants to know."""
     if not console.speaks:
         return
+    from ppmcal.outputs import blunder_words
     from ppmcal.outputs.identification import figures, parameter
     from ppmcal.outputs.untold_words import sentences
 
@@ -218,7 +219,10 @@ def show_result(result: Identification, console: Console) -> None:
     _show_held(result, console)
     for sentence in sentences(result.untold, result.mechanism):
         console.say(sentence)
-    console.warn(result.findings)
+    words = blunder_words.sentences(result.blunders, result.mechanism)
+    console.warn([*result.findings, *blunder_words.shifts(result.blunders, result.mechanism)])
+    for sentence in words:
+        console.say(sentence)
 
 
 HELD = 0.8

@@ -8,7 +8,7 @@ from typing import Any
 from ppmcal.compare import Change, Comparison
 from ppmcal.files import csv_text, json_text
 from ppmcal.mechanism import Mechanism
-from ppmcal.outputs.identification import column_factor
+from ppmcal.outputs.identification_units import column_factor, parameter_unit
 
 
 def files(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any]
@@ -22,8 +22,6 @@ def files(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any]
 
 def entries(found: Comparison, mechanism: Mechanism) -> list[dict[str, Any]]:
     """Return one entry per parameter, file units."""
-    units = {p.name: mechanism.units.name(p.quantity) + ("/unit" if p.per_unit else "")
-             for p in mechanism.parameters}
     changed = {c.name for c in found.changes}
     instead = {n for c in found.changes for n in c.instead}
     out = []
@@ -31,7 +29,7 @@ def entries(found: Comparison, mechanism: Mechanism) -> list[dict[str, Any]]:
         f = column_factor(mechanism, name)
         out.append({"name": name, "old": float(found.old[i]) / f, "new": float(found.new[i]) / f,
                     "difference": float(found.new[i] - found.old[i]) / f,
-                    "sigma": float(found.sigma[i]) / f, "unit": units[name],
+                    "sigma": float(found.sigma[i]) / f, "unit": parameter_unit(mechanism, name),
                     "p_alone": float(found.alone[i]),
                     "status": "changed" if name in changed else
                     "possible" if name in instead else "unchanged"})
@@ -41,9 +39,8 @@ def entries(found: Comparison, mechanism: Mechanism) -> list[dict[str, Any]]:
 def change(c: Change, mechanism: Mechanism) -> dict[str, Any]:
     """Return one named change, file units."""
     f = column_factor(mechanism, c.name)
-    unit = next(r.quantity for r in mechanism.parameters if r.name == c.name)
     return {"name": c.name, "value": c.value / f, "sigma": c.sigma / f,
-            "unit": mechanism.units.name(unit), "p_value": c.p_value, "instead": c.instead}
+            "unit": parameter_unit(mechanism, c.name), "p_value": c.p_value, "instead": c.instead}
 
 
 def summary(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any]

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from ppmcal.analysis import Estimate, Identification
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fit import Fit
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
+from ppmcal.mechanism import POSE_COORDINATES, Registration
 from ppmcal.observation import labels
+from ppmcal.outputs.blunder_words import entry as blunder_entry
+from ppmcal.outputs.identification_units import column_factor
 from ppmcal.outputs.untold_words import entry as untold_entry
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import Residuals
@@ -68,6 +70,7 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
         },
         "observability": dict(result.observability),
         "correlations": correlations(result),
+        "blunders": blunder_entry(result.blunders, result.mechanism),
         "untold": untold_entry(result.untold, result.mechanism),
         "excluded": [
             {"dataset": d.name, "row": int(d.rows[n]), "reason": reason}
@@ -129,17 +132,6 @@ def figures(values: Mapping[str, Mapping[str, float]], units: Units) -> dict[str
 def _column_factor(result: Identification, name: str) -> float:
     """SI value of one file unit of a column."""
     return column_factor(result.mechanism, name)
-
-
-def column_factor(mechanism: Mechanism, name: str) -> float:
-    """Return the SI value of one file unit of a parameter or of an open quantity."""
-    for p in mechanism.parameters:
-        if p.name == name:
-            return mechanism.units.factor(p.quantity)
-    head = name.split(" of ")[0]
-    if head.startswith("homing."):
-        return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
-    return mechanism.units.factor("angle" if head.split(".")[-1].startswith("r") else "length")
 
 
 def correlations(result: Identification) -> list[dict[str, Any]]:

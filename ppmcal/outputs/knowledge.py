@@ -13,7 +13,7 @@ from ppmcal.compensate import Knowledge
 from ppmcal.earlier import Posterior
 from ppmcal.errors import BadInput
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
-from ppmcal.outputs.identification import column_factor
+from ppmcal.outputs.identification_units import column_factor
 from ppmcal.units import Units
 
 

@@ -1,0 +1,73 @@
+"""Rows and sessions that do not belong, in words and as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ppmcal.blunders import Blunder, Blunders
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.outputs.identification_units import column_factor, parameter_unit
+from ppmcal.zeros import Shift
+
+SHOWN = 5
+
+
+def shifts(found: Blunders, mechanism: Mechanism) -> list[str]:
+    """Return one finding per zero that moved."""
+    out = []
+    for s in found.shifts:
+        factor, unit = _joint(mechanism, s)
+        out.append(f"the zero of {s.actuator} moved in {s.session}: by {s.value / factor:+.4g} +- "
+                   f"{1.96 * s.sigma / factor:.2g} {unit or '(bare)'} against the others; give "
+                   "that session a file of its own with `homing: per-file`")
+    return out
+
+
+def sentences(found: Blunders, mechanism: Mechanism) -> list[str]:
+    """Return which rows were left out and what for, and which nothing checks."""
+    out = []
+    for b in found.rows[:SHOWN]:
+        factor, unit, name = _coordinate(mechanism, b)
+        out.append(f"  {b.dataset}, row {b.row}: {name} {b.value / factor:.6g} {unit}, where the "
+                   f"others say {b.predicted / factor:.6g} ({b.times:.3g} times the noise).")
+    if len(found.rows) > SHOWN:
+        out.append(f"  ... and {len(found.rows) - SHOWN} more rows, see residuals.csv.")
+    for name, (now, then) in list(found.would.items())[:3]:
+        f = column_factor(mechanism, name)
+        out.append(f"  With them {name} would be {then / f:.6g} in place of {now / f:.6g} "
+                   f"{parameter_unit(mechanism, name)}.")
+    for name, rows in found.unchecked:
+        some = ", ".join(str(r) for r in rows[:8]) + (" ..." if len(rows) > 8 else "")
+        out.append(f"Unchecked: in {name} row{'s' if len(rows) > 1 else ''} {some}: nothing else "
+                   "tells what they tell, so a wrong value there would not show. Measure one more.")
+    return out
+
+
+def entry(found: Blunders, mechanism: Mechanism) -> dict[str, Any]:
+    """Return the same for identification.json, file units."""
+    rows, moved = [], []
+    for b in found.rows:
+        factor, unit, name = _coordinate(mechanism, b)
+        rows.append({"dataset": b.dataset, "row": b.row, "coordinate": name,
+                     "value": b.value / factor, "predicted": b.predicted / factor, "unit": unit,
+                     "times": b.times})
+    for s in found.shifts:
+        factor, unit = _joint(mechanism, s)
+        moved.append({"session": s.session, "actuator": s.actuator, "value": s.value / factor,
+                      "sigma": s.sigma / factor, "unit": unit, "p_value": s.p_value})
+    would = {name: {"now": now / column_factor(mechanism, name),
+                    "with_them": then / column_factor(mechanism, name)}
+             for name, (now, then) in found.would.items()}
+    return {"rows": rows, "would_be": would, "zeros_moved": moved,
+            "unchecked": [{"dataset": n, "rows": r} for n, r in found.unchecked]}
+
+
+def _coordinate(mechanism: Mechanism, b: Blunder) -> tuple[float, str, str]:
+    """Return SI value of the unit, unit, and name of a coordinate."""
+    quantity = "length" if b.coordinate < 3 else "angle"
+    name = b.number or POSE_COORDINATES[b.coordinate]
+    return mechanism.units.factor(quantity), mechanism.units.name(quantity), name
+
+
+def _joint(mechanism: Mechanism, s: Shift) -> tuple[float, str]:
+    return mechanism.joint_units[mechanism.actuators.index(s.actuator)]

@@ -1,0 +1,22 @@
+"""Units of the columns of a fit."""
+
+from __future__ import annotations
+
+from ppmcal.mechanism import Mechanism
+
+
+def column_factor(mechanism: Mechanism, name: str) -> float:
+    """Return the SI value of one file unit of a parameter or of an open quantity."""
+    for p in mechanism.parameters:
+        if p.name == name:
+            return mechanism.units.factor(p.quantity)
+    head = name.split(" of ")[0]
+    if head.startswith("homing."):
+        return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
+    return mechanism.units.factor("angle" if head.split(".")[-1].startswith("r") else "length")
+
+
+def parameter_unit(mechanism: Mechanism, name: str) -> str:
+    """Return the unit of a parameter in the mechanism file."""
+    p = mechanism.parameters[mechanism.names.index(name)]
+    return mechanism.units.name(p.quantity) + ("/unit" if p.per_unit else "")

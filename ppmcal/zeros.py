@@ -1,0 +1,222 @@
+"""Joints' zeros that moved between sessions: an endstop that slipped, a drive homed anew.
+
+One shift per session and joint, tested as added variables of the whole fit; rows that were left
+out of a session as outliers, most of them, are taken back for the test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from ppmcal.arrays import known
+from ppmcal.dataset import Dataset
+from ppmcal.fit import Fit
+from ppmcal.problem import Problem
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+SHIFTED = 1e-3
+"""A zero has moved where chance would show such a shift this rarely in any session."""
+MANY_OUT = 0.3
+"""Rows left out count again where more than this part of their session was."""
+MOST = 20000
+"""Shifts of zeros are looked for in at most so many rows, evenly spread."""
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A joint's zero in one session against the others: ``value`` +- ``sigma``, unit of q."""
+
+    session: str
+    actuator: str
+    value: float
+    sigma: float
+    p_value: float
+
+
+def outliers(fit: Fit) -> list[Bools]:
+    """Return the rows that were left out as outliers, by data set (N,)."""
+    out = []
+    for pose, keep, reasons in zip(fit.state.poses, fit.keep, fit.reasons, strict=True):
+        some = np.zeros_like(keep)
+        some[[n for n, reason in reasons.items() if reason.startswith("outlier")]] = True
+        out.append(some & known(pose) & ~keep)
+    return out
+
+
+def zeros(fit: Fit) -> Iterator[Shift]:
+    """Yield the joints' zeros that moved in one session against the others.
+
+    The session that stands out most is named and taken out, then the others are tested again;
+    of the last two it is the smaller one.
+    """
+    sessions = _sessions(fit.problem)
+    keep = _taken_back(fit, sessions)
+    while len(sessions) > 1:
+        trials = []
+        for n, (_, rows) in enumerate(sessions):
+            estimate, information = _shift(fit, keep, rows)
+            if estimate is not None:
+                square = float(estimate @ information @ estimate)
+                trials.append((square, n, estimate, information))
+        if not trials:
+            return
+        most = max(t[0] for t in trials)
+        alike = [t for t in trials if t[0] > 0.99 * most]
+        square, n, estimate, information = min(alike, key=lambda t: sessions[t[1]][1].size - t[1])
+        if float(chdtrc(estimate.size, square)) * len(sessions) > SHIFTED:
+            return
+        label, rows = sessions.pop(n)
+        yield from _which(label, fit.problem.mechanism.actuators, estimate, information)
+        keep = _apart(keep, rows)
+
+
+def _apart(keep: Sequence[Bools], rows: Ints) -> list[Bools]:
+    """Return the masks without some rows, numbered through all data sets."""
+    whole = np.concatenate(list(keep))
+    whole[rows] = False
+    return np.split(whole, np.cumsum([len(k) for k in keep])[:-1])
+
+
+def _sessions(problem: Problem) -> list[tuple[str, Ints]]:
+    """Return label -> rows numbered through all data sets, where zeros are taken as shared.
+
+    A session column splits a file; without one each file is a session.
+    """
+    out: dict[str, list[int]] = {}
+    begin = 0
+    for data in problem.datasets:
+        at = np.arange(begin, begin + len(data))
+        begin += len(data)
+        if data.homing == "per-file":
+            continue
+        for label, n in zip(data.sessions or [data.name] * len(data), at, strict=True):
+            out.setdefault(label, []).append(int(n))
+    return [(label, np.array(rows)) for label, rows in out.items()]
+
+
+def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Ints]]) -> list[Bools]:
+    """Return the rows for the test: those used, and all of a session that was mostly left out."""
+    whole = np.concatenate(list(fit.keep))
+    out = np.concatenate(outliers(fit))
+    for _, rows in sessions:
+        if out[rows].mean() > MANY_OUT:
+            whole[rows] |= out[rows]
+    used = np.flatnonzero(whole)
+    if used.size > MOST:
+        # finding a shift takes few rows
+        whole[:] = False
+        whole[used[np.linspace(0, used.size - 1, MOST).astype(int)]] = True
+    ends = np.cumsum([len(k) for k in fit.keep])[:-1]
+    return np.split(whole, ends)
+
+
+def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, Array]:
+    """Return the shifts of the joints in some rows (k,) and their information (k, k).
+
+    The normal equations of all columns with the shifts as added ones; the noise is taken as
+    the residuals show it.
+    """
+    size = len(fit.problem.columns)
+    k = len(fit.problem.mechanism.actuators)
+    prior = np.zeros(size)
+    free = list(fit.problem.free)
+    away = fit.state.g[free] - fit.problem.mechanism.nominals[free]
+    prior[:len(free)] = fit.prior[:len(free)]
+    normal = np.diag(prior**2)
+    right = np.zeros(size)
+    right[:len(free)] = -prior[:len(free)] ** 2 * away
+    cross, own, other = np.zeros((size, k)), np.zeros((k, k)), np.zeros(k)
+    square, count = 0.0, 0
+    if fit.problem.earlier is not None:
+        missed, slope = fit.problem.earlier.rows(fit.problem.mechanism, free, fit.state.g)
+        normal[:len(free), :len(free)] += slope.T @ slope
+        right[:len(free)] += slope.T @ missed
+    for jacobian, joints, residual in _blocks(fit, keep, rows):
+        normal += jacobian.T @ jacobian
+        right += jacobian.T @ residual
+        cross += jacobian.T @ joints
+        own += joints.T @ joints
+        other += joints.T @ residual
+        square += float(residual @ residual)
+        count += residual.size
+    scale = fit.scale
+    inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(
+        scale, scale)
+    information = own - cross.T @ inverse @ cross
+    if not np.all(np.linalg.eigvalsh(information) > 1e-9 * max(np.trace(own), 1e-300)):
+        return None, information
+    estimate = np.linalg.solve(information, other - cross.T @ inverse @ right)
+    left = square - right @ inverse @ right - estimate @ information @ estimate
+    noise = max(1.0, float(left) / max(count - size - k, 1))
+    return np.asarray(estimate), np.asarray(information / noise)
+
+
+def _blocks(fit: Fit, keep: Sequence[Bools], rows: Ints) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield Jacobian (n, C), columns of shifts in ``rows`` (n, k) and residual (n,), white."""
+    begin = 0
+    for i, data in enumerate(fit.problem.datasets):
+        mine = rows[(rows >= begin) & (rows < begin + len(data))] - begin
+        begin += len(data)
+        inside = np.zeros(len(data), dtype=bool)
+        inside[mine] = True
+        for shifted, part in ((True, keep[i] & inside), (False, keep[i] & ~inside)):
+            if not part.any():
+                continue
+            only = [part if j == i else np.zeros_like(k) for j, k in enumerate(keep)]
+            yield from _block(fit, i, only, shifted)
+
+
+def _block(fit: Fit, i: int, keep: Sequence[Bools], shifted: bool
+           ) -> Iterator[tuple[Array, Array, Array]]:
+    k = len(fit.problem.mechanism.actuators)
+    size = len(fit.problem.columns)
+    homed = _homed(fit.problem, i) if shifted else None
+    moves = homed.rows(fit.state, True, keep) if homed else None
+    for found in fit.problem.rows(fit.state, True, keep):
+        jacobian = found.jacobian.reshape(-1, size)
+        joints = np.zeros((len(jacobian), k))
+        if homed is not None and moves is not None:
+            joints = next(moves).jacobian[..., homed.opens[i].homing].reshape(-1, k)
+        yield jacobian, joints, found.residual.reshape(-1)
+
+
+def _homed(problem: Problem, i: int) -> Problem:
+    """Return the problem with columns for shifts of the zeros of data set ``i``."""
+    datasets: list[Dataset] = list(problem.datasets)
+    datasets[i] = replace(datasets[i], homing="alone")
+    return replace(problem, datasets=tuple(datasets), pivots=tuple(
+        o.about for o in problem.opens))
+
+
+def _which(label: str, names: Sequence[str], estimate: Array, information: Array
+           ) -> Iterator[Shift]:
+    """Yield the fewest joints whose shifts explain a session, the largest first."""
+    chosen: list[int] = []
+    target = information @ estimate
+    while len(chosen) < len(names):
+        rest = [c for c in range(len(names)) if c not in chosen]
+        part, left = information, target
+        if chosen:
+            inner = np.linalg.inv(information[np.ix_(chosen, chosen)])
+            across = information[:, chosen] @ inner
+            part = information - across @ information[chosen]
+            left = target - across @ target[chosen]
+        gain = np.array([left[c] ** 2 / part[c, c] if part[c, c] > 0 else 0.0 for c in rest])
+        if float(chdtrc(1, gain.max())) * len(names) > SHIFTED:
+            break
+        chosen.append(rest[int(np.argmax(gain))])
+    if not chosen:
+        return
+    inner = np.linalg.inv(information[np.ix_(chosen, chosen)])
+    value = inner @ target[chosen]
+    for c, v, variance in zip(chosen, value, np.diagonal(inner), strict=True):
+        yield Shift(label, names[c], float(v), float(np.sqrt(variance)),
+                    float(chdtrc(1, v * v / variance)))
