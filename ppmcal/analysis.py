@@ -17,6 +17,7 @@ from ppmcal.blunders import Blunders, blunders
 from ppmcal.dataset import Dataset
 from ppmcal.earlier import Posterior
 from ppmcal.fit import Fit, Options, directions, posterior, prediction_covariance
+from ppmcal.flatness import Flat, flats
 from ppmcal.holdout import held_out, on_other, register_only
 from ppmcal.linear import SOLVE_TOLERANCE, prior_square
 from ppmcal.mechanism import Mechanism, Registration
@@ -117,6 +118,7 @@ class Identification:
     findings: tuple[str, ...]
     untold: Untold
     blunders: Blunders
+    flats: tuple[Flat, ...] = ()
     earlier: Posterior | None = None
 
 
@@ -273,7 +275,8 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         prediction_covariance(fit) * inflation**2, inflation, residuals(fit.problem, before.state),
         registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note,
-        _findings(fit, noise, inflation, found), untold(fit), blunders(fit))
+        _findings(fit, noise, inflation, found), untold(fit), blunders(fit),
+        tuple(flats(fit)))
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate]

@@ -132,11 +132,15 @@ def view(data: Dataset, station: Station, poses: Sequence[Array], motion: str, a
         return _distance(data, sights)
     pick = list(coordinates(data, motion))
     s = sights[0]
+    point = s.point
+    if data.kind == "plane":
+        # a scale shows in the heights given; the predicted ones hold what the model misses
+        point = np.where([False, False, True], data.value[:, None], point)
     residual = s.residual[:, pick]
     observed = np.isfinite(residual)
     return View(np.where(observed, residual, 0.0), observed, (s.by_pose[:, pick],),
                 s.by_frame[:, pick], s.by_target[:, pick], s.by_rotation[:, pick],
-                (np.tile(np.eye(6, 3)[pick], (len(data), 1, 1)),), (s.point,))
+                (np.tile(np.eye(6, 3)[pick], (len(data), 1, 1)),), (point,))
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+
+from ppmcal.analysis import report
+from ppmcal.diagnose.run import diagnose
+from ppmcal.fit import Options
+from ppmcal.flatness import flats
+from ppmcal.problem import Problem
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import real_deltas  # noqa: E402
+import real_priors  # noqa: E402
 
 EDITED = ("011", "019", "022")
 """Events whose saved parameters were edited by hand after solving."""
@@ -41,3 +51,64 @@ def test_one_bed_touched_284_times(rods: str, limit: float) -> None:
     (path,) = (DATA / "delta-rostock").glob("*.csv")
     assert real_deltas.rms(real_deltas.bed(path, rods))[0] < limit + 5e-5
     assert np.loadtxt(path, delimiter=",", skiprows=1).shape == (284, 3)
+
+
+def event_of(name: str) -> dict[str, Any]:
+    (path,) = (DATA / "delta-events").glob(f"{name}_*.json")
+    return dict(json.loads(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("name", ["000", "013", "015", "016", "024"])
+def test_with_priors_rods_stay_and_touches_left_out_are_predicted(name: str) -> None:
+    event = event_of(name)
+    own, six = (real_priors.machine(event, rods) for rods in ("single", "fixed"))
+    fit = real_priors.fitted(*own, "prior")
+    rods = real_priors.rods_of(fit) - np.array(event["geometry_start"]["arms"])
+    assert np.max(np.abs(rods)) < 3.0 * real_priors.TOLERANCES["length"]
+    assert real_priors.left_out(*own, "prior") < real_priors.left_out(
+        six[0], six[1][:1], "flat") + 0.02
+
+
+def test_distances_that_do_not_fit_are_told() -> None:
+    """029: its solver made 288 mm rods 292 to 297 mm long."""
+    event = {**event_of("029"), "geometry_start": event_of("028")["geometry_saved"]}
+    fit = real_priors.fitted(*real_priors.machine(event, "single"), "prior")
+    assert np.max(np.abs(real_priors.rods_of(fit) - 288.13)) < 1.5
+    told = report(fit, Options(), 0.0, 0)
+    assert told.noise.failed and told.noise.by_dataset["distances"] > 3.0
+    assert any("times the stated noise" in finding for finding in told.findings)
+
+
+def mesh_of(name: str) -> tuple[Path, dict[str, Any], dict[str, Any]]:
+    (path,) = (DATA / "delta-meshes").glob(f"{name}_*.json")
+    mesh = json.loads(path.read_text(encoding="utf-8"))
+    event = real_priors.in_use(mesh, DATA / "delta-events")
+    assert event is not None
+    return path, mesh, event
+
+
+@pytest.mark.parametrize("name", ["mesh08", "mesh10", "mesh20", "mesh22", "mesh23", "mesh26"])
+def test_a_printer_calibrated_from_its_event_predicts_its_bed(name: str) -> None:
+    path, mesh, event = mesh_of(name)
+    data = real_priors.bed_of(path, mesh, event)
+    mechanism, own = real_priors.machine(event, "single")
+    fit = real_priors.fitted(mechanism, own, "prior")
+    printer = real_priors.on_bed(real_priors.with_numbers(mechanism, mesh["active_geometry"]), data)
+    assert real_priors.on_bed(mechanism.with_values(fit.state.g), data) < printer + 5e-5
+    bed = real_priors.fitted(real_priors.machine(event, "fixed")[0], (data,), "flat", False)
+    (flat,) = flats(bed)
+    assert 0.005e-3 < flat.smooth < 0.04e-3 and flat.scatter < 0.06e-3
+
+
+@pytest.mark.parametrize(("name", "there"), [("mesh10", True), ("mesh26", True),
+                                             ("mesh08", False), ("mesh20", False)])
+def test_effects_of_the_approach_are_found_where_they_are(name: str, there: bool) -> None:
+    """Beds probed to and fro: what changes sign with the way is named, and only there."""
+    path, mesh, event = mesh_of(name)
+    data = real_priors.bed_of(path, mesh, event)
+    with path.with_suffix(".csv").open(encoding="utf-8") as stream:
+        ways = [float(r["approach_dir_x"]) for r in csv.DictReader(stream)]
+    data = replace(data, columns={"dir_x": np.array(ways)})
+    mechanism = real_priors.machine(event, "fixed")[0]
+    found = diagnose(Problem(mechanism, (data,), mechanism.free))
+    assert any(e.kind == "backlash" for e in found.effects) == there

@@ -178,7 +178,7 @@ def show_result(result: Identification, console: Console) -> None:
         return
     from ppmcal.outputs import blunder_words
     from ppmcal.outputs.identification import figures, parameter
-    from ppmcal.outputs.untold_words import sentences
+    from ppmcal.outputs.untold_words import flat_sentences, sentences
 
     fit, units = result.fit, result.mechanism.units
     rows = sum(int(k.sum()) for k in fit.keep)
@@ -217,7 +217,8 @@ def show_result(result: Identification, console: Console) -> None:
                     "parameters.csv.")
     _show_redundant(result, console)
     _show_held(result, console)
-    for sentence in sentences(result.untold, result.mechanism):
+    for sentence in (*sentences(result.untold, result.mechanism),
+                     *flat_sentences(result.flats, result.mechanism)):
         console.say(sentence)
     words = blunder_words.sentences(result.blunders, result.mechanism)
     console.warn([*result.findings, *blunder_words.shifts(result.blunders, result.mechanism)])

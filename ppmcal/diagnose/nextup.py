@@ -21,6 +21,7 @@ from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.stage import Stage, form_columns, summed, without
 from ppmcal.diagnose.system import build
 from ppmcal.kinematics import inverse_table
+from ppmcal.observation import SCALARS
 from ppmcal.problem import State
 from ppmcal.targets import pose_motor, pose_vector
 
@@ -137,10 +138,16 @@ def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
     flat = np.array([False, False, True, True, True, False]) & (
         problem.mechanism.motion == "planar")
     first = problem.datasets[0]
-    sigma = (float(np.nanmedian(first.sigma_position)), float(np.nanmedian(first.sigma_rotation)))
-    data = Dataset.of_poses(first.name, q, np.where(flat, np.nan, pose), sigma, fitted=False)
-    return replace(data, columns=columns, kind=first.kind, frame=first.frame,
-                   target=first.target, target_rotation=first.target_rotation)
+    place, turn, number = (float(np.median(s[np.isfinite(s)])) if np.isfinite(s).any() else 1.0
+                           for s in (first.sigma_position, first.sigma_rotation,
+                                     first.sigma_value))
+    data = Dataset.of_poses(first.name, q, np.where(flat, np.nan, pose), (place, turn), False)
+    # of a height or a distance only the slopes count here, whatever the value
+    value = np.full(len(q), np.nan if first.kind not in SCALARS else float(
+        np.median(first.value[np.isfinite(first.value)])))
+    return replace(data, columns=columns, kind=first.kind, frame=first.frame, value=value,
+                   sigma_value=np.full(len(q), number), target=first.target,
+                   target_rotation=first.target_rotation, extra=first.extra)
 
 
 def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array]:

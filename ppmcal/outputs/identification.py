@@ -16,6 +16,7 @@ from ppmcal.observation import labels
 from ppmcal.outputs.blunder_words import entry as blunder_entry
 from ppmcal.outputs.identification_units import column_factor
 from ppmcal.outputs.untold_words import entry as untold_entry
+from ppmcal.outputs.untold_words import flat_entries
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import Residuals
 from ppmcal.targets import pose_vector
@@ -70,6 +71,7 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
         },
         "observability": dict(result.observability),
         "correlations": correlations(result),
+        "flats": flat_entries(result.flats, result.mechanism),
         "blunders": blunder_entry(result.blunders, result.mechanism),
         "untold": untold_entry(result.untold, result.mechanism),
         "excluded": [

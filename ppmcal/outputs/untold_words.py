@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from ppmcal.flatness import Flat
 from ppmcal.mechanism import Mechanism
 from ppmcal.units import Units
 from ppmcal.untold import CALIPER, Scale, Untold
 
 Z95 = 1.96
+SMOOTH = 0.01
+"""A flat has a shape where chance would show one as strong this rarely."""
 
 
 def sentences(found: Untold, mechanism: Mechanism) -> list[str]:
@@ -41,6 +45,23 @@ def _scale(scale: Scale, units: Units) -> str:
                 f"{CALIPER / f:.2g} {unit} (one sigma), would halve that.")
     sigma = CALIPER * scale.length / scale.needed
     return f"{text}. That distance measured to {sigma / f:.2g} {unit} (one sigma) would halve it."
+
+
+def flat_sentences(found: Sequence[Flat], mechanism: Mechanism) -> list[str]:
+    """Return which part of the residuals of touches is smooth over the flat."""
+    f, unit = mechanism.units.factor("length"), mechanism.units.length
+    return [f"{flat.dataset}: {flat.smooth / f:.2g} {unit} rms of what is left is smooth over the "
+            "flat: its own shape, or what the model misses; "
+            f"touches scatter {flat.scatter / f:.2g} {unit} about it (p = {flat.p_value:.1g})."
+            for flat in found if flat.p_value < SMOOTH]
+
+
+def flat_entries(found: Sequence[Flat], mechanism: Mechanism) -> list[dict[str, Any]]:
+    """Return the same for identification.json, file units."""
+    f = mechanism.units.factor("length")
+    return [{"dataset": flat.dataset, "smooth": flat.smooth / f, "scatter": flat.scatter / f,
+             "degree": flat.degree, "p_value": flat.p_value, "unit": mechanism.units.length}
+            for flat in found]
 
 
 def entry(found: Untold, mechanism: Mechanism) -> dict[str, Any]:
