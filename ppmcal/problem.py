@@ -57,7 +57,8 @@ class Rows:
     ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
     ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
     ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
-    None where no Jacobian was asked for.
+    None where no Jacobian was asked for; ``second``: along those of the other end of a distance
+    between two platform positions.
     """
 
     dataset: int
@@ -68,6 +69,7 @@ class Rows:
     raw: Array
     whitener: Array
     response: Response | None = None
+    second: Response | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +232,7 @@ class Problem:
             diagonal = np.diagonal(white, axis1=-2, axis2=-1)
             residual, full = diagonal * seen.residual, diagonal[..., None] * full
         return Rows(i, index, residual, full, seen.observed, seen.residual, white,
-                    responses[0] if responses else None)
+                    *responses)
 
     def _spread(self, by_pose: Array, closure: Closure, pose: Array, lines: Array,
                 shift: Shift | None) -> Array:

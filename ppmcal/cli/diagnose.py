@@ -23,7 +23,6 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.dataset import Dataset
     from ppmcal.diagnose.result import Diagnosis
 
 HEADLINE = {
@@ -77,7 +76,6 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     if png:
         need_png()
     mechanism, datasets = load(mech, data, patterns)
-    _searchable(datasets)
     seed = 0 if seed is None else seed
     problem = Problem(mechanism, datasets, mechanism.free)
     with console.progress("Diagnosing") as show:
@@ -95,17 +93,6 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     finish(out, list(output.files), console)
     console.summary(record)
     leave(bool(result.findings) or result.verdict not in ("none", "named"))
-
-
-def _searchable(datasets: tuple[Dataset, ...]) -> None:
-    """Refuse distances between two platform positions: effects at both ends would mix."""
-    from ppmcal.errors import BadInput
-
-    for d in datasets:
-        if d.to_q is not None:
-            raise BadInput("effects cannot be searched in distances between two platform "
-                           "positions", f"{d.source}: header", "Leave this file out; identify "
-                           "uses it")
 
 
 def _known_kinds(kinds: tuple[str, ...]) -> None:

@@ -85,10 +85,10 @@ def inputs(system: System) -> dict[str, tuple[Array, tuple[float, ...]]]:
     """Return what residuals might follow: name -> (N, p) values and kernel widths."""
     def stacked(name: str) -> Array:
         return np.concatenate([np.asarray(getattr(p.response.rows, name)).reshape(
-            p.at.stop - p.at.start, -1) for p in system.parts])
+            p.at.stop - p.at.start, -1) for p in system.firsts])
 
-    pose = pose_vector(np.concatenate([p.response.pose for p in system.parts]))
-    travel = np.concatenate([p.setting.travel for p in system.parts])
+    pose = pose_vector(np.concatenate([p.response.pose for p in system.firsts]))
+    travel = np.concatenate([p.setting.travel for p in system.firsts])
     mechanism = system.problem.mechanism
     places = [c for c in mechanism.dof if c < 3]
     turns = [c for c in mechanism.dof if c >= 3]

@@ -78,7 +78,7 @@ def groups(stage: Stage) -> list[tuple[str, str, Bools]]:
 
     def stacked(name: str) -> Array:
         return np.concatenate([np.asarray(getattr(p.response.rows, name)).reshape(
-            p.at.stop - p.at.start, -1) for p in system.parts])
+            p.at.stop - p.at.start, -1) for p in system.firsts])
 
     approach = stacked("approach")
     for a, name in enumerate(mechanism.actuators):
@@ -89,7 +89,7 @@ def groups(stage: Stage) -> list[tuple[str, str, Bools]]:
     out += _bins("temperature", stacked("temperature")[:, 0] + 20.0, 3, "deg C")
     time = stacked("time")[:, 0]
     out += _bins("time", time, 4, "s")
-    pose = pose_vector(np.concatenate([p.response.pose for p in system.parts]))
+    pose = pose_vector(np.concatenate([p.response.pose for p in system.firsts]))
     length, unit = mechanism.units.factor("length"), mechanism.units.length
     for c in (c for c in mechanism.dof if c < 3):
         out += _bins("region", pose[:, c] / length, 2, unit, "xyz"[c])

@@ -119,6 +119,9 @@ def _remedy(a: Form, b: Form) -> str:
 def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
     """Return poses within and around the measured range, each under several settings."""
     problem = stage.system.problem
+    first = problem.datasets[_template(stage)]
+    if first.to_q is not None:
+        return None
     seen = pose_vector(np.concatenate([p.response.pose for p in stage.system.parts]))
     low, high = seen.min(axis=0), seen.max(axis=0)
     wide = WIDER * (high - low)
@@ -137,7 +140,6 @@ def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
     q, pose = np.tile(q, (repeat, 1)), np.tile(pose, (repeat, 1))
     flat = np.array([False, False, True, True, True, False]) & (
         problem.mechanism.motion == "planar")
-    first = problem.datasets[0]
     place, turn, number = (float(np.median(s[np.isfinite(s)])) if np.isfinite(s).any() else 1.0
                            for s in (first.sigma_position, first.sigma_rotation,
                                      first.sigma_value))
@@ -150,9 +152,15 @@ def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
                    target_rotation=first.target_rotation, extra=first.extra)
 
 
+def _template(stage: Stage) -> int:
+    """Return which data set new rows are like: not distances between two platform positions."""
+    single = [i for i, d in enumerate(stage.system.problem.datasets) if d.to_q is None]
+    return single[0] if single else 0
+
+
 def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array]:
     """Return settings at the ends of what was recorded, four of them for each of n poses."""
-    data = stage.system.problem.datasets[0]
+    data = stage.system.problem.datasets[_template(stage)]
     out: dict[str, Array] = {}
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     levels = np.array([1.0, 1.0, -1.0, -1.0])
@@ -192,9 +200,10 @@ def _old_blocks(stage: Stage, a: Form, b: Form) -> Blocks:
 
 def _new_blocks(stage: Stage, a: Form, b: Form, data: Dataset) -> Blocks | None:
     """Return the same of possible rows; None where a pose or a form does not exist there."""
+    i = _template(stage)
     problem = replace(stage.system.problem, datasets=(data,),
-                      pivots=(stage.system.problem.opens[0].about,), given=None)
-    start = State(stage.system.state.g, stage.system.state.stations[:1],
+                      pivots=(stage.system.problem.opens[i].about,), given=None)
+    start = State(stage.system.state.g, (stage.system.state.stations[i],),
                   (pose_motor(np.nan_to_num(np.concatenate([data.position, data.rotation],
                                                            axis=1))),))
     state = problem.solve(start)
@@ -212,8 +221,13 @@ def _new_blocks(stage: Stage, a: Form, b: Form, data: Dataset) -> Blocks | None:
         nearest = min(match, key=lambda f: f.apart(form))
         return np.asarray(found.columns[..., nearest.columns])
 
+    # other data sets' frames and targets are open too, and new rows do not feel them
+    here, there = ([n for c, n in enumerate(p.columns) if c not in set(stage.added)]
+                   for p in (problem, stage.system.problem))
+    geometry = np.zeros((*system.residual.shape, len(there)))
+    geometry[..., [there.index(n) for n in here]] = system.jacobian
     try:
-        return system.jacobian, columns(a), columns(b)
+        return geometry, columns(a), columns(b)
     except KeyError:
         return None
 

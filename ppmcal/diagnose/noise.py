@@ -53,7 +53,7 @@ def _conditions(system: System) -> NDArray[np.int64] | None:
     keys = [system.group.astype(float), system.dataset.astype(float)]
     for name in ("approach", "velocity", "temperature", "wrench"):
         values = np.concatenate([np.asarray(getattr(p.response.rows, name)).reshape(
-            p.at.stop - p.at.start, -1) for p in system.parts])
+            p.at.stop - p.at.start, -1) for p in system.firsts])
         step = SAME_TEMPERATURE if name == "temperature" else SAME * max(
             float(np.max(np.abs(np.nan_to_num(values)), initial=0.0)), 1e-12)
         keys += list(np.round(np.nan_to_num(values / step, nan=-1e9)).T)

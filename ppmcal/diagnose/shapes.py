@@ -34,10 +34,10 @@ def shapes(to: Collector) -> None:
                 LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
                 (to.shifted(shifts),), anonymous=True,
                 searched=2 if width else 1))
-    middle = np.concatenate([p.response.seen.points[0] for p in to.system.parts]).mean(axis=0)
+    points = [p.response.seen.points[p.response.end] for p in to.system.parts]
+    middle = np.concatenate(points).mean(axis=0)
     shifts = []
-    for p in to.system.parts:
-        point = p.response.seen.points[0]
+    for point in points:
         swell = np.sum((point - middle) ** 2, axis=1)
         # a stretch that carries each point along its own way from the middle
         along = np.maximum(np.sum(point**2, axis=1), 1e-12)[:, None, None]

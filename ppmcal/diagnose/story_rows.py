@@ -114,8 +114,9 @@ def _errors(fit: Fit, rows: Rows) -> tuple[Array, Array, Array]:
     mechanism = fit.problem.mechanism
     drive = np.zeros((*rows.residual.shape, len(mechanism.actuators)))
     for i, limb in enumerate(mechanism.limbs):
-        drive[..., limb.actuator] += np.where(rows.observed, rows.response.by_slot(i, "offset"),
-                                              0.0)
+        for end in (rows.response, rows.second):
+            if end is not None:
+                drive[..., limb.actuator] += np.where(rows.observed, end.by_slot(i, "offset"), 0.0)
     back = np.linalg.pinv(rows.whitener @ drive, rcond=1e-6)
     joint = np.asarray((back @ np.where(rows.observed, rows.residual, 0.0)[..., None])[..., 0])
     measured = np.full((len(joint), 6), np.nan)

@@ -33,7 +33,10 @@ sigmas cannot have made a noticeable error, nor may it imitate an effect."""
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Rows ``at`` (slice of the system) of one data set: how they respond to shifts."""
+    """Rows ``at`` (slice of the system) of one data set: how they respond to shifts.
+
+    Distances between two platform positions have two parts, one per end.
+    """
 
     at: slice
     dataset: int
@@ -77,6 +80,11 @@ class System:
         return np.where(same, np.maximum(np.diff(number), 1), 0)
 
     @property
+    def firsts(self) -> tuple[Part, ...]:
+        """One part per row: of distances between two platform positions the first."""
+        return tuple(p for p in self.parts if p.response.end == 0)
+
+    @property
     def count(self) -> int:
         """Number of measured values n."""
         return int(self.observed.sum())
@@ -86,7 +94,7 @@ class System:
         out = np.zeros(self.residual.shape)
         for part, shift in zip(self.parts, shifts, strict=True):
             column = part.column(shift)
-            out[part.at, :column.shape[1]] = column
+            out[part.at, :column.shape[1]] += column
         return out
 
 
@@ -121,8 +129,7 @@ def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
         residual[at, :m], observed[at, :m] = c.residual, c.observed
         jacobian[at, :m] = c.jacobian
         dataset[at], row[at] = c.dataset, c.index
-        if c.response is not None:
-            parts.append(Part(at, c.dataset, c.response, c.whitener))
+        parts += [Part(at, c.dataset, end, c.whitener) for end in (c.response, c.second) if end]
         begin += n
     group = _groups(problem, dataset, row)
     return System(problem, state, tuple(parts), residual, jacobian * column_scale(problem),
