@@ -79,6 +79,7 @@ class Scenario:
         sigma_actuator: noise of the joints (k,), unit of q.
         point: the fixed point of a distance instrument (3,); point_known: whether the
             sidecar gives it.
+        pairs: distances are between two platform positions.
         frame: the base's pose in the measuring frame (6,); frame_known: left at the default.
         target, target_rotation: (3,) each; target_known, target_rotation_known likewise.
         ar, outliers, tails: correlation of successive noise, share of outliers, ``normal`` or
@@ -119,3 +120,4 @@ class Scenario:
     velocity: Array
     acting: Mechanism
     seed: int
+    pairs: bool = False

@@ -19,11 +19,11 @@ from ppmcal.conditions import Conditions, conditions
 from ppmcal.equilibrium import reach
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.influence import missing_columns, with_strokes
-from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import SCALARS, Station, predict, stretched
+from ppmcal.patterns import commands
 from ppmcal.scalars import refuse_flat
-from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
+from ppmcal.scenario import Scenario
 from ppmcal.targets import pose_motor
 
 Array = NDArray[np.float64]
@@ -31,8 +31,6 @@ Ints = NDArray[np.int64]
 
 SECONDS_PER_ROW = 60.0
 OUTLIER_SIGMAS = 20.0
-MOST_TRIALS = 200
-HOPELESS_TRIALS = 10
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,7 @@ class Campaign:
 
     ``pose`` labels (N,); ``q`` as the controller believes it (N, k); ``position`` (N, 3) and
     ``rotation`` vector (N, 3) as measured; ``value`` a height or distance (N,), else nan;
+    ``to_q`` (N, k) joint values at the other end of a distance between two positions;
     ``direction`` of approach by joint (N, k);
     ``velocity`` of the joints at the trigger (N, k); ``payload`` kg, ``temperature`` K,
     ``time`` s (N,); ``outlier`` rows; ``acting`` the machine with its effects and ``g`` its
@@ -61,6 +60,7 @@ class Campaign:
     acting: Mechanism
     g: Array
     left_out: tuple[str, ...]
+    to_q: Array | None = None
 
 
 def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) -> Campaign:
@@ -78,6 +78,9 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     refuse_flat(scenario.kind, mechanism.motion, scenario.source)
     rng = np.random.default_rng(scenario.seed if seed is None else seed)
     q, left_out = commands(mechanism.nominal(), scenario, rng)
+    if scenario.pairs and len(q) < 2:
+        raise BadInput("one pose has no distance to another", f"{scenario.source}: poses",
+                       "Ask for more poses")
     g = true_parameters(mechanism, scenario, rng)
     order, direction, payload = _visits(q, scenario, rng)
     n = order.size
@@ -88,12 +91,11 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     acting = with_strokes(scenario.acting, q)
     model = Model(acting, g)
     _recorded(acting, rows, scenario)
-    real = reach(model, q[order], rows)
-    actual = real.pose
-    if np.any(scenario.sigma_actuator > 0.0):
-        shaken = q[order] + rng.normal(size=(n, q.shape[1])) * scenario.sigma_actuator
-        actual = reach(model, shaken, rows, start=real.closed, start_q=q[order]).pose
-    keep = known(actual)
+    actual, stretch = _visited(model, q[order], rows, scenario, rng)
+    # a distance between two positions: from each to the one half a campaign away
+    other = (order + len(q) // 2) % len(q)
+    ends = _visited(model, q[other], rows, scenario, rng)[0] if scenario.pairs else actual
+    keep = known(actual) & known(ends)
     if not keep.any():
         raise NoResult("the machine with these errors cannot reach any of the poses",
                        scenario.source, "Inject smaller errors or choose other poses")
@@ -102,17 +104,30 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
                       np.zeros(q.shape[1]))
     position, turn = predict(station, actual[keep])
-    shift = real.model.take(keep).shift
-    position = stretched(position, shift.stretch if shift else None)
+    shown = None if stretch is None else stretch[keep] if len(stretch) > 1 else stretch
+    position = stretched(position, shown)
+    far = stretched(predict(station, ends[keep])[0], shown) if scenario.pairs else scenario.point
     error, outlier = _errors(len(position), scenario, rng)
     rotation = _turned(turn, error[:, 3:], mechanism)
-    value = _value(position, error[:, 0], scenario)
+    value = _value(position, far, error[:, 0], scenario.kind)
     return Campaign(order[keep], q[order[keep]], position + error[:, :3], rotation, value,
                     direction[keep],
                     velocity[keep] if np.any(scenario.velocity) else None,
                     payload[keep] if payload is not None else None,
                     temperature[keep] if temperature is not None else None, time[keep],
-                    outlier, acting, g, tuple(left_out))
+                    outlier, acting, g, tuple(left_out), q[other[keep]] if scenario.pairs else None)
+
+
+def _visited(model: Model, q: Array, rows: Conditions, scenario: Scenario,
+             rng: np.random.Generator) -> tuple[Array, Array | None]:
+    """Return the poses (N, 8) reached at joint values (N, k), and the instrument's stretch."""
+    real = reach(model, q, rows)
+    actual = real.pose
+    if np.any(scenario.sigma_actuator > 0.0):
+        shaken = q + rng.normal(size=q.shape) * scenario.sigma_actuator
+        actual = reach(model, shaken, rows, start=real.closed, start_q=q).pose
+    shift = real.model.shift
+    return actual, shift.stretch if shift else None
 
 
 def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,
@@ -168,71 +183,6 @@ def true_parameters(mechanism: Mechanism, scenario: Scenario, rng: np.random.Gen
     return g
 
 
-def commands(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
-             ) -> tuple[Array, list[str]]:
-    """Return the joint values (N, k) of the wanted poses, and why others were left out.
-
-    Random poses are drawn until there are enough that can be measured; of the other
-    patterns, poses outside limits or near singularities are left out.
-    """
-    shape = scenario.poses
-    model = Model(mechanism)
-    if isinstance(shape, Random):
-        return _random_commands(model, shape, scenario, rng), []
-    wanted = pose_list(shape)
-    table = inverse_table(model, wanted)
-    good = np.array([s == "ok" for s in table.status])
-    if not good.any():
-        raise BadInput(f"none of the {len(wanted)} poses can be measured: {table.reason[0]}",
-                       f"{scenario.source}: poses", "Move the center or make the range smaller")
-    left_out = [f"pose {n}: {table.reason[n]}" for n in np.flatnonzero(~good)]
-    return table.q[good], left_out
-
-
-def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.random.Generator
-                     ) -> Array:
-    found: list[Array] = []
-    count = 0
-    for trial in range(1, MOST_TRIALS + 1):
-        wanted = shape.center + rng.uniform(-1.0, 1.0, (shape.count, 6)) * shape.half_range
-        table = inverse_table(model, wanted)
-        good = table.q[np.array([s == "ok" for s in table.status])]
-        found.append(good)
-        count += len(good)
-        if count >= shape.count:
-            return np.concatenate(found)[:shape.count]
-        if count == 0 and trial >= HOPELESS_TRIALS:
-            break
-    raise BadInput(f"only {count} of {trial * shape.count} random poses can be measured "
-                   f"(last: {next((r for r in table.reason if r), '')})",
-                   f"{scenario.source}: poses.random", "Move the center or make half_range smaller")
-
-
-def pose_list(shape: Circle | Grid | Helix | Listed) -> Array:
-    """Return the poses (N, 6) of a pattern, nan where left open."""
-    if isinstance(shape, Listed):
-        return shape.poses
-    if isinstance(shape, Grid):
-        axes = [np.linspace(-1.0, 1.0, int(c)) if c > 1 else np.zeros(1) for c in shape.counts]
-        mesh = np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")], axis=-1)
-        return np.asarray(shape.center + mesh * shape.half_range, dtype=float)
-    phase = np.arange(shape.count) / max(shape.count, 1)
-    if isinstance(shape, Circle):
-        angle = 2.0 * np.pi * phase
-        # the other coordinates go through one period, a quarter out of step with each other
-        lag = np.arange(6) * np.pi / 3.0
-        poses = shape.center + shape.swing * np.sin(angle[:, None] + lag)
-        poses[:, 0] += shape.radius * np.cos(angle)
-        poses[:, 1] += shape.radius * np.sin(angle)
-        return poses
-    angle = 2.0 * np.pi * shape.turns * np.linspace(0.0, 1.0, shape.count)
-    poses = np.tile(shape.center, (shape.count, 1))
-    poses[:, 0] += 0.5 * shape.diameter * np.cos(angle)
-    poses[:, 1] += 0.5 * shape.diameter * np.sin(angle)
-    poses[:, 2] += shape.pitch * angle / (2.0 * np.pi)
-    return poses
-
-
 def _visits(q: Array, scenario: Scenario, rng: np.random.Generator
             ) -> tuple[Ints, Array, Array | None]:
     """Return pose label, direction of approach (rows, k) and payload of every row."""
@@ -281,12 +231,12 @@ def _turned(turn: Array, error: Array, mechanism: Mechanism) -> Array:
     return cga.rotation_vector(cga.compose(shake, own))
 
 
-def _value(position: Array, error: Array, scenario: Scenario) -> Array:
-    """Return measured heights or distances (n,) of true positions (n, 3), else nan."""
-    if scenario.kind == "plane":
+def _value(position: Array, far: Array, error: Array, kind: str) -> Array:
+    """Return measured heights, or distances from ``far`` (3,) or (n, 3), (n,), else nan."""
+    if kind == "plane":
         return position[:, 2] + error
-    if scenario.kind == "distance":
-        return np.asarray(np.linalg.norm(position - scenario.point, axis=1) + error)
+    if kind == "distance":
+        return np.asarray(np.linalg.norm(position - far, axis=1) + error)
     return np.full(len(position), np.nan)
 
 

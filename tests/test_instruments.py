@@ -269,3 +269,43 @@ def test_a_wrong_sigma_is_estimated_on_request(tmp_path: Path) -> None:
     assert 3.5 < factor < 6.5
     ppmcal("identify", "m.yaml", "a/measurements.csv", "--sigma", "estimated", "--method", "damped",
            "--out", "f", cwd=tmp_path, expect=2)
+
+
+@pytest.mark.parametrize(("name", "repeats"), [("delta-linear", 1), ("6-UPS", 2)])
+def test_distances_between_positions_are_simulated_and_identified(
+        tmp_path: Path, name: str, repeats: int) -> None:
+    """simulate writes to_q columns; identify reads them, and the noise is the stated one."""
+    home = machine(name).home_pose / ([1e-3] * 3 + [np.pi / 180] * 3)
+    turns = machine(name).motion == "spatial"
+    box = {"x": 60, "y": 60, "z": 50} | ({"rx": 6, "ry": 6, "rz": 6} if turns else {})
+    center = dict(zip(box, home[:len(box)].tolist(), strict=True))
+    scenario = {
+        "format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+        "poses": {"random": {"center": center, "half_range": box, "count": 101}},
+        "errors": {"random": {"scale": 0.3}}, "repeats": repeats, "approach": "one", "seed": 4,
+        "instrument": {"kind": "distance", "between": "positions", "sigma": {"distance": 0.01}}}
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
+    config = CONFIGS / f"{name}.yaml"
+    ppmcal("simulate", config, "s.yaml", "--out", "sim", cwd=tmp_path, expect=0)
+    table = rows(tmp_path / "sim" / "measurements.csv")
+    assert len(table) == 101 * repeats
+    ends = {(r["pose"], *(r[c] for c in r if c.startswith("to_q_"))) for r in table}
+    assert len(ends) == 101
+    found = ppmcal("identify", config, "sim/measurements.csv", "--json", cwd=tmp_path,
+                   expect=0).json
+    assert found["noise"]["sigma_ratio"] == pytest.approx(1.0, abs=0.25)
+    assert found["noise"]["chi2_p"] > 1e-3
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"kind": "pose"}, "only distances without a fixed point"),
+    ({"point": [0, 0, 0]}, "only distances without a fixed point"),
+    ({"between": "poles"}, "positions")])
+def test_odd_distances_are_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:
+    instrument = {"kind": "distance", "between": "positions", "sigma": {"distance": 0.01}} | change
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump({
+        "format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+        "poses": {"random": {"center": {"x": 0, "y": 0, "z": 0}, "half_range": {"x": 10},
+                             "count": 5}}, "instrument": instrument}))
+    run = ppmcal("simulate", CONFIGS / "delta-linear.yaml", "s.yaml", cwd=tmp_path, expect=2)
+    assert words in run.err

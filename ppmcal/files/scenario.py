@@ -63,7 +63,17 @@ def read_scenario(path: str | os.PathLike[str], mechanism: Mechanism) -> Scenari
         repeats=file.repeats, approach=file.approach, payload=tuple(file.conditions.payload),
         temperature=None if warm is None else (warm.mean + ZERO_CELSIUS, warm.swing),
         velocity=np.abs(actuator_noise(file.conditions.velocity, mechanism, joint, source)),
-        acting=acting, seed=file.seed)
+        acting=acting, seed=file.seed, pairs=_pairs(file, source))
+
+
+def _pairs(file: ScenarioFile, source: str) -> bool:
+    """Whether distances are between two platform positions."""
+    if file.instrument.between == "point":
+        return False
+    if file.instrument.kind != "distance" or file.instrument.point is not None:
+        raise BadInput("only distances without a fixed point are between positions",
+                       f"{source}: instrument.between", "Take out `between` or `point`")
+    return True
 
 
 def _given(value: Unknown, place: str) -> Array:

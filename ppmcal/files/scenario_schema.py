@@ -112,6 +112,7 @@ class InstrumentFile(Strict):
     kind: Annotated[str, choice("instrument kind", *KINDS)]
     sigma: SigmaFile
     point: Any = None
+    between: Annotated[str, choice("kind of distance", "point", "positions")] = "point"
 
 
 def _fraction(value: object) -> float:

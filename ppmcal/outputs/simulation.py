@@ -25,6 +25,8 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
     units = mechanism.units
     header: dict[str, Any] = {"pose": campaign.pose}
     header |= joint_columns(mechanism, campaign.q, "q_{}")
+    if campaign.to_q is not None:
+        header |= joint_columns(mechanism, campaign.to_q, "to_q_{}")
     if scenario.kind in SCALARS:
         header[NUMBERS[scenario.kind]] = campaign.value / units.factor("length")
     else:
@@ -61,7 +63,7 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
         "format": "ppmcal/dataset/1", "name": name,
         "units": {"length": units.length, "angle": units.angle},
         "instrument": {"kind": scenario.kind, "sigma": sigma} | _point(scenario, length),
-        "frame": "known" if scenario.frame_known else "unknown",
+        "frame": "known" if scenario.frame_known or scenario.pairs else "unknown",
         "target": "known" if scenario.target_known else "unknown",
         "target_rotation": "known" if scenario.target_rotation_known else "unknown",
         "approach": "columns"}
@@ -70,7 +72,7 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
 
 def _point(scenario: Scenario, length: float) -> dict[str, Any]:
     """Return the fixed point of a distance instrument."""
-    if scenario.kind != "distance":
+    if scenario.kind != "distance" or scenario.pairs:
         return {}
     return {"point": (scenario.point / length).tolist() if scenario.point_known else "unknown"}
 
