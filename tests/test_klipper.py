@@ -398,3 +398,20 @@ def test_an_unknown_format_names_the_nearest(tmp_path: Path, command: str) -> No
     run = ppmcal(command, "kliper", "x", cwd=tmp_path, expect=2)
     assert "'kliper'" in run.err and "Did you mean 'klipper'?" in run.err
     assert not tree(tmp_path)
+
+
+def test_the_sample_printer_goes_through_the_three_commands(tmp_path: Path) -> None:
+    """The intervals hold what the sample was simulated with."""
+    source = Path(__file__).resolve().parent.parent / "sample_data" / "printer" / "printer.cfg"
+    (tmp_path / "printer.cfg").write_text(source.read_text())
+    ppmcal("import", "klipper", "printer.cfg", cwd=tmp_path, expect=0)
+    found = ppmcal("identify", "imported/machine.yaml", "imported/heights.csv",
+                   "imported/distances.csv", "--json", cwd=tmp_path, expect=0).json
+    true = {"delta_radius": 140.62, "rod": 300.35, "a.base.point.angle": 210.21,
+            "b.base.point.angle": 329.74}
+    for p in found["parameters"]:
+        if p["name"] in true:
+            assert p["low"] < true[p["name"]] < p["high"], p["name"]
+    run = ppmcal("export", "klipper", "identified/identified.yaml", "--old", "printer.cfg",
+                 cwd=tmp_path, expect=0)
+    assert "Change these in the #*# lines" in run.out
