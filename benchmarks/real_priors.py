@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import json
 import os
 import tempfile
@@ -28,7 +29,9 @@ from real_deltas import mechanism_text, write_data
 
 from ppmcal.analysis import report
 from ppmcal.arrays import known
+from ppmcal.compare import Change, between
 from ppmcal.dataset import Dataset, Unknown
+from ppmcal.earlier import Posterior
 from ppmcal.files import read_campaign, read_mechanism
 from ppmcal.fit import Fit, Options
 from ppmcal.flatness import flats
@@ -187,6 +190,45 @@ def on_bed(mechanism: Mechanism, data: Dataset) -> float:
     return 1e3 * float(np.sqrt(np.mean(error**2)))
 
 
+def repeated(folder: Path) -> None:
+    """Print what changed between successive calibrations of one printer, six parameters."""
+    print("\nSuccessive calibrations of one machine: what has changed")
+    by: dict[str, list[dict[str, Any]]] = {}
+    for path in sorted(folder.glob("*.json")):
+        event = json.loads(path.read_text(encoding="utf-8"))
+        by.setdefault(event["id"].split("_")[1], []).append(event)
+    for events_ in by.values():
+        for one, two in itertools.pairwise(events_):
+            start = one["geometry_start"]
+            if start["stepdists"] != two["geometry_start"]["stepdists"] or np.max(np.abs(
+                    np.subtract(start["arms"], two["geometry_start"]["arms"]))) > 0.5:
+                continue
+            fits = [fitted(m, d[:1], "prior", False) for m, d in (
+                machine(one, "fixed"), machine({**two, "geometry_start": start}, "fixed"))]
+            mechanism = fits[1].problem.mechanism.with_values(fits[1].state.g)
+            found, _ = between(mechanism, *(_posterior(f, n) for n, f in enumerate(fits)), {},
+                               np.random.default_rng(0))
+            names = ", ".join(f"{c.name} {_shown(c, mechanism)}" for c in found.changes)
+            print(f"{one['id']:18s} -> {two['id'][:3]}  p = {found.p_value:8.2g}  {names}")
+
+
+def _posterior(fit: Fit, number: int) -> Posterior:
+    """Return what a file would hold of a fit."""
+    told, count = report(fit, Options(), 0.0, 0), len(fit.problem.free)
+    free = list(fit.problem.free)
+    with np.errstate(divide="ignore"):
+        tolerance = 1.0 / fit.prior[:count]
+    return Posterior(tuple(free), fit.state.g[free], fit.problem.mechanism.nominals[free],
+                     told.covariance[:count, :count], tolerance, told.inflation,
+                     {str(number): "heights"}, str(number))
+
+
+def _shown(change: Change, mechanism: Mechanism) -> str:
+    quantity = mechanism.parameters[mechanism.names.index(change.name)].quantity
+    f, unit = (1e-3, "mm") if quantity == "length" else (np.pi / 180.0, "deg")
+    return f"{change.value / f:+.3f} +- {1.96 * change.sigma / f:.3f} {unit}"
+
+
 def rostock(folder: Path) -> None:
     """Print what each freedom does to touches that a fit had not seen."""
     for path in sorted(folder.glob("*.csv")):
@@ -218,6 +260,7 @@ def main() -> None:
     given = parser.parse_args()
     events(given.data / "delta-events")
     meshes(given.data / "delta-meshes", given.data / "delta-events")
+    repeated(given.data / "delta-events")
     rostock(given.data / "delta-rostock")
 
 
