@@ -49,13 +49,19 @@ PLAUSIBLE = 3.0
 
 
 def machine(event: dict[str, Any], rods: str, tower: bool = False, start: str = "geometry_start",
-            loose: bool = False) -> tuple[Mechanism, tuple[Dataset, ...]]:
-    """Return an event's printer and data; ``tower``: leaning towers are free too."""
+            loose: bool = False, steps: bool = False) -> tuple[Mechanism, tuple[Dataset, ...]]:
+    """Return an event's printer and data.
+
+    ``tower``: leaning towers are free too; ``loose``: endstops have no tolerance; ``steps``: the
+    drives' scales are free to 0.2 %.
+    """
     tree = yaml.safe_load(mechanism_text(event[start], rods))
     tree["tolerances"] = TOLERANCES | ({"offset": float("inf")} if loose else {})
     for limb in tree["limbs"]:
         if tower:
             limb["base"]["direction"] = {"value": [0, 0, 1], "tolerance": 0.3}
+        if steps:
+            limb["ratio"] = {"value": limb["ratio"], "tolerance": 2e-3 * abs(limb["ratio"])}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "printer.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
@@ -229,18 +235,23 @@ def _shown(change: Change, mechanism: Mechanism) -> str:
     return f"{change.value / f:+.3f} +- {1.96 * change.sigma / f:.3f} {unit}"
 
 
+def rostock_event(path: Path) -> dict[str, Any]:
+    """Return many touches of one bed as an event with a start of its own."""
+    steps = np.loadtxt(path, delimiter=",", skiprows=1)
+    place = np.array([[-117.626, -68.065], [117.626, -68.065], [-0.936, 136.130]])
+    radius = float(np.mean(np.hypot(*place.T)))
+    # steps are counted from the bed: a carriage is at u = steps x 0.0125 mm
+    return {"heights": [[9.5, *row] for row in steps.tolist()], "distances": [], "start": {
+        "radius": radius, "arms": [299.266] * 3, "stepdists": [-0.0125] * 3,
+        "endstops": [-float(np.sqrt(299.266**2 - radius**2))] * 3,
+        "angles": np.degrees(np.arctan2(place[:, 1], place[:, 0])).tolist()}}
+
+
 def rostock(folder: Path) -> None:
     """Print what each freedom does to touches that a fit had not seen."""
     for path in sorted(folder.glob("*.csv")):
-        steps = np.loadtxt(path, delimiter=",", skiprows=1)
-        place = np.array([[-117.626, -68.065], [117.626, -68.065], [-0.936, 136.130]])
-        radius = float(np.mean(np.hypot(*place.T)))
-        # steps are counted from the bed: a carriage is at u = steps x 0.0125 mm
-        event = {"heights": [[9.5, *row] for row in steps.tolist()], "distances": [], "start": {
-            "radius": radius, "arms": [299.266] * 3, "stepdists": [-0.0125] * 3,
-            "endstops": [-float(np.sqrt(299.266**2 - radius**2))] * 3,
-            "angles": np.degrees(np.arctan2(place[:, 1], place[:, 0])).tolist()}}
-        print(f"\n{path.stem}, {len(steps)} touches: left out, in {PARTS} parts")
+        event = rostock_event(path)
+        print(f"\n{path.stem}, {len(event['heights'])} touches: left out, in {PARTS} parts")
         for words, rods, tower in (("six parameters", "fixed", False),
                                    ("and three rods", "single", False),
                                    ("and leaning towers", "fixed", True),

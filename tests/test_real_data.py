@@ -18,6 +18,7 @@ from ppmcal.diagnose.run import diagnose
 from ppmcal.fit import Options
 from ppmcal.flatness import flats
 from ppmcal.problem import Problem
+from ppmcal.untold import foreseen
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))
@@ -112,3 +113,22 @@ def test_effects_of_the_approach_are_found_where_they_are(name: str, there: bool
     mechanism = real_priors.machine(event, "fixed")[0]
     found = diagnose(Problem(mechanism, (data,), mechanism.free))
     assert any(e.kind == "backlash" for e in found.effects) == there
+
+
+def test_rods_and_step_scales_of_one_bed_are_one_direction() -> None:
+    """Before anything is fitted: heights alone do not tell them apart, nor the machine's size."""
+    (path,) = (DATA / "delta-rostock").glob("*.csv")
+    event = real_priors.rostock_event(path)
+    mechanism, data = real_priors.machine(event, "single", start="start", loose=True, steps=True)
+    found = foreseen(Problem(mechanism, data, mechanism.free), "prior")
+    assert ("length", "ratio") in [(t.one, t.other) for t in found.twins]
+    assert found.scale is not None and found.scale.held and found.scale.open
+
+
+def test_leaning_towers_against_rods_on_touches_left_out() -> None:
+    (path,) = (DATA / "delta-rostock").glob("*.csv")
+    event = real_priors.rostock_event(path)
+    rods, towers = (real_priors.left_out(*real_priors.machine(
+        event, kind, lean, "start", True), "prior", 4)
+        for kind, lean in (("single", False), ("fixed", True)))
+    assert towers < rods - 0.0005
