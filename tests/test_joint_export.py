@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, fsolve
 
-from ppmcal.controllers.joint_tables import TARGET, joint_tables, knots
+from ppmcal.controllers.joint_tables import TARGET, joint_tables
+from ppmcal.controllers.knots import knots
 from ppmcal.errors import BadInput
 from ppmcal.files import read_mechanism
 from ppmcal.files.joint_compensation import (
@@ -146,7 +147,7 @@ def test_signs_are_those_of_the_documents_example() -> None:
 def test_points_are_as_few_as_the_error_allows(waves: float, slope: float, target: float) -> None:
     x = np.linspace(0.0, 1.0, 2001)
     y = np.stack([np.sin(2 * np.pi * waves * x) + slope * x, 0.3 * x], axis=-1)
-    at = knots(x, y, target)
+    at = knots(x, y, target, MOST)
     assert at[0] == 0 and at[-1] == 2000 and np.all(np.diff(at) > 0) and len(at) <= MOST
     error = max(np.abs(np.interp(x, x[at], y[at, i]) - y[:, i]).max() for i in range(2))
     even = x[np.linspace(0, 2000, MOST).astype(int)]
@@ -154,7 +155,7 @@ def test_points_are_as_few_as_the_error_allows(waves: float, slope: float, targe
     assert error <= max(target, best) * (1 + 1e-9)
     if error > target:
         assert len(at) > MOST // 2
-    straight = knots(x, 5.0 * x[:, None], 1e-12)
+    straight = knots(x, 5.0 * x[:, None], 1e-12, MOST)
     assert straight.tolist() == [0, 2000]
 
 

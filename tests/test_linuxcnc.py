@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ppmcal.controllers.genhexkins import commands, drawn, drive_of, reached, strut_lengths
-from ppmcal.controllers.genhexkins_fit import best, grid, misses
+from ppmcal.controllers.genhexkins_fit import best, grid, missed
 from ppmcal.errors import BadInput
 from ppmcal.files import read_mechanism
 from ppmcal.files.hal import (
@@ -454,7 +454,7 @@ def test_the_fit_is_a_smallest_one(tmp_path: Path) -> None:
     scale = drive.mechanism.length_scale
 
     def cost(setting: Any) -> float:
-        m = misses(drive, setting, poses)
+        m = missed(drive, setting, poses)
         return m.rms**2 + (scale * m.rotation_rms) ** 2
 
     least = cost(found)

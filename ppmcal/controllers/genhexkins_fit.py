@@ -6,7 +6,7 @@ are in the base frame of the model, so nothing is taken out of the errors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -17,7 +17,7 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.controllers.genhexkins import Drive, Setting, points, reached, right_shift
-from ppmcal.errors import NoResult
+from ppmcal.controllers.misses import Misses, misses
 from ppmcal.files.hal import STRUTS
 from ppmcal.forward import forward
 from ppmcal.inverse import inverse
@@ -39,17 +39,7 @@ SPREAD = np.array([[*place, *turn] for place in product((-1.0, 0.0, 1.0), repeat
                    for turn in TURNS])
 
 
-@dataclass(frozen=True)
-class Misses:
-    """Errors over poses: of position, m, and of rotation, rad."""
-
-    rms: float
-    max: float
-    rotation_rms: float
-    rotation_max: float
-
-
-def misses(drive: Drive, setting: Setting, pose: Array) -> Misses:
+def missed(drive: Drive, setting: Setting, pose: Array) -> Misses:
     """Return how far the machine, driven with ``setting``, misses motors ``pose`` (N, 8).
 
     Over those that it takes.
@@ -57,19 +47,7 @@ def misses(drive: Drive, setting: Setting, pose: Array) -> Misses:
     Raises:
         NoResult: it takes none.
     """
-    at = reached(drive, setting, pose)
-    good = known(at)
-    if not good.any():
-        raise NoResult("the machine takes none of the poses", drive.mechanism.source,
-                       "Check `home` and `limits`")
-    at, pose = at[good], pose[good]
-    away = np.linalg.norm(cga.translation(at) - cga.translation(pose), axis=1)
-    turned = np.linalg.norm(cga.rotation_vector(cga.compose(at, cga.reverse(pose))), axis=1)
-    return Misses(_rms(away), float(np.max(away)), _rms(turned), float(np.max(turned)))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return misses(drive.mechanism, reached(drive, setting, pose), pose)
 
 
 def within(mechanism: Mechanism, pose: Array) -> NDArray[np.bool_]:
@@ -114,7 +92,7 @@ def best(drive: Drive, start: Setting, pose: Array) -> Setting:
     Squared errors of position and, times the machine's length scale, of rotation, by the 36
     coordinates, 6 shifts and 6 stretches; ``start`` itself where that is exact.
     """
-    if misses(drive, start, pose).max < EXACT:
+    if missed(drive, start, pose).max < EXACT:
         return start
     fit, unit = _Fit(drive, right_shift(drive, start.stretch), pose), drive.unit
     first = np.concatenate([drive.legs.base.ravel(), drive.legs.platform.ravel(),

@@ -18,21 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.closure import Model
-from ppmcal.controllers.pose_grid import (
-    Misses,
-    at_rest,
-    default_grid,
-    misses,
-    refuse_open,
-    targets,
-)
+from ppmcal.controllers.knots import knots
+from ppmcal.controllers.misses import Misses, misses
+from ppmcal.controllers.pose_grid import at_rest, default_grid, refuse_open, targets
 from ppmcal.equilibrium import reach
 from ppmcal.errors import NoResult
 from ppmcal.files.joint_compensation import DIGITS, MOST, Triplets, correction
 from ppmcal.influence import shifted
 from ppmcal.inverse import home_state
 from ppmcal.mechanism import Effect, Mechanism
-from ppmcal.targets import inverse_partial
+from ppmcal.targets import inverse_partial, pose_motor
 from ppmcal.units import LENGTHS
 
 Array = NDArray[np.float64]
@@ -45,7 +40,6 @@ COARSE = 1e-6
 SAMPLES = 8001
 ROUNDS = 100
 SETTLED = 1e-14
-HALVINGS = 12
 MOST_TRIED = 500
 """Poses of the grid at which tables are tried, each in two directions."""
 JOINT_SLOTS = ("offset", "ratio")
@@ -168,7 +162,7 @@ def joint_tables(mechanism: Mechanism) -> tuple[JointTable, ...]:
         factor, unit = controller_unit(mechanism, a)
         slope = _slope(mechanism, a)
         x, added = even[:, a], wanted[:, a] - even[:, a, None]
-        chosen = knots(x, added, TARGET / slope)
+        chosen = knots(x, added, TARGET / slope, MOST)
         table = _table(mechanism, a, even[chosen], factor)
         error, _ = _misses(table, factor, other[:, a], check[:, a])
         coarse = error * slope > COARSE
@@ -227,49 +221,6 @@ def _slope(mechanism: Mechanism, actuator: int) -> float:
     return abs(limb.slots.values(mechanism.nominals).get("ratio", 1.0))
 
 
-def knots(x: Array, y: Array, target: float, most: int = MOST) -> Ints:
-    """Return which of the points carry the others by straight lines, ends included (P,).
-
-    As few as keep all of ``y`` (n, c) over increasing ``x`` (n,) within ``target`` of the lines;
-    if those are more than ``most``, about the smallest error that ``most`` of them allow.
-    """
-    found = _spanned(x, y, target, most)
-    if found is not None:
-        return found
-    low, high = np.log(target), np.log(2.0 * float(np.max(np.ptp(y, axis=0))) + target)
-    best = np.array([0, len(x) - 1])
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        found = _spanned(x, y, float(np.exp(middle)), most)
-        if found is None:
-            low = middle
-        else:
-            best, high = found, middle
-    return best
-
-
-def _spanned(x: Array, y: Array, tolerance: float, most: int) -> Ints | None:
-    """Return knots of lines as long as the tolerance allows, None if that takes too many."""
-    def fits(i: int, j: int) -> bool:
-        part = ((x[i:j + 1] - x[i]) / (x[j] - x[i]))[:, None]
-        line = y[i] + part * (y[j] - y[i])
-        return bool(np.max(np.abs(y[i:j + 1] - line)) <= tolerance)
-
-    last, out = len(x) - 1, [0]
-    while out[-1] < last:
-        if len(out) >= most:
-            return None
-        i, good, step = out[-1], out[-1] + 1, 2
-        while i + step <= last and fits(i, i + step):
-            good, step = i + step, 2 * step
-        bad = min(i + step, last + 1)
-        while bad - good > 1:
-            middle = (good + bad) // 2
-            good, bad = (middle, bad) if fits(i, middle) else (good, middle)
-        out.append(good)
-    return np.array(out)
-
-
 def commanded(table: Triplets, factor: float, q: Array, way: Array) -> Array:
     """Return what the motor is told (n,) for joint values ``q`` (n,), SI."""
     x = q / factor
@@ -307,4 +258,4 @@ def tried(mechanism: Mechanism, plan: Trial, tables: Sequence[JointTable] = ()) 
         q[:, a] = commanded(own.table, own.factor, q[:, a], plan.way[:, a])
     rows = replace(at_rest(mechanism, len(q)), approach=plan.way)
     return misses(mechanism, reach(Model(mechanism), q, rows).pose,
-                  targets(mechanism, plan.asked))
+                  pose_motor(targets(mechanism, plan.asked)))

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.compensate import compensate, named_only
 from ppmcal.conditions import REFERENCE_TEMPERATURE, Conditions, conditions
+from ppmcal.controllers.misses import Misses, misses
 from ppmcal.equilibrium import reach
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics import inverse_table
@@ -45,17 +45,6 @@ SMALLEST = 0.02
 BETWEEN = 500
 """Poses in between at which the interpolation is tried."""
 ENOUGH = 20
-
-
-@dataclass(frozen=True)
-class Misses:
-    """Errors over ``count`` poses: of position, m, and of rotation, rad, if there is one."""
-
-    rms: float
-    max: float
-    rotation_rms: float | None
-    rotation_max: float | None
-    count: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,28 +244,6 @@ def targets(mechanism: Mechanism, wanted: Array) -> Array:
     return wanted_poses(Model(mechanism), station, wanted)[0]
 
 
-def misses(mechanism: Mechanism, real: Array, wanted: Array) -> Misses:
-    """Return how far motors (N, 8) are from full poses (N, 6), over the rows that are known.
-
-    Raises:
-        NoResult: no row is.
-    """
-    rows = np.flatnonzero(known(real) & known(wanted))
-    if not rows.size:
-        raise NoResult("the machine takes none of the poses", mechanism.source,
-                       "Check the model with `ppmcal check`")
-    ideal = pose_motor(wanted[rows])
-    away = np.linalg.norm(cga.translation(real[rows]) - wanted[rows, :3], axis=1)
-    turn = np.linalg.norm(cga.rotation_vector(cga.compose(cga.reverse(ideal), real[rows])), axis=1)
-    turns = mechanism.motion != "translational"
-    return Misses(_rms(away), float(np.max(away)), _rms(turn) if turns else None,
-                  float(np.max(turn)) if turns else None, int(rows.size))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def tried_between(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int
                   ) -> tuple[Misses, Misses]:
     """Return errors at poses in between without and with the interpolated correction.
@@ -296,8 +263,8 @@ def tried_between(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int
     if both.sum() < ENOUGH:
         raise NoResult("hardly any cell of the grid has commands at all its corners",
                        mechanism.source, "Check `limits`, or give the poses with --poses")
-    return (misses(mechanism, before[both], full[both]),
-            misses(mechanism, after[both], full[both]))
+    return (misses(mechanism, before[both], pose_motor(full[both])),
+            misses(mechanism, after[both], pose_motor(full[both])))
 
 
 def tried_at(mechanism: Mechanism, found: Corrected) -> tuple[Misses, Misses]:
@@ -307,5 +274,5 @@ def tried_at(mechanism: Mechanism, found: Corrected) -> tuple[Misses, Misses]:
     before = driven(mechanism, full, rest)
     after = driven(mechanism, found.command[found.good], rest)
     both = known(before) & known(after)
-    return (misses(mechanism, before[both], full[both]),
-            misses(mechanism, after[both], full[both]))
+    return (misses(mechanism, before[both], pose_motor(full[both])),
+            misses(mechanism, after[both], pose_motor(full[both])))

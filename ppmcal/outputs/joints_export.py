@@ -18,7 +18,7 @@ from ppmcal.controllers.joint_tables import (
     trial,
     tried,
 )
-from ppmcal.controllers.pose_grid import Misses
+from ppmcal.controllers.misses import Misses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files.joint_compensation import MOST, format_triplets, parse_triplets
 from ppmcal.mechanism import Mechanism

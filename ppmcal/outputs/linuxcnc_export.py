@@ -21,7 +21,8 @@ from ppmcal.controllers.genhexkins import (
     reached,
     rounded,
 )
-from ppmcal.controllers.genhexkins_fit import EXACT, Misses, best, grid, misses, within
+from ppmcal.controllers.genhexkins_fit import EXACT, best, grid, missed, within
+from ppmcal.controllers.misses import Misses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import read_poses
 from ppmcal.files.hal import (
@@ -78,7 +79,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
                 f"each axis and {np.degrees(turn):.0f} deg from home") if poses is None else (
         _given(mechanism, poses))
     over = _taken(drive, (before, new), over, old)
-    was, after = (misses(drive, setting, over.pose) for setting in (before, new))
+    was, after = (missed(drive, setting, over.pose) for setting in (before, new))
     ini = tuple(joint.rounded() for joint in joints(drive, new))
     lacks = tuple(_lacks(mechanism, drive, around))
     notes = (*over.notes, *_notes(drive, new, unit, poses is not None and _lateral(drive) != []))
@@ -219,7 +220,7 @@ def _lacks(mechanism: Mechanism, drive: Drive, around: Array) -> Iterator[Lackin
         yield Lacking(
             f"joints 2 and 3 of {limb.name} stand {drive.legs.beside[strut] * 1e3:.4g} mm beside "
             "the driven line", tuple(mechanism.names[p] for p in used),
-            None if found is None else _figure(misses(alone, found, pose)))
+            None if found is None else _figure(missed(alone, found, pose)))
     for effect in mechanism.effects:
         yield Lacking(f"effect {effect.kind.name}, which the figures above do not hold either",
                       tuple(mechanism.names[p] for p in effect.parameters.values()), None)
