@@ -20,12 +20,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.analysis import estimates, noise_check, rank_of
+from ppmcal.analysis import estimates, rank_of
 from ppmcal.files import read_campaign, read_mechanism
 from ppmcal.fit import Fit, Options
 from ppmcal.holdout import register_only
 from ppmcal.identify import identify
 from ppmcal.mechanism import Mechanism
+from ppmcal.noise_check import noise_check
 from ppmcal.problem import Problem
 from ppmcal.residuals import closure_lengths
 

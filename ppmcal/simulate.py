@@ -101,21 +101,32 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
                        scenario.source, "Inject smaller errors or choose other poses")
     left_out += [f"pose {p}: the machine with its errors cannot go there"
                  for p in np.unique(order[~keep])]
-    station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
-                      np.zeros(q.shape[1]))
-    position, turn = predict(station, actual[keep])
     shown = None if stretch is None else stretch[keep] if len(stretch) > 1 else stretch
-    position = stretched(position, shown)
-    far = stretched(predict(station, ends[keep])[0], shown) if scenario.pairs else scenario.point
-    error, outlier = _errors(len(position), scenario, rng)
-    rotation = _turned(turn, error[:, 3:], mechanism)
-    value = _value(position, far, error[:, 0], scenario.kind)
-    return Campaign(order[keep], q[order[keep]], position + error[:, :3], rotation, value,
-                    direction[keep],
+    position, rotation, value, outlier = _measured(actual[keep], ends[keep], shown, mechanism,
+                                                   scenario, rng)
+    return Campaign(order[keep], q[order[keep]], position, rotation, value, direction[keep],
                     velocity[keep] if np.any(scenario.velocity) else None,
                     payload[keep] if payload is not None else None,
                     temperature[keep] if temperature is not None else None, time[keep],
                     outlier, acting, g, tuple(left_out), q[other[keep]] if scenario.pairs else None)
+
+
+def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mechanism,
+              scenario: Scenario, rng: np.random.Generator
+              ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Return what the instrument shows of poses (n, 8), and which rows are outliers.
+
+    Positions (n, 3), rotation vectors (n, 3), heights or distances (n,), those between two
+    positions to the poses ``other``.
+    """
+    station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
+                      np.zeros(len(mechanism.actuators)))
+    position, turn = predict(station, pose)
+    position = stretched(position, stretch)
+    far = stretched(predict(station, other)[0], stretch) if scenario.pairs else scenario.point
+    error, outlier = _errors(len(position), scenario, rng)
+    return (position + error[:, :3], _turned(turn, error[:, 3:], mechanism),
+            _value(position, far, error[:, 0], scenario.kind), outlier)
 
 
 def _visited(model: Model, q: Array, rows: Conditions, scenario: Scenario,

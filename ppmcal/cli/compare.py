@@ -57,12 +57,12 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     found, notes = between(mechanism, before, after, knowledge.volume, rng)
     source = provenance([*mechanism.inputs, *(str(p) for p in paths)], command_line(), None)
     with Output(out) as output:
-        for name, text in files(found, mechanism, source).items():
+        for name, text in files(found, mechanism, source, notes).items():
             output.add(name, text)
     _show(found, mechanism, console)
     console.warn(notes)
     finish(out, list(output.files), console)
-    console.summary({**summary(found, mechanism, source), "findings": notes})
+    console.summary(summary(found, mechanism, source, notes))
     leave(found.changed or bool(notes))
 
 

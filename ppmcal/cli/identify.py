@@ -12,20 +12,20 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
-    counted,
     finish,
     json_option,
     leave,
-    number,
     out_option,
-    plain_table,
     quiet_option,
     seed_option,
 )
+from ppmcal.cli.identified import show_result
 
 if TYPE_CHECKING:
-    from ppmcal.analysis import Identification
+    from collections.abc import Callable
+
     from ppmcal.dataset import Dataset
+    from ppmcal.fit import Fit, Options
     from ppmcal.mechanism import Mechanism
     from ppmcal.problem import Problem
 
@@ -71,22 +71,12 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     from ppmcal.compare import carried_on
     from ppmcal.files import Output, provenance
     from ppmcal.fit import Options
-    from ppmcal.identify import identify
     from ppmcal.outputs.identification import files, summary
     from ppmcal.outputs.knowledge import read_posterior, refuse_twice
     from ppmcal.problem import Problem
-    from ppmcal.variance import with_estimated_noise
 
     console = Console(quiet, as_json)
-    if sigma == "estimated" and method == "damped":
-        raise click.UsageError("--sigma estimated goes with --method prior or gcv.")
-    if method != "prior" and prior == "flat":
-        raise click.UsageError(f"--prior flat goes with --method prior, not {method}.")
-    if keep and method == "damped":
-        raise click.UsageError("--keep goes with --method prior or gcv.")
-    given = click.get_current_context().get_parameter_source("damping")
-    if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
-        raise click.UsageError("--damping goes with --method damped.")
+    _refuse_mixtures(method, prior, sigma, keep)
     mechanism, datasets = load(mech, data, patterns)
     other, fraction = _holdout(holdout, mechanism)
     tables = [*data, *(Path(d.source) for d in other)]
@@ -110,15 +100,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     if prior == "flat":
         _refuse_lost(problem, mech)
     with console.progress("Fitting") as show:
-        def watch(i: int, c: float) -> None:
-            show(f"iteration {i}, chi-squared {c:.6g}")
-
-        if sigma == "estimated":
-            fit, factor = with_estimated_noise(problem, options, watch)
-            _tell_noise(datasets, factor, console)
-        else:
-            fit = identify(problem, options, watch)
-        _refuse_unconverged(fit, method)
+        fit = _fitted(problem, options, sigma, console, show)
         result = report(fit, options, fraction, seed, other)
     if before is not None:
         notes += carried_on(fit, before, options)
@@ -130,6 +112,37 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     finish(out, list(output.files), console)
     console.summary(summary(result, source, chosen, False))
     leave(bool(result.findings or result.blunders.shifts))
+
+
+def _refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
+    """Refuse options that do not go together."""
+    if sigma == "estimated" and method == "damped":
+        raise click.UsageError("--sigma estimated goes with --method prior or gcv.")
+    if method != "prior" and prior == "flat":
+        raise click.UsageError(f"--prior flat goes with --method prior, not {method}.")
+    if keep and method == "damped":
+        raise click.UsageError("--keep goes with --method prior or gcv.")
+    given = click.get_current_context().get_parameter_source("damping")
+    if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("--damping goes with --method damped.")
+
+
+def _fitted(problem: Problem, options: Options, sigma: str, console: Console,
+            show: Callable[[str], None]) -> Fit:
+    """Fit, with the noise as stated or as the residuals show it."""
+    from ppmcal.identify import identify
+    from ppmcal.variance import with_estimated_noise
+
+    def watch(i: int, c: float) -> None:
+        show(f"iteration {i}, chi-squared {c:.6g}")
+
+    if sigma == "estimated":
+        fit, factor = with_estimated_noise(problem, options, watch)
+        _tell_noise(problem.datasets, factor, console)
+    else:
+        fit = identify(problem, options, watch)
+    _refuse_unconverged(fit, options.method)
+    return fit
 
 
 def _tell_noise(datasets: tuple[Dataset, ...], factor: Any, console: Console) -> None:
@@ -170,83 +183,3 @@ def _refuse_unconverged(fit: Any, method: str) -> None:
                        "and it was still moving", "--method damped",
                        "Use a smaller --damping, fewer free parameters, or the prior "
                        "(--method prior)")
-
-
-def show_result(result: Identification, console: Console) -> None:
-    """Print what a person wants to know."""
-    if not console.speaks:
-        return
-    from ppmcal.outputs import blunder_words
-    from ppmcal.outputs.identification import figures, parameter
-    from ppmcal.outputs.untold_words import flat_sentences, sentences
-
-    fit, units = result.fit, result.mechanism.units
-    rows = sum(int(k.sum()) for k in fit.keep)
-    open_ = len(result.columns) - len(fit.problem.free)
-    more = f" and {open_} of frames and targets" if open_ else ""
-    console.say(f"{result.mechanism.name}: {len(fit.problem.free)} parameters{more} from {rows} "
-                f"rows, {counted(fit.iterations, 'iteration')}; rank {result.rank} of "
-                f"{len(result.columns)}.")
-    table = []
-    for label, values in (("before", result.before.figures(fit.keep)),
-                          ("after", result.after.figures(fit.keep)),
-                          ("held out", result.holdout)):
-        for name, f in figures(values, units).items():
-            table.append([label, name, *(number(f.get(k)) for k in ("mean", "rms", "p95", "max")),
-                          f["unit"]])
-    console.table(plain_table(["", "error", "mean", "rms", "p95", "max", "unit"], table,
-                              (2, 3, 4, 5)))
-    console.say(f"Held out: {result.holdout_note}.")
-    n = result.noise
-    console.say(f"Noise: residuals are {n.sigma_ratio:.3g} times the stated noise "
-                f"(p = {n.chi2_p:.2g})."
-                + (f" Repeats scatter {n.repeat_ratio:.3g} times." if n.repeat_ratio else ""))
-    if len(n.by_dataset) > 1:
-        console.say("By file: " + ", ".join(f"{name} {r:.3g}"
-                                            for name, r in n.by_dataset.items()) + ".")
-    free = [parameter(e, units) for e in result.estimates if e.status != "fixed"]
-    shown = sorted(free, key=lambda p: -abs(p["error"]) / (p["tolerance"] or 1.0))[:12]
-    if shown:
-        console.table(plain_table(
-            ["parameter", "nominal", "error", "+- 95 %", "unit", "status"],
-            [[p["name"], number(p["nominal"], 7), number(p["error"]),
-              number(None if p["sigma"] is None else 1.96 * p["sigma"], 3), p["unit"],
-              p["status"]] for p in shown], (1, 2, 3)))
-    if len(free) > len(shown):
-        console.say(f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
-                    "parameters.csv.")
-    _show_redundant(result, console)
-    _show_held(result, console)
-    for sentence in (*sentences(result.untold, result.mechanism),
-                     *flat_sentences(result.flats, result.mechanism)):
-        console.say(sentence)
-    words = blunder_words.sentences(result.blunders, result.mechanism)
-    console.warn([*result.findings, *blunder_words.shifts(result.blunders, result.mechanism)])
-    for sentence in words:
-        console.say(sentence)
-
-
-HELD = 0.8
-"""A parameter known to this part of its tolerance is held by it, not by the data."""
-
-
-def _show_held(result: Identification, console: Console) -> None:
-    """Name what the data hardly know better than the drawing did."""
-    from ppmcal.outputs.identification import of_tolerance
-
-    held = [(e.name, of_tolerance(e) or 0.0) for e in result.estimates if e.status == "identified"]
-    held = sorted((h for h in held if h[1] > HELD), key=lambda h: -h[1])
-    if held:
-        shown = ", ".join(f"{name} ({ratio:.2f})" for name, ratio in held[:6])
-        more = f" and {len(held) - 6} more" if len(held) > 6 else ""
-        console.say("Held by their tolerances rather than by these data (uncertainty after over "
-                    f"before): {shown}{more}.")
-
-
-def _show_redundant(result: Identification, console: Console) -> None:
-    if not result.redundant:
-        return
-    names = ", ".join(d.name for d in result.redundant[:8])
-    rest = len(result.redundant) - 8
-    console.say(f"Redundant (the data cannot tell them from others; held by their tolerances): "
-                f"{names}{f' and {rest} more' if rest > 0 else ''}.")

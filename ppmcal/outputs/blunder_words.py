@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ppmcal import told
 from ppmcal.blunders import Blunder, Blunders
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.identification_units import column_factor, parameter_unit
@@ -14,13 +15,7 @@ SHOWN = 5
 
 def shifts(found: Blunders, mechanism: Mechanism) -> list[str]:
     """Return one finding per zero that moved."""
-    out = []
-    for s in found.shifts:
-        factor, unit = _joint(mechanism, s)
-        out.append(f"the zero of {s.actuator} moved in {s.session}: by {s.value / factor:+.4g} +- "
-                   f"{1.96 * s.sigma / factor:.2g} {unit or '(bare)'} against the others; give "
-                   "that session a file of its own with `homing: per-file`")
-    return out
+    return [told.zero_moved(_moved(mechanism, s)) for s in found.shifts]
 
 
 def sentences(found: Blunders, mechanism: Mechanism) -> list[str]:
@@ -36,30 +31,33 @@ def sentences(found: Blunders, mechanism: Mechanism) -> list[str]:
         f = column_factor(mechanism, name)
         out.append(f"  With them {name} would be {then / f:.6g} in place of {now / f:.6g} "
                    f"{parameter_unit(mechanism, name)}.")
-    for name, rows in found.unchecked:
-        some = ", ".join(str(r) for r in rows[:8]) + (" ..." if len(rows) > 8 else "")
-        out.append(f"Unchecked: in {name} row{'s' if len(rows) > 1 else ''} {some}: nothing else "
-                   "tells what they tell, so a wrong value there would not show. Measure one more.")
-    return out
+    return out + [told.unchecked(e) for e in _unchecked(found)]
 
 
 def entry(found: Blunders, mechanism: Mechanism) -> dict[str, Any]:
     """Return the same for identification.json, file units."""
-    rows, moved = [], []
+    rows = []
     for b in found.rows:
         factor, unit, name = _coordinate(mechanism, b)
         rows.append({"dataset": b.dataset, "row": b.row, "coordinate": name,
                      "value": b.value / factor, "predicted": b.predicted / factor, "unit": unit,
                      "times": b.times})
-    for s in found.shifts:
-        factor, unit = _joint(mechanism, s)
-        moved.append({"session": s.session, "actuator": s.actuator, "value": s.value / factor,
-                      "sigma": s.sigma / factor, "unit": unit, "p_value": s.p_value})
     would = {name: {"now": now / column_factor(mechanism, name),
                     "with_them": then / column_factor(mechanism, name)}
              for name, (now, then) in found.would.items()}
-    return {"rows": rows, "would_be": would, "zeros_moved": moved,
-            "unchecked": [{"dataset": n, "rows": r} for n, r in found.unchecked]}
+    return {"rows": rows, "would_be": would,
+            "zeros_moved": [_moved(mechanism, s) for s in found.shifts],
+            "unchecked": _unchecked(found)}
+
+
+def _moved(mechanism: Mechanism, s: Shift) -> dict[str, Any]:
+    factor, unit = _joint(mechanism, s)
+    return {"session": s.session, "actuator": s.actuator, "value": s.value / factor,
+            "sigma": s.sigma / factor, "unit": unit, "p_value": s.p_value}
+
+
+def _unchecked(found: Blunders) -> list[dict[str, Any]]:
+    return [{"dataset": n, "rows": r} for n, r in found.unchecked]
 
 
 def _coordinate(mechanism: Mechanism, b: Blunder) -> tuple[float, str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ppmcal.compare import Change, Comparison
@@ -11,13 +11,14 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.identification_units import column_factor, parameter_unit
 
 
-def files(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any]
-          ) -> dict[str, str]:
+def files(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any],
+          notes: Sequence[str] = ()) -> dict[str, str]:
     """Return file name -> text of everything that compare writes."""
     rows = entries(found, mechanism)
     header = list(rows[0]) if rows else []
     return {"compare.csv": csv_text(header, [[r[h] for r in rows] for h in header]),
-            "comparison.json": json_text(summary(found, mechanism, provenance))}
+            "comparison.json": json_text(summary(found, mechanism, provenance,
+                                                  notes))}
 
 
 def entries(found: Comparison, mechanism: Mechanism) -> list[dict[str, Any]]:
@@ -43,8 +44,8 @@ def change(c: Change, mechanism: Mechanism) -> dict[str, Any]:
             "unit": parameter_unit(mechanism, c.name), "p_value": c.p_value, "instead": c.instead}
 
 
-def summary(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any]
-            ) -> dict[str, Any]:
+def summary(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any],
+            notes: Sequence[str] = ()) -> dict[str, Any]:
     """Return the content of comparison.json, file units."""
     units, moved = mechanism.units, None
     if found.moved is not None:
@@ -58,4 +59,4 @@ def summary(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, An
             "chi2": found.chi2, "degrees": found.freedom, "p_value": found.p_value,
             "changes": [change(c, mechanism) for c in found.changes], "p_left": found.p_left,
             "platform": moved, "parameters": entries(found, mechanism),
-            "provenance": dict(provenance)}
+            "findings": list(notes), "provenance": dict(provenance)}

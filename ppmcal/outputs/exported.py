@@ -141,12 +141,15 @@ def summary(exported: Exported, name: str, provenance: Mapping[str, Any]) -> dic
         "units": {"length": "mm", "angle": "deg"},
         "parameters": {n.name: n.new for n in exported.numbers},
         "old": {n.name: n.old for n in exported.numbers if n.old is not None},
+        "number_units": {n.name: n.unit for n in exported.numbers},
+        "title": exported.title, "said": exported.said, "over": exported.over,
         "exact": not exported.lacks, "read_back": True,
         "gain": {"before": _figure(exported.before), "after": _figure(exported.after)},
         "not_expressed": [{"what": lack.what, "parameters": lack.parameters,
                            "cost": None if lack.cost is None else _figure(lack.cost)}
                           for lack in exported.lacks],
-        "notes": exported.notes, **exported.extra, "provenance": dict(provenance)}
+        "notes": exported.notes, "advice": exported.advice, "files": list(exported.files),
+        **exported.extra, "provenance": dict(provenance)}
 
 
 def _figure(figure: Figure) -> dict[str, Any]:

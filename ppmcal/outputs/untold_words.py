@@ -7,53 +7,22 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal import told
 from ppmcal.flatness import Flat
 from ppmcal.mechanism import Mechanism
-from ppmcal.units import Units
-from ppmcal.untold import CALIPER, Scale, Untold
-
-Z95 = 1.96
-SMOOTH = 0.01
-"""A flat has a shape where chance would show one as strong this rarely."""
+from ppmcal.untold import CALIPER, Untold
 
 
 def sentences(found: Untold, mechanism: Mechanism) -> list[str]:
     """Return what a person should know before believing every digit, a sentence or two each."""
-    out = []
-    if found.scale is not None and found.scale.open:
-        out.append(_scale(found.scale, mechanism.units))
-    for t in found.twins:
-        how = "limb by limb" if t.each else "all limbs alike"
-        out.append(f"{t.one} and {t.other}, {how}, are one direction to these data (correlation "
-                   f"{t.correlation:+.3f}): the drawing decides between them.")
-    return out
-
-
-def _scale(scale: Scale, units: Units) -> str:
-    f, unit = units.factor("length"), units.length
-    size = f"{scale.length / f:.4g} {unit}"
-    if not np.isfinite(scale.sigma):
-        return (f"Scale is not told at all: nothing holds the distance of {size} between the "
-                "measured positions that lie farthest apart. Measure one distance.")
-    text = f"Scale: a distance of {size} is known to +- {Z95 * scale.sigma / f:.3g} {unit} (95 %)"
-    if scale.held:
-        alone = (f"+- {Z95 * scale.alone / f:.2g} {unit}" if scale.alone < scale.length
-                 else "it open")
-        text += f" from the tolerances; the data alone leave {alone}"
-    if scale.needed <= scale.length:
-        return (f"{text}. One distance of at least {scale.needed / f:.3g} {unit}, measured to "
-                f"{CALIPER / f:.2g} {unit} (one sigma), would halve that.")
-    sigma = CALIPER * scale.length / scale.needed
-    return f"{text}. That distance measured to {sigma / f:.2g} {unit} (one sigma) would halve it."
+    all_ = entry(found, mechanism)
+    out = [told.scale(all_["scale"])] if found.scale is not None and found.scale.open else []
+    return out + [told.twins(t) for t in all_["twins"]]
 
 
 def flat_sentences(found: Sequence[Flat], mechanism: Mechanism) -> list[str]:
     """Return which part of the residuals of touches is smooth over the flat."""
-    f, unit = mechanism.units.factor("length"), mechanism.units.length
-    return [f"{flat.dataset}: {flat.smooth / f:.2g} {unit} rms of what is left is smooth over the "
-            "flat: its own shape, or what the model misses; "
-            f"touches scatter {flat.scatter / f:.2g} {unit} about it (p = {flat.p_value:.1g})."
-            for flat in found if flat.p_value < SMOOTH]
+    return [told.flat(e) for e in flat_entries(found, mechanism) if e["p_value"] < told.SMOOTH]
 
 
 def flat_entries(found: Sequence[Flat], mechanism: Mechanism) -> list[dict[str, Any]]:
@@ -73,6 +42,7 @@ def entry(found: Untold, mechanism: Mechanism) -> dict[str, Any]:
     if scale is not None:
         out["scale"] = {"distance": scale.length / f, "sigma": _finite(scale.sigma, f),
                         "sigma_data": _finite(scale.alone, f), "open": scale.open,
+                        "held": scale.held,
                         "measure_at_least": _finite(scale.needed, f),
                         "measure_to": CALIPER / f, "unit": mechanism.units.length}
     return out

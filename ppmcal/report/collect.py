@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
+from ppmcal.report.compare_section import COMPARISON
+from ppmcal.report.compare_section import WORDS as COMPARE_WORDS
 from ppmcal.report.data import (
     Array,
     Columns,
@@ -20,6 +22,7 @@ from ppmcal.report.data import (
     Rows,
     Simulated,
 )
+from ppmcal.report.export_section import EXPORT
 from ppmcal.report.sources import (
     NUMBER,
     TEXT,
@@ -29,6 +32,7 @@ from ppmcal.report.sources import (
     read_columns,
     read_json,
 )
+from ppmcal.report.told_section import TOLD
 from ppmcal.report.truth import compare
 
 _FIGURES = {"unit": TEXT, "*": NUMBER}
@@ -44,6 +48,7 @@ IDENTIFICATION = {
     "excluded": [{"dataset": TEXT, "row": NUMBER, "reason": TEXT}],
     "datasets": [{"name": TEXT, "source": TEXT, "kind": TEXT, "rows": NUMBER, "used": NUMBER}],
     "units": {"*": TEXT}, "provenance": _PROVENANCE, "measured_volume": {"*": [NUMBER]},
+    **TOLD,
 }
 _SERIES = {"on": [TEXT], "names": [TEXT], "count": [NUMBER],
            **{k: [NUMBER] for k in ("x", "before", "before_95", "after", "after_95")},
@@ -74,7 +79,7 @@ TRUTH = {"units": {"*": TEXT}, "provenance": _PROVENANCE}
 KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.csv",
          "residuals.csv", "identified.yaml", "diagnosis.json", "effects.csv", "commands.csv",
          "commands.json", "kinematics.csv", "kinematics.json", "check.json", "poses.csv",
-         "sensitivity.csv", "sensitivity.json")
+         "sensitivity.csv", "sensitivity.json", "compare.csv", "comparison.json", "export.json")
 """Files by which a folder is recognised as a command's output."""
 
 
@@ -87,7 +92,8 @@ def collect(dirs: Sequence[Path]) -> ReportData:
     if not dirs:
         raise BadInput("no folder was given", "", "Name the output folders of earlier commands")
     found: dict[str, list[Any]] = {k: [] for k in ("identified", "diagnosed", "compensated",
-                                                   "kinematics", "simulated", "others")}
+                                                   "kinematics", "simulated", "others",
+                                                   "compared", "exported")}
     unique = list({Path(d).absolute(): Path(d) for d in dirs}.values())
     for folder in unique:
         _refuse_strange(folder)
@@ -155,6 +161,12 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
         if has(f"{stem}.csv", f"{stem}.json"):
             out.append(("others", Other(name, kind, record(f"{stem}.json", LOOSE),
                                         table(f"{stem}.csv", only=()))))
+    if has("comparison.json", "compare.csv"):
+        rows = table("compare.csv", numeric=lambda c: c not in COMPARE_WORDS)
+        out.append(("compared", Other(name, "compare", record("comparison.json", COMPARISON),
+                                      rows)))
+    if has("export.json"):
+        out.append(("exported", Other(name, "export", record("export.json", EXPORT))))
     return out
 
 

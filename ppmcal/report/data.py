@@ -106,7 +106,7 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class Other:
-    """Any further output: check, plan, sensitivity."""
+    """Any further output: check, plan, sensitivity, compare, export."""
 
     folder: str
     kind: str
@@ -154,4 +154,6 @@ class ReportData:
     kinematics: tuple[Rows, ...] = ()
     simulated: tuple[Simulated, ...] = ()
     others: tuple[Other, ...] = ()
+    compared: tuple[Other, ...] = ()
+    exported: tuple[Other, ...] = ()
     comparisons: tuple[Comparison, ...] = field(default=())

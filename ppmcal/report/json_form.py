@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal import __version__
 from ppmcal.files.output import plain
+from ppmcal.report.compare_section import parameters
 from ppmcal.report.data import Columns, Comparison, Identified, ReportData, Rows
 from ppmcal.report.page import summary, title
 from ppmcal.report.residuals import used, white
@@ -37,6 +38,9 @@ def to_json(data: ReportData) -> dict[str, Any]:
                          "sha256": s.digest} for s in data.simulated],
         "others": [{"folder": o.folder, "kind": o.kind, "record": o.record,
                     "rows": o.table.size if o.table is not None else None} for o in data.others],
+        "comparisons": [{"folder": o.folder, "comparison": o.record, "parameters": parameters(o)}
+                        for o in data.compared],
+        "exports": [{"folder": o.folder, "export": o.record} for o in data.exported],
         "truth_against_identified": [_comparison(c) for c in data.comparisons],
     }
     return {k: plain(v) for k, v in out.items()}

@@ -7,9 +7,12 @@ from html import escape
 from typing import Any
 
 from ppmcal import __version__
+from ppmcal.report.compare_section import comparison_section
+from ppmcal.report.compare_section import verdict as comparison_verdict
 from ppmcal.report.data import Identified, ReportData, Rows
 from ppmcal.report.diagnosis_section import diagnosis_section
 from ppmcal.report.diagnosis_words import headline as diagnosis_headline
+from ppmcal.report.export_section import export_section
 from ppmcal.report.more_sections import (
     compensation_section,
     kinematics_section,
@@ -37,6 +40,8 @@ def to_html(data: ReportData) -> str:
     body += [compensation_section(r, units_of(r, data)) for r in data.compensated]
     body += [kinematics_section(r) for r in data.kinematics]
     body += [other_section(o) for o in data.others]
+    body += [comparison_section(o) for o in data.compared]
+    body += [export_section(o) for o in data.exported]
     compared = {c.truth for c in data.comparisons}
     body += [truth_section(c) for c in data.comparisons]
     body += [simulation_section(s) for s in data.simulated if s.folder not in compared]
@@ -58,9 +63,11 @@ def summary(data: ReportData) -> list[str]:
     """Return the headline's sentences."""
     out = [s for one in data.identified for s in headline(one)]
     out += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
+    out += [t for o in data.compared if (t := comparison_verdict(o.record))]
     if not out:
         parts = [(len(data.simulated), "simulation"), (len(data.diagnosed), "diagnosis"),
                  (len(data.compensated), "compensation"), (len(data.kinematics), "kinematics"),
+                 (len(data.compared), "comparison"), (len(data.exported), "export"),
                  (len(data.others), "further output")]
         held = ", ".join(f"{n} × {name}" if n > 1 else name for n, name in parts if n)
         out.append(f"Results found: {held}. No identification is among them.")
@@ -70,6 +77,7 @@ def summary(data: ReportData) -> list[str]:
 def _lead(data: ReportData) -> str:
     lines = [" ".join(headline(one)) for one in data.identified]
     lines += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
+    lines += [t for o in data.compared if (t := comparison_verdict(o.record))]
     lines = lines or summary(data)
     text = "".join(paragraph(t) for t in lines)
     tiles = _tiles(data.identified[0]) if len(data.identified) == 1 else ""
@@ -124,7 +132,8 @@ def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
     out += [(f"{d.folder}: diagnose", d.record) for d in data.diagnosed]
     out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record)
             for r in (*data.compensated, *data.kinematics)]
-    out += [(f"{o.folder}: {o.kind}", o.record) for o in data.others]
+    out += [(f"{o.folder}: {o.kind}", o.record)
+            for o in (*data.others, *data.compared, *data.exported)]
     out += [(f"{s.folder}: simulate", s.truth or {}) for s in data.simulated]
     return out
 

@@ -32,6 +32,7 @@ from ppmcal.report.tables import (
     words,
 )
 from ppmcal.report.text import figure, redundancy, tolerances
+from ppmcal.report.told_section import blunder_section, told_section
 
 STAGES = (("before", "before"), ("after", "after"), ("holdout", "held out"))
 COLUMNS = ("mean", "rms", "p95", "max")
@@ -39,8 +40,10 @@ COLUMNS = ("mean", "rms", "p95", "max")
 
 def identified_section(one: Identified) -> str:
     """Return everything about one identification below the headline."""
+    units = {str(p.get("name")): str(p.get("unit") or "") for p in one.parameters}
     return "".join([accuracy(one), parameters(one), redundant(one), correlations(one),
-                    plots(one), excluded(one)])
+                    told_section(one.record), plots(one), excluded(one),
+                    blunder_section(one.record, units)])
 
 
 def accuracy(one: Identified) -> str:

@@ -22,6 +22,7 @@ path.area.after{fill:var(--after);stroke:none;opacity:.75}
 .r-after,.r-named{fill:var(--after)}.r-more{fill:none;stroke:var(--after);stroke-width:1.4}
 .r-alternative{fill:none;stroke:var(--out);stroke-width:1.4;stroke-dasharray:4 2}
 .r-explained{fill:var(--before);opacity:.65}.r-other{fill:var(--soft);opacity:.6}
+.r-changed{fill:var(--out)}
 .limit{stroke:var(--ink);stroke-width:1.2;fill:none}.limit.dotted{stroke-dasharray:2 2}
 .ring{fill:var(--card);stroke:var(--before);stroke-width:1.5}.disc{fill:var(--after)}
 text.strong{fill:var(--ink);font-weight:600}text.ink{fill:var(--ink)}text.title{font-size:13px}

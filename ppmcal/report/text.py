@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ppmcal.report import compare_section, export_section
 from ppmcal.report.data import Comparison, Identified, ReportData, Rows
 from ppmcal.report.diagnosis_words import verdict_of
 from ppmcal.report.numbers import count, listed, number, probability, sig, whole, with_unit
+from ppmcal.report.told_section import moved_zeros
 
 FAILED_NOISE = 1e-3
 """The noise check fails below this p-value (and above 1 minus it)."""
@@ -114,6 +116,11 @@ def attention(data: ReportData) -> list[tuple[str, str]]:
         out += [(rows.folder, t) for t in _of_rows(rows)]
     for other in data.others:
         out += [(other.folder, finding_text(f)) for f in other.record.get("findings") or ()]
+    for other in data.compared:
+        out += [(other.folder, t) for t in compare_section.attention(other.record)]
+        out += [(other.folder, finding_text(f)) for f in other.record.get("findings") or ()]
+    for other in data.exported:
+        out += [(other.folder, t) for t in export_section.attention(other.record)]
     for c in data.comparisons:
         out += [(c.identified, t) for t in _of_truth(c)]
     return list(dict.fromkeys(out))
@@ -122,6 +129,7 @@ def attention(data: ReportData) -> list[tuple[str, str]]:
 def _of_identified(one: Identified) -> list[str]:
     record = one.record
     out = [finding_text(f) for f in record.get("findings") or ()]
+    out += moved_zeros(record)
     if "findings" not in record:
         excluded = record.get("excluded") or ()
         if excluded:

@@ -1,0 +1,87 @@
+"""Is the stated noise what the residuals show? Chi-squared, by data set, and repeats."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from ppmcal.fit import Fit, directions, prediction_covariance
+from ppmcal.linear import prior_square
+from ppmcal.variance import LEAST, noise_ratios
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+FAILED_NOISE = 1e-3
+"""The noise check fails below this p-value."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Residuals against the stated noise.
+
+    ``sigma_ratio``: residual over stated noise; ``chi2_p``: chance of a larger chi-squared;
+    ``repeat_ratio``: scatter of repeats over stated noise, None without repeats; ``by_dataset``:
+    ``sigma_ratio`` of each data set that has redundancy enough.
+    """
+
+    sigma_ratio: float
+    chi2: float
+    degrees: float
+    chi2_p: float
+    repeat_ratio: float | None
+    repeat_degrees: int
+    by_dataset: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the residuals are larger than the stated noise can explain."""
+        return self.chi2_p < FAILED_NOISE and self.sigma_ratio > 1.0
+
+
+def noise_check(fit: Fit) -> Noise:
+    """Return chi-squared of data and prior, the noise ratio, and the scatter of repeats."""
+    priors = int(np.sum(fit.prior > 0.0))
+    seen = int(np.sum(directions(fit)[2]))
+    covariance = prediction_covariance(fit)
+    effective = float(np.sum((fit.reduced.triangle @ covariance) * fit.reduced.triangle))
+    degrees = fit.reduced.count + priors - seen
+    chi2 = fit.reduced.square + prior_square(fit.problem, fit.state, fit.prior)
+    free = max(fit.reduced.count - effective, 1e-9)
+    ratio = float(np.sqrt(fit.reduced.square / free))
+    repeat, repeat_degrees = _repeats(fit)
+    p = float(chdtrc(degrees, chi2)) if degrees > 0 else float("nan")
+    # one data set has the ratio of all; another pass over the rows tells several apart
+    each = noise_ratios(fit)[0] if len(fit.problem.datasets) > 1 else np.array(
+        [ratio if free >= LEAST else np.nan])
+    own = {d.name: float(r) for d, r in zip(fit.problem.datasets, each, strict=True)
+           if np.isfinite(r)}
+    return Noise(ratio, chi2, degrees, p, repeat, repeat_degrees, own)
+
+
+def _repeats(fit: Fit) -> tuple[float | None, int]:
+    """Scatter within repeats of a pose over the stated noise, and its degrees of freedom."""
+    square, degrees = 0.0, 0
+    white: list[tuple[int, NDArray[np.int64], Array, Bools]] = []
+    for rows in fit.problem.rows(fit.state, False, fit.keep):
+        groups = fit.problem.datasets[rows.dataset].groups[rows.index]
+        white.append((rows.dataset, groups, rows.residual, rows.observed))
+    for i in range(len(fit.problem.datasets)):
+        parts = [(g, r, o) for d, g, r, o in white if d == i]
+        if not parts:
+            continue
+        groups = np.concatenate([g for g, _, _ in parts])
+        r, seen = (np.concatenate([p[j] for p in parts]) for j in (1, 2))
+        _, label = np.unique(groups, return_inverse=True)
+        count = np.zeros((label.max() + 1, r.shape[1]))
+        total = np.zeros_like(count)
+        np.add.at(count, label, seen.astype(float))
+        np.add.at(total, label, np.where(seen, r, 0.0))
+        away = np.where(seen, r - (total / np.maximum(count, 1.0))[label], 0.0)
+        square += float(np.sum(away**2))
+        degrees += int(np.sum(np.maximum(count - 1.0, 0.0)))
+    return (float(np.sqrt(square / degrees)), degrees) if degrees else (None, 0)
