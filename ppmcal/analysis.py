@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ppmcal.blunders import Blunders, blunders
 from ppmcal.dataset import Dataset
-from ppmcal.earlier import Posterior
+from ppmcal.earlier import BENT, Posterior
 from ppmcal.fit import Fit, Options, posterior, prediction_covariance
 from ppmcal.flatness import Flat, flats
 from ppmcal.holdout import held_out, on_other, register_only
@@ -104,8 +104,11 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     imitate them (theory.md, section 5).
     """
     count = len(fit.problem.free)
-    rank = analyse(fit.reduced.triangle, count, fit.scale[:count])
     scaled = fit.reduced.triangle * fit.scale
+    # carried-on rows are straight: what only their bend against the new ones tells is not told
+    largest = float(np.linalg.norm(scaled[:, :count], axis=0).max(initial=BENT))
+    least = RANK_TOLERANCE if fit.problem.earlier is None else BENT / largest
+    rank = analyse(fit.reduced.triangle, count, fit.scale[:count], least)
     nuisance = Rank((), (), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
     if scaled.shape[1] > count:
         flipped = fit.reduced.triangle[:, count:]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.fit import Fit, prediction_covariance
-from ppmcal.observation import NUMBERS, SCALARS, coordinates, shown
+from ppmcal.observation import NUMBERS, SCALARS, coordinates, measured_pose, shown
 from ppmcal.zeros import Shift, outliers, zeros
 
 Array = NDArray[np.float64]
@@ -76,9 +76,14 @@ def _left_out(fit: Fit) -> Iterator[Blunder]:
         worst = np.argmax(np.abs(rows.residual), axis=1)
         for n, (index, c) in enumerate(zip(rows.index.tolist(), worst.tolist(), strict=True)):
             value = float(shown(data)[index, places[c]])
-            yield Blunder(data.name, int(data.rows[index]), places[c], value,
-                          value - float(rows.raw[n, c]), float(abs(rows.residual[n, c])),
-                          NUMBERS.get(data.kind, ""))
+            predicted = value - float(rows.raw[n, c])
+            if places[c] >= 3:
+                # rotation vectors do not add up: what the others say of the whole rotation
+                station = fit.state.stations[rows.dataset]
+                pose = fit.state.poses[rows.dataset][index][None]
+                predicted = float(measured_pose(station, pose)[0, places[c]])
+            yield Blunder(data.name, int(data.rows[index]), places[c], value, predicted,
+                          float(abs(rows.residual[n, c])), NUMBERS.get(data.kind, ""))
 
 
 def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:

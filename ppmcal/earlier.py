@@ -1,11 +1,9 @@
 """What earlier measurements knew: a calibration carried on with new data.
 
-A posterior of covariance C about g1, with tolerances tau about g0 in it, says of the data alone
-
-    D = C^-1 - diag(1/tau^2)    about mu, with    D (mu - g1) = diag(1/tau^2) (g1 - g0).
-
-As rows |R (g - g1) - r|^2 with R^T R = D these go into the new fit like measurements, so that
-the tolerances count once, and what no data ever saw stays redundant.
+At the end of a fit its rows are one triangle; with frames and targets eliminated, and without the
+tolerances, |R s - r|^2 is what the data alone say of steps s of the parameters from there. As rows
+of a new fit these count like measurements, so that the tolerances count once, and what no data ever
+saw stays redundant.
 """
 
 from __future__ import annotations
@@ -20,12 +18,13 @@ from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
-SEEN = 1e-4
-"""A direction counts as seen from this part of the information that the tolerances hold."""
-ROUND_OFF = 1e-12
-"""Information below this part of the largest is round-off of the inversion."""
-NOTHING = 1e-15
-"""Without tolerances, a variance below this part of the largest stands for a direction unseen."""
+ROUND_OFF = 1e-9
+"""Frames and targets that others imitate are so little of their own length apart."""
+BENT = 0.5
+"""Where two data sets' blind directions differ by the bend between them, a tolerance makes fewer
+standard deviations than this: neither tells anything there."""
+SEEN = 1e-2
+"""A direction counts as seen where one tolerance in it makes so many standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +63,10 @@ class Posterior:
 
     Attributes:
         places: parameters that were free (F,).
-        value, nominal: the estimate, and where tolerances are counted from (F,).
-        covariance: of the estimate (F, F), ``inflation`` in it; singular where nothing was known.
+        value: the estimate (F,).
+        matrix, right: rows |matrix s - right|^2 of its data about the estimate (k, F), (k,).
         tolerance: the prior's standard deviation (F,), inf where there was none.
+        scale: natural unit of each parameter (F,).
         inflation: factor on all standard deviations that the noise check had asked for.
         inputs: content hash -> name of the measurement tables behind it.
         source: the file.
@@ -74,29 +74,48 @@ class Posterior:
 
     places: tuple[int, ...]
     value: Array
-    nominal: Array
-    covariance: Array
+    matrix: Array
+    right: Array
     tolerance: Array
+    scale: Array
     inflation: float
     inputs: Mapping[str, str]
     source: str
 
     def data(self) -> Earlier:
         """Return the data's part, without the prior."""
-        sigma = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
-        flat = ~np.isfinite(self.tolerance)
-        scale = np.where(flat, np.where(sigma > 0.0, sigma, 1.0), self.tolerance)
-        inner = self.covariance / np.outer(scale, scale) / self.inflation**2
-        prior = np.diag((scale / self.tolerance) ** 2)
-        w, v = np.linalg.eigh((inner + inner.T) / 2.0)
-        least = float(w.max(initial=0.0)) * NOTHING
-        # with a tolerance on each nothing is unseen, and a tiny variance is much knowledge
-        inverse = np.where(w > least, 1.0 / np.maximum(w, 1e-300),
-                           0.0 if flat.any() else 1.0 / max(least, 1e-300))
-        w, v = np.linalg.eigh((v * inverse) @ v.T - prior)
-        seen = w > max(SEEN * float(prior.max(initial=0.0)),
-                       ROUND_OFF * float(w.max(initial=0.0)))
-        root = np.sqrt(w[seen])
-        right = (v[:, seen].T @ (prior @ ((self.value - self.nominal) / scale))) / root
-        return Earlier(self.places, (v[:, seen] * root).T / scale / self.inflation,
-                       right / self.inflation, self.value, self.source)
+        return Earlier(self.places, self.matrix / self.inflation, self.right / self.inflation,
+                       self.value, self.source)
+
+    def covariance(self) -> tuple[Array, Array]:
+        """Return the covariance (F, F), and directions (F, d) that neither data nor prior see."""
+        rows = np.concatenate([self.matrix * self.scale, np.diag(self.scale / self.tolerance)])
+        _, s, vt = np.linalg.svd(rows / self.inflation, full_matrices=True)
+        strength = np.zeros(len(vt))
+        strength[:s.size] = s
+        seen = strength > SEEN
+        half = vt[seen].T / strength[seen]
+        return (half @ half.T) * np.outer(self.scale, self.scale), vt[~seen].T * self.scale[:, None]
+
+
+def of_data(triangle: Array, right: Array, count: int, scale: Array) -> tuple[Array, Array]:
+    """Return the rows (k, F), (k,) of the first ``count`` columns, the others eliminated.
+
+    Args:
+        triangle: all rows of a fit as |triangle s - right|^2 (C, C), (C,).
+        right: see there.
+        count: number of parameters F; the rest are frames and targets.
+        scale: natural unit of every parameter (F,).
+    """
+    nuisance = triangle[:, count:]
+    block = np.concatenate([triangle[:, :count] * scale, right[:, None]], axis=1)
+    if nuisance.shape[1]:
+        norms = np.linalg.norm(nuisance, axis=0)
+        u, s, _ = np.linalg.svd(nuisance / np.where(norms > 0.0, norms, 1.0),
+                                full_matrices=False)
+        u = u[:, s > ROUND_OFF * s.max(initial=1e-300)]
+        block = block - u @ (u.T @ block)
+        block = block - u @ (u.T @ block)
+    u, s, vt = np.linalg.svd(block[:, :-1], full_matrices=False)
+    seen = s > SEEN
+    return (s[seen, None] * vt[seen]) / scale, u[:, seen].T @ block[:, -1]

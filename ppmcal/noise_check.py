@@ -49,15 +49,22 @@ def noise_check(fit: Fit) -> Noise:
     seen = int(np.sum(directions(fit)[2]))
     covariance = prediction_covariance(fit)
     effective = float(np.sum((fit.reduced.triangle @ covariance) * fit.reduced.triangle))
+    square, count = fit.reduced.square, fit.reduced.count
+    if fit.problem.earlier is not None:
+        # the ratio is that of the new rows
+        problem, free = fit.problem, len(fit.problem.free)
+        missed, slope = fit.problem.earlier.rows(problem.mechanism, problem.free, fit.state.g)
+        square, count = square - float(missed @ missed), count - missed.size
+        effective -= float(np.sum((slope @ covariance[:free, :free]) * slope))
     degrees = fit.reduced.count + priors - seen
     chi2 = fit.reduced.square + prior_square(fit.problem, fit.state, fit.prior)
-    free = max(fit.reduced.count - effective, 1e-9)
-    ratio = float(np.sqrt(fit.reduced.square / free))
+    left = max(count - effective, 1e-9)
+    ratio = float(np.sqrt(max(square, 0.0) / left))
     repeat, repeat_degrees = _repeats(fit)
     p = float(chdtrc(degrees, chi2)) if degrees > 0 else float("nan")
     # one data set has the ratio of all; another pass over the rows tells several apart
     each = noise_ratios(fit)[0] if len(fit.problem.datasets) > 1 else np.array(
-        [ratio if free >= LEAST else np.nan])
+        [ratio if left >= LEAST else np.nan])
     own = {d.name: float(r) for d, r in zip(fit.problem.datasets, each, strict=True)
            if np.isfinite(r)}
     return Noise(ratio, chi2, degrees, p, repeat, repeat_degrees, own)

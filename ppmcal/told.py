@@ -41,7 +41,7 @@ def twins(entry: Entry) -> str:
     """Return which two kinds of parameter act as one."""
     how = "limb by limb" if entry["limb_by_limb"] else "all limbs alike"
     return (f"{entry['a']} and {entry['b']}, {how}, are one direction to these data (correlation "
-            f"{entry['correlation']:+.3f}): the drawing decides between them.")
+            f"{entry['correlation']:+.3f}); only the drawing tells them apart.")
 
 
 def flat(entry: Entry) -> str:

@@ -17,6 +17,7 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.fit import Fit, directions, posterior
+from ppmcal.limbs.chain import cross_matrix
 from ppmcal.linear import column_scale, prior_weights, reduce_rows
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import is_joint_component
@@ -110,36 +111,49 @@ def untold(fit: Fit) -> Untold:
 
 
 def _scale(fit: Fit) -> Scale | None:
-    """Judge the distance of the two measured positions that lie farthest apart."""
+    """Judge the distance of the two measured points that lie farthest apart, in one data set."""
+    found = [s for i in range(len(fit.problem.datasets)) if (s := _farthest(fit, i)) is not None]
+    if not found:
+        return None
+    length, slope = max(found, key=lambda s: s[0])
+    return Scale(length, _spread(fit, slope, fit.prior), _spread(fit, slope, 0.0 * fit.prior))
+
+
+def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
+    """Return the longest distance between measured points of a data set, and its slope (C,)."""
     problem, state = fit.problem, fit.state
-    pairs = [end for i, k in enumerate(fit.keep)
-             for end in problem.ends(i, state, np.flatnonzero(k))]
-    q = np.concatenate([p[0] for p in pairs])
-    pose = np.concatenate([p[1] for p in pairs])
+    ends = problem.ends(i, state, np.flatnonzero(fit.keep[i]))
+    q, pose = (np.concatenate([e[part] for e in ends]) for part in (0, 1))
     if len(q) < 2:
         return None
     some = np.linspace(0, len(q) - 1, min(POSITIONS, len(q))).astype(int)
     q, pose = q[some], pose[some]
-    at = cga.translation(pose)
+    target, turn = state.stations[i].target, cga.rotation_matrix(pose)
+    at = cga.translation(pose) + turn @ target
     away = np.linalg.norm(at[:, None] - at[None], axis=-1)
-    a, b = np.unravel_index(int(np.argmax(away)), away.shape)
-    length = float(away[a, b])
+    two = [int(n) for n in np.unravel_index(int(np.argmax(away)), away.shape)]
+    length = float(away[two[0], two[1]])
     if length < 1e-3 * problem.mechanism.length_scale:
         return None
-    two = [int(a), int(b)]
     closure = Model(problem.mechanism, state.g).closure(q[two], problem.free)
-    moves = -np.linalg.pinv(closure.pose_matrix(pose[two])) @ closure.error_matrix(
-        pose[two], problem.free)
-    places = [c for c in problem.mechanism.dof if c < 3]
-    slope = ((at[a] - at[b]) / length)[places] @ (moves[0] - moves[1])[:len(places)]
-    return Scale(length, _spread(fit, slope, fit.prior), _spread(fit, slope, 0.0 * fit.prior))
+    twist = np.zeros((2, 6, len(problem.free)))
+    twist[:, list(problem.mechanism.dof)] = -np.linalg.pinv(
+        closure.pose_matrix(pose[two])) @ closure.error_matrix(pose[two], problem.free)
+    # the point moves with the platform's origin, and turns about it
+    moves = twist[:, :3] - cross_matrix(turn[two] @ target) @ twist[:, 3:]
+    along = (at[two[0]] - at[two[1]]) / length
+    slope = np.zeros(len(problem.columns))
+    slope[:len(problem.free)] = along @ (moves[0] - moves[1])
+    open_ = problem.opens[i]
+    slope[open_.target] = (along @ (turn[two[0]] - turn[two[1]]))[list(open_.target_parts)][
+        :open_.target.stop - open_.target.start]
+    return length, slope
 
 
 def _spread(fit: Fit, slope: Array, prior: Array) -> float:
-    """Return the standard deviation of slope . g with prior weights (C,), inf where open."""
+    """Return the standard deviation of slope (C,) . columns with a prior (C,), inf where open."""
     s, vt, seen = directions(fit, prior)
-    row = np.zeros(fit.scale.size)
-    row[:slope.size] = slope * fit.scale[:slope.size]
+    row = slope * fit.scale
     if np.linalg.norm(vt[~seen] @ row) > 1e-6 * np.linalg.norm(row):
         return float("inf")
     return float(np.linalg.norm((vt[seen] @ row) / s[seen]))

@@ -13,12 +13,13 @@ from commands import ppmcal, rows
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.analysis import rank_of
 from ppmcal.closure import Model
-from ppmcal.compare import Comparison, between, compare
+from ppmcal.compare import Comparison, between
 from ppmcal.dataset import Dataset, Unknown
-from ppmcal.earlier import Posterior
+from ppmcal.earlier import Posterior, of_data
 from ppmcal.files import read_mechanism
-from ppmcal.fit import Fit, Options, posterior
+from ppmcal.fit import Fit, Options, posterior, prediction_covariance
 from ppmcal.forward import forward
 from ppmcal.identify import identify
 from ppmcal.inverse import inverse
@@ -74,15 +75,12 @@ def fitted(mechanism: Mechanism, *data: Dataset, before: Posterior | None = None
 
 def known(fit: Fit) -> Posterior:
     """Return what a file would hold of a fit."""
-    count = len(fit.problem.free)
-    places = fit.problem.free
+    count, places = len(fit.problem.free), fit.problem.free
+    scale = fit.scale[:count]
     with np.errstate(divide="ignore"):
         tolerance = 1.0 / fit.prior[:count]
-    covariance = posterior(fit)[:count, :count]
-    np.fill_diagonal(covariance, np.where(np.isfinite(np.diagonal(covariance)),
-                                          np.diagonal(covariance), 0.0))
-    return Posterior(places, fit.state.g[list(places)],
-                     fit.problem.mechanism.nominals[list(places)], covariance, tolerance, 1.0,
+    matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, scale)
+    return Posterior(places, fit.state.g[list(places)], matrix, right, tolerance, scale, 1.0,
                      {fit.problem.datasets[0].name: "x.csv"}, "x")
 
 
@@ -121,6 +119,13 @@ def test_carrying_on_without_tolerances() -> None:
     for fit in (whole, step):
         at = cga.translation(forward(Model(mechanism, fit.state.g), probe).pose)
         apart.append(np.linalg.norm(at[:, None] - at[None], axis=-1))
+    # as many directions as the data know, no more, and as well known
+    assert first.data().right.size == 9
+    assert (rank_of(step)[1], rank_of(whole)[1]) == (9 + 3, 9 + 6)
+    both = [np.sqrt(np.diagonal(prediction_covariance(f))) for f in (whole, step)]
+    count = len(mechanism.free)
+    seen = np.isfinite(np.diagonal(posterior(whole))[:count])
+    assert both[1][:count][seen] == pytest.approx(both[0][:count][seen], rel=0.05)
     # frames are free, so only distances compare
     assert np.max(np.abs(apart[0] - apart[1])) < 0.3 * POSITION
     alone = fitted(mechanism, data[1], options=flat)
@@ -187,8 +192,6 @@ def test_the_same_calibration_twice_has_not_changed() -> None:
                            {"x": (-0.02, 0.02), "y": (-0.02, 0.02), "rz": (-0.1, 0.1)}, rng)
     assert not found.changed and "x.csv is in both" in notes[0]
     assert np.max(np.abs(found.new - found.old)) == 0.0
-    moved = replace(one, value=one.value)
-    assert compare(mechanism, moved.data(), one.value, one.covariance, one.tolerance).moved is None
 
 
 # ---------------------------------------------------------------- the commands
@@ -274,3 +277,68 @@ def test_bad_starts_are_refused(sessions: Path, tmp_path: Path) -> None:
                  ("compare", "idA", tmp_path / "none")):
         run = ppmcal(*args, "--out", tmp_path / "o", cwd=sessions, expect=2)
         assert run.err.startswith("Error:") or "Error:" in run.err
+
+
+def test_a_table_that_was_only_held_out_is_not_known(sessions: Path, tmp_path: Path) -> None:
+    ppmcal("identify", "3-RPR.yaml", "A/measurements.csv", "--holdout", "B/measurements.csv",
+           "--quiet", "--out", tmp_path / "one", cwd=sessions, expect=0)
+    ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--start", tmp_path / "one", "--keep",
+           "--quiet", "--out", tmp_path / "two", cwd=sessions, expect=0)
+    run = ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--start", tmp_path / "two",
+                 "--keep", "--out", tmp_path / "two", cwd=sessions, expect=2)
+    assert "holds the calibration that --keep carries on" in run.err
+
+
+def test_a_flat_calibration_claims_no_more_than_its_data(sessions: Path, tmp_path: Path) -> None:
+    """Frame unknown, no tolerances: twelve parameters, nine directions known."""
+    for label in "AB":
+        ppmcal("identify", "3-RPR.yaml", f"{label}/measurements.csv", "--prior", "flat", "--quiet",
+               "--out", tmp_path / label, cwd=sessions, expect=0)
+    run = ppmcal("compare", tmp_path / "A", tmp_path / "B", "--json", "--out", tmp_path / "o",
+                 cwd=sessions, expect=0)
+    assert run.json["degrees"] == 9 and run.json["p_value"] > 1e-3
+
+
+def test_noise_that_was_stated_too_small_is_one_matter(sessions: Path, tmp_path: Path) -> None:
+    """Both commands take the noise as the residuals show it; a change is not made up from it."""
+    for label in "AB":
+        folder = tmp_path / f"u{label}"
+        folder.mkdir()
+        table = (sessions / label / "measurements.csv").read_text()
+        (folder / "measurements.csv").write_text(table)
+        side = yaml.safe_load((sessions / label / "measurements.yaml").read_text())
+        side["instrument"]["sigma"] = {k: v / 3.0 for k, v in side["instrument"]["sigma"].items()}
+        (folder / "measurements.yaml").write_text(yaml.safe_dump(side))
+        ppmcal("identify", "3-RPR.yaml", folder / "measurements.csv", "--quiet", "--out",
+               tmp_path / f"i{label}", cwd=sessions, expect=1)
+    found = ppmcal("compare", tmp_path / "iA", tmp_path / "iB", "--json", "--out", tmp_path / "o",
+                   cwd=sessions).json
+    assert found["p_value"] > 1e-3
+    run = ppmcal("identify", "3-RPR.yaml", tmp_path / "uB" / "measurements.csv", "--start",
+                 tmp_path / "iA", "--keep", "--out", tmp_path / "k", cwd=sessions, expect=1)
+    words = " ".join(run.out.split())
+    assert "times the stated noise" in words
+    assert ("machine has changed" in words) == (found["verdict"] == "changed")
+
+
+def test_a_changed_stiffness_is_named(tmp_path: Path) -> None:
+    """A parameter whose steps are taken in its reciprocal, in units far from the others'."""
+    ppmcal("init", "3-RPR", cwd=tmp_path, expect=0)
+    machine_ = yaml.safe_load((tmp_path / "3-RPR.yaml").read_text())
+    machine_["effects"] = [{"kind": "compliance", "parameters": {
+        "stiffness": {"value": 4000, "tolerance": 2000, "free": True}}}]
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(machine_))
+    scenario = yaml.safe_load((tmp_path / "3-RPR.scenario.yaml").read_text())
+    scenario |= {"errors": {"leg1.offset": 0.2}, "conditions": {"payload": [0, 20, 40]}}
+    for label, stiffness in (("A", 4000), ("B", 2000)):
+        scenario |= {"seed": ord(label), "effects": [
+            {"kind": "compliance", "parameters": {"stiffness": stiffness}}]}
+        (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
+        ppmcal("simulate", "3-RPR.yaml", "s.yaml", "--out", label, "--quiet", cwd=tmp_path,
+               expect=0)
+        ppmcal("identify", "m.yaml", f"{label}/measurements.csv", "--out", f"i{label}", "--quiet",
+               cwd=tmp_path, expect=0)
+    found = ppmcal("compare", "iA", "iB", "--json", cwd=tmp_path, expect=1).json
+    (change,) = found["changes"]
+    assert change["name"] == "compliance.stiffness"
+    assert change["value"] == pytest.approx(-2000, abs=3 * change["sigma"] + 200)

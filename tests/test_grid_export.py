@@ -209,18 +209,19 @@ def test_a_list_is_corrected_at_its_poses_only(tmp_path: Path) -> None:
                                    {"x": 900, "y": 280, "rz": 25, "dir_leg1": 1},
                                    {"x": 1e5, "y": 280, "rz": 25, "dir_leg1": -1}])
     run = ppmcal("export", "grid", path, "--poses", tmp_path / "p.csv", "--json", "--out",
-                 tmp_path / "o", expect=0)
+                 tmp_path / "o", expect=1)
     found = run.json
     got = table(tmp_path / "o")
     assert got["x"].tolist() == pytest.approx([500, 520]) and found["rows"] == 2
     assert sum(found["left_out"].values()) == 2 and "grid" not in found
     words = " ".join(found["notes"])
-    assert "2 of 4 poses have no command" in words and "nothing is predicted" in words
+    assert "2 of 4 poses, left out" in found["not_expressed"][0]["what"]
+    assert "nothing is predicted" in words
     assert "dir_leg1 are not used" in words and "ppmcal compensate" in words
     assert found["gain"]["after"]["max"] < 1e-8 < 0.1 < found["gain"]["before"]["max"]
     same = corrected(read_mechanism(path), np.array([[0.5, 0.29, 0, 0, 0, np.radians(30)]]))
     assert got["cmd_x"][0] == pytest.approx(1e3 * same.command[0, 0], abs=1e-12)
-    told = ppmcal("export", "grid", path, "--poses", tmp_path / "p.csv", cwd=tmp_path, expect=0)
+    told = ppmcal("export", "grid", path, "--poses", tmp_path / "p.csv", cwd=tmp_path, expect=1)
     assert "poses themselves, none in between" in " ".join(told.out.split())
 
 

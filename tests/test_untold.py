@@ -21,6 +21,7 @@ from ppmcal.forward import forward
 from ppmcal.identify import identify
 from ppmcal.inverse import inverse
 from ppmcal.mechanism import Mechanism
+from ppmcal.observation import Station, measured_pose
 from ppmcal.outputs.untold_words import sentences
 from ppmcal.problem import Problem
 from ppmcal.targets import pose_motor
@@ -138,6 +139,25 @@ def test_positions_tell_scale() -> None:
     found = untold(fitted(mechanism, data))
     assert found.scale is not None and not found.scale.open
     assert not any("Scale" in s for s in sentences(found, mechanism))
+
+
+@pytest.mark.parametrize("name", ["6-UPS", "3-RPR", "linapod"])
+def test_poses_tell_scale_whatever_is_open(name: str) -> None:
+    """Frame and target unknown, flat prior: the measured points' distances are measured."""
+    mechanism = read_mechanism(Path(__file__).resolve().parent.parent / "configs"
+                               / f"{name}.yaml")
+    rng = np.random.default_rng(8)
+    q = joints(mechanism, name, 40, rng)
+    g = truth(mechanism, rng, 0.3)
+    station = Station(pose_motor(np.array([0.1, 0.2, 0, 0, 0, 0.3])), np.array([0.05, 0.1, 0.0]),
+                      np.zeros(3), np.zeros(q.shape[1]))
+    seen = measured_pose(station, forward(Model(mechanism, g), q).pose)
+    data = Dataset.of_poses("tracker", q, seen, (1e-5, 1e-5), True)
+    problem = Problem(mechanism, (data,), mechanism.free)
+    for found in (foreseen(problem, "flat"), foreseen(problem, "prior"),
+                  untold(identify(problem, ROBUST))):
+        assert found.scale is not None and not found.scale.lost and not found.scale.open
+        assert found.scale.alone < 5e-5
 
 
 def test_fixed_drives_tell_scale_a_little(tmp_path: Path) -> None:

@@ -59,22 +59,35 @@ def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]
 
 def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
     """Return the machine with the free values of an earlier calibration, and what was odd."""
-    from ppmcal.errors import BadInput
     from ppmcal.files import read_mechanism
 
     other = read_mechanism(start)
+    notes = same_machine(mechanism, other, start)
     found = dict(zip(other.names, other.values.tolist(), strict=True))
-    free = {mechanism.names[p] for p in mechanism.free}
+    g = mechanism.values.copy()
+    for p in mechanism.free:
+        g[p] = found.get(mechanism.names[p], g[p])
+    return mechanism.with_values(g), notes
+
+
+def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[str]:
+    """Return which fixed values differ between a machine and an earlier file of it.
+
+    Raises:
+        BadInput: the limbs are not the same.
+    """
+    from ppmcal.errors import BadInput
+
     kinds = [{limb.name: limb.kind.name for limb in m.limbs} for m in (mechanism, other)]
     if kinds[0] != kinds[1]:
         raise BadInput("is of another machine: its limbs are not those of "
-                       f"{mechanism.source}", str(start),
+                       f"{mechanism.source}", str(source),
                        "Give the identified.yaml of an earlier calibration of this machine")
-    g = mechanism.values.copy()
-    notes = []
-    for i, name in enumerate(mechanism.names):
-        if name in free:
-            g[i] = found.get(name, g[i])
-        elif name in found and found[name] != g[i]:
-            notes.append(f"{name} is fixed here, at another value than in {start}")
-    return mechanism.with_values(g), notes
+    found = dict(zip(other.names, other.values.tolist(), strict=True))
+    free = {mechanism.names[p] for p in mechanism.free}
+    apart = [name for i, name in enumerate(mechanism.names)
+             if name not in free and found.get(name, mechanism.values[i]) != mechanism.values[i]]
+    if not apart:
+        return []
+    return [f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
+            f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}"]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ppmcal.cli.campaign import same_machine
 from ppmcal.cli.common import (
     Console,
     command_line,
@@ -50,11 +51,13 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     console = Console(quiet, as_json)
     first, second = (p / "identified.yaml" if p.is_dir() else p for p in (old, new))
     mechanism = read_mechanism(second)
+    odd = same_machine(mechanism, read_mechanism(first), first)
     paths = [p.with_name("identification.json") for p in (first, second)]
     before, after = (read_posterior(p, mechanism) for p in paths)
     knowledge = read_knowledge(paths[0], mechanism)
     rng = np.random.default_rng(0)
     found, notes = between(mechanism, before, after, knowledge.volume, rng)
+    notes = [*odd, *notes]
     source = provenance([*mechanism.inputs, *(str(p) for p in paths)], command_line(), None)
     with Output(out) as output:
         for name, text in files(found, mechanism, source, notes).items():

@@ -91,6 +91,8 @@ def _show_held(result: Identification, console: Console) -> None:
     """Name what the data hardly know better than the drawing did."""
     from ppmcal.outputs.identification import of_tolerance
 
+    if not result.fit.prior.any():
+        return
     held = [(e.name, of_tolerance(e) or 0.0) for e in result.estimates if e.status == "identified"]
     held = sorted((h for h in held if h[1] > HELD), key=lambda h: -h[1])
     if held:
@@ -105,5 +107,7 @@ def _show_redundant(result: Identification, console: Console) -> None:
         return
     names = ", ".join(d.name for d in result.redundant[:8])
     rest = len(result.redundant) - 8
-    console.say(f"Redundant (the data cannot tell them from others; held by their tolerances): "
-                f"{names}{f' and {rest} more' if rest > 0 else ''}.")
+    how = ("held by their tolerances" if result.fit.prior.any()
+           else "left where nothing else moves them")
+    more = f" and {rest} more" if rest > 0 else ""
+    console.say(f"Redundant (the data cannot tell them from others; {how}): {names}{more}.")

@@ -48,8 +48,9 @@ if TYPE_CHECKING:
 @click.option("--sigma", type=click.Choice(["stated", "estimated"]), default="stated",
               show_default=True, help="estimated: the noise of each file as its residuals show "
               "it, where the stated one does not fit.")
-@click.option("--start", type=FILE, default=None, metavar="OLD/identified.yaml",
-              help="Start from the values of an earlier calibration of this machine.")
+@click.option("--start", type=click.Path(path_type=Path), default=None, metavar="OLD",
+              help="Start from the values of an earlier calibration: its folder or "
+              "identified.yaml.")
 @click.option("--keep", is_flag=True, help="Carry on the calibration of --start (or of MECH): "
               "what its data knew stays known; identification.json must be beside it.")
 @click.option("--keep-outliers", is_flag=True, help="Use every row as it is.")
@@ -84,10 +85,14 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
               *(str(t.with_suffix(".yaml")) for t in tables)]
     notes: list[str] = []
     if start is not None:
+        start = start / "identified.yaml" if start.is_dir() else start
         mechanism, notes = started(mechanism, start)
         inputs.append(str(start))
-    before = read_posterior((start or mech).with_name("identification.json"),
-                            mechanism) if keep else None
+    old = start or mech
+    before = read_posterior(old.with_name("identification.json"), mechanism) if keep else None
+    if keep and out.resolve() == old.resolve().parent:
+        raise click.UsageError(f"--out {out} holds the calibration that --keep carries on; give "
+                               "another folder.")
     inputs += [before.source] if before else []
     seed = 0 if seed is None else seed
     source = provenance(inputs, command_line(), seed)
@@ -100,10 +105,10 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     if prior == "flat":
         _refuse_lost(problem, mech)
     with console.progress("Fitting") as show:
-        fit = _fitted(problem, options, sigma, console, show)
+        fit, odd = _fitted(problem, options, sigma, console, show)
         result = report(fit, options, fraction, seed, other)
     if before is not None:
-        notes += carried_on(fit, before, options)
+        notes += odd + carried_on(fit, before, options)
     result = replace(result, findings=(*notes, *result.findings), earlier=before)
     with Output(out) as output:
         for name, text in files(result, source, chosen).items():
@@ -128,21 +133,29 @@ def _refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
 
 
 def _fitted(problem: Problem, options: Options, sigma: str, console: Console,
-            show: Callable[[str], None]) -> Fit:
-    """Fit, with the noise as stated or as the residuals show it."""
+            show: Callable[[str], None]) -> tuple[Fit, list[str]]:
+    """Fit, with the noise as stated or as the residuals show it; return what was odd too."""
     from ppmcal.identify import identify
+    from ppmcal.noise_check import noise_check
     from ppmcal.variance import with_estimated_noise
 
     def watch(i: int, c: float) -> None:
         show(f"iteration {i}, chi-squared {c:.6g}")
 
+    odd: list[str] = []
     if sigma == "estimated":
         fit, factor = with_estimated_noise(problem, options, watch)
         _tell_noise(problem.datasets, factor, console)
     else:
         fit = identify(problem, options, watch)
+        if problem.earlier is not None and noise_check(fit).failed:
+            # what was known before must not pay for the noise of the new rows
+            fit, factor = with_estimated_noise(problem, options, watch)
+            odd = [f"{d.name}: residuals are {f:.3g} times the stated noise: something is missing "
+                   "in the model, or sigma is too small; this file counts that much less"
+                   for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]
     _refuse_unconverged(fit, options.method)
-    return fit
+    return fit, odd
 
 
 def _tell_noise(datasets: tuple[Dataset, ...], factor: Any, console: Console) -> None:

@@ -24,7 +24,7 @@ def sentences(found: Blunders, mechanism: Mechanism) -> list[str]:
     for b in found.rows[:SHOWN]:
         factor, unit, name = _coordinate(mechanism, b)
         out.append(f"  {b.dataset}, row {b.row}: {name} {b.value / factor:.6g} {unit}, where the "
-                   f"others say {b.predicted / factor:.6g} ({b.times:.3g} times the noise).")
+                   f"others say {b.predicted / factor:.6g} {unit} ({b.times:.3g} times the noise).")
     if len(found.rows) > SHOWN:
         out.append(f"  ... and {len(found.rows) - SHOWN} more rows, see residuals.csv.")
     for name, (now, then) in list(found.would.items())[:3]:

@@ -59,7 +59,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         f"{count} poses with the commands that bring the machine there", (),
         f"the {after.count} poses themselves, none in between" if grid is None else
         f"{after.count} random poses between those of the grid, commands interpolated linearly",
-        figure(before), figure(after), tuple(_lacks(mechanism)),
+        figure(before), figure(after), tuple(_lacks(mechanism, found, grid is None)),
         tuple(_notes(mechanism, grid, found, further)), (_advice(mechanism, grid),),
         _extra(mechanism, grid, found))
 
@@ -83,8 +83,12 @@ def _text(mechanism: Mechanism, found: Corrected) -> str:
     return text
 
 
-def _lacks(mechanism: Mechanism) -> Iterator[Lacking]:
-    """Yield the effects that a table of poses holds at rest only."""
+def _lacks(mechanism: Mechanism, found: Corrected, asked: bool) -> Iterator[Lacking]:
+    """Yield poses asked for that have no command, and effects that a table holds at rest only."""
+    missing = len(found.good) - int(found.good.sum())
+    if asked and missing:
+        yield Lacking(f"{missing} of {len(found.good)} poses, left out: {_reasons(found)}", (),
+                      None)
     for effect in mechanism.effects:
         if effect.kind.needs and effect.kind.name not in INSTRUMENT:
             yield Lacking(f"effect {effect.kind.name}, which depends on "
@@ -93,13 +97,17 @@ def _lacks(mechanism: Mechanism) -> Iterator[Lacking]:
                           tuple(mechanism.names[p] for p in effect.parameters.values()), None)
 
 
+def _reasons(found: Corrected) -> str:
+    return "; ".join(f"{n} times {reason}" for reason, n in found.left_out.items())
+
+
 def _notes(mechanism: Mechanism, grid: Grid | None, found: Corrected, further: list[str]
            ) -> Iterator[str]:
     """Yield what a user should know of the rows."""
     missing = len(found.good) - int(found.good.sum())
-    if missing:
-        reasons = ", ".join(f"{n} {reason}" for reason, n in found.left_out.items())
-        yield f"{missing} of {len(found.good)} poses have no command and are left out: {reasons}"
+    if missing and grid is not None:
+        yield (f"{missing} of {len(found.good)} poses have no command and are left out: "
+               f"{_reasons(found)}")
     if grid is None:
         yield "between the poses of a list nothing is predicted: the figures are at the poses"
     open_ = [POSE_COORDINATES[c] for c in mechanism.dof if c not in named(mechanism)]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.analysis import Estimate, Identification
+from ppmcal.earlier import of_data
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fit import Fit
 from ppmcal.mechanism import POSE_COORDINATES, Registration
@@ -158,9 +159,18 @@ def covariance_entry(result: Identification) -> dict[str, Any]:
     return {"names": list(result.columns),
             "prior": [_over(t, u) for t, u in zip(tau, f.tolist(), strict=True)],
             "inflation": result.inflation,
+            "data": _data_entry(result.fit, f),
             "matrix": (result.covariance / np.outer(f, f)).tolist(),
             "frames_turn_about": {d.name: (o.about / length).tolist() for d, o in
                                   zip(problem.datasets, problem.opens, strict=True)}}
+
+
+def _data_entry(fit: Fit, factor: Array) -> dict[str, Any]:
+    """Return what the data alone say of steps of the parameters, file units, white."""
+    count = len(fit.problem.free)
+    matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, fit.scale[:count])
+    return {"matrix": (matrix * factor[:count]).tolist(), "right": right.tolist(),
+            "unit_of_parameters": (fit.scale[:count] / factor[:count]).tolist()}
 
 
 def registration(r: Registration, units: Units) -> dict[str, list[float]]:

@@ -23,7 +23,7 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     Raises:
         BadInput: not readable, not such a file, or of another machine.
     """
-    content = read_content(path)
+    content = read_content(path, WITHOUT)
     try:
         names = tuple(str(n) for n in content["covariance"]["names"])
         units = Units(**content["units"])
@@ -36,7 +36,7 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
         before = {str(d["name"]): _registration(d["registration_before"], units)
                   for d in content["datasets"]}
     except FORMS as error:
-        raise _no_such(path) from error
+        raise _no_such(path, WITHOUT) from error
     of_machine(names, mechanism, path)
     factor = np.array([column_factor(mechanism, n) for n in names])
     scaled = {c: (low * _unit(mechanism, c), high * _unit(mechanism, c))
@@ -48,7 +48,7 @@ FORMS = (KeyError, TypeError, ValueError, AttributeError, IndexError)
 """What reading a file of another form raises."""
 
 
-def read_content(path: Path) -> dict[str, Any]:
+def read_content(path: Path, mend: str) -> dict[str, Any]:
     """Return what an identification.json holds.
 
     Raises:
@@ -62,13 +62,12 @@ def read_content(path: Path) -> dict[str, Any]:
         raise BadInput(f"cannot be read ({error.strerror})", str(path),
                        "Give the identification.json of this model") from None
     except FORMS as error:
-        raise _no_such(path) from error
+        raise _no_such(path, mend) from error
     return dict(content)
 
 
-def _no_such(path: Path) -> BadInput:
-    return BadInput("is not an identification.json of ppmcal", str(path),
-                    "Run identify again, or remove it to go on without uncertainties")
+def _no_such(path: Path, mend: str) -> BadInput:
+    return BadInput("is not an identification.json of this version of ppmcal", str(path), mend)
 
 
 def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
@@ -89,23 +88,29 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
     Raises:
         BadInput: not readable, not such a file, of another machine, or of an old version.
     """
-    content = read_content(path)
+    content = read_content(path, AGAIN)
     try:
         entry = content["covariance"]
         names = [str(n) for n in entry["names"] if " of " not in n]
         count = len(names)
-        matrix = np.array(entry["matrix"], dtype=float).reshape(len(entry["names"]), -1)
-        tau = [np.inf if t is None else float(t) for t in entry["prior"][:count]]
+        right = np.array(entry["data"]["right"], dtype=float)
+        matrix = np.array(entry["data"]["matrix"], dtype=float).reshape(right.size, count)
+        scale = np.array(entry["data"]["unit_of_parameters"], dtype=float).reshape(count)
+        tau = np.array([np.inf if t is None else float(t) for t in entry["prior"][:count]])
         inflation = float(entry["inflation"])
-        found = {str(p["name"]): (float(p["value"]), float(p["nominal"]))
-                 for p in content["parameters"]}
+        found = {str(p["name"]): float(p["value"]) for p in content["parameters"]}
         units = Units(**content["units"])
-        value, nominal = (np.array([found[n][i] for n in names]) for i in (0, 1))
-        inputs = {str(v): str(k) for k, v in content["provenance"]["inputs"].items()
-                  if str(k).lower().endswith(".csv")}
+        value = np.array([found[n] for n in names])
+        sums = {str(k): str(v) for k, v in content["provenance"]["inputs"].items()}
+        inputs = {sums[d["source"]]: str(d["source"]) for d in content["datasets"]}
         inputs |= {str(k): str(v) for k, v in content.get("earlier", {}).items()}
     except FORMS as error:
-        raise _no_such(path) from error
+        raise _no_such(path, AGAIN) from error
+    sound = (np.isfinite(matrix).all() and np.isfinite(right).all() and np.isfinite(value).all()
+             and tau.size == count and np.all(tau > 0.0) and np.all(scale > 0.0)
+             and 1.0 <= inflation < np.inf)
+    if not sound:
+        raise _no_such(path, AGAIN)
     of_machine(names, mechanism, path)
     if (units.length, units.angle) != (mechanism.units.length, mechanism.units.angle):
         raise BadInput(f"is in {units.length} and {units.angle}, the machine in "
@@ -113,8 +118,12 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
                        "Use the machine file that it was made with")
     factor = np.array([column_factor(mechanism, n) for n in names])
     return Posterior(tuple(mechanism.names.index(n) for n in names), value * factor,
-                     nominal * factor, matrix[:count, :count] * np.outer(factor, factor),
-                     np.array(tau) * factor, inflation, inputs, str(path))
+                     matrix / factor, right, tau * factor, scale * factor, inflation, inputs,
+                     str(path))
+
+
+AGAIN = "Run identify again"
+WITHOUT = "Run identify again, or remove it to go on without uncertainties"
 
 
 def refuse_twice(before: Posterior, source: Mapping[str, Any]) -> None:
