@@ -29,15 +29,15 @@ from real_deltas import mechanism_text, write_data
 
 from ppmcal.analysis import report
 from ppmcal.arrays import known
-from ppmcal.compare import Change, between
+from ppmcal.compare import Change, between, posterior_of
 from ppmcal.dataset import Dataset, Unknown
-from ppmcal.earlier import Posterior
 from ppmcal.files import read_campaign, read_mechanism
 from ppmcal.fit import Fit, Options
 from ppmcal.flatness import flats
 from ppmcal.holdout import fresh_state, register_only
 from ppmcal.identify import identify
 from ppmcal.mechanism import Mechanism
+from ppmcal.noise_check import noise_check
 from ppmcal.problem import Problem
 from ppmcal.residuals import residuals
 
@@ -212,21 +212,11 @@ def repeated(folder: Path) -> None:
             fits = [fitted(m, d[:1], "prior", False) for m, d in (
                 machine(one, "fixed"), machine({**two, "geometry_start": start}, "fixed"))]
             mechanism = fits[1].problem.mechanism.with_values(fits[1].state.g)
-            found, _ = between(mechanism, *(_posterior(f, n) for n, f in enumerate(fits)), {},
+            found, _ = between(mechanism, *(posterior_of(
+                f, noise_check(f).inflation, {str(n): "heights"}) for n, f in enumerate(fits)), {},
                                np.random.default_rng(0))
             names = ", ".join(f"{c.name} {_shown(c, mechanism)}" for c in found.changes)
             print(f"{one['id']:18s} -> {two['id'][:3]}  p = {found.p_value:8.2g}  {names}")
-
-
-def _posterior(fit: Fit, number: int) -> Posterior:
-    """Return what a file would hold of a fit."""
-    told, count = report(fit, Options(), 0.0, 0), len(fit.problem.free)
-    free = list(fit.problem.free)
-    with np.errstate(divide="ignore"):
-        tolerance = 1.0 / fit.prior[:count]
-    return Posterior(tuple(free), fit.state.g[free], fit.problem.mechanism.nominals[free],
-                     told.covariance[:count, :count], tolerance, told.inflation,
-                     {str(number): "heights"}, str(number))
 
 
 def _shown(change: Change, mechanism: Mechanism) -> str:

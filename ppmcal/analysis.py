@@ -193,7 +193,7 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
     their place, an unknown frame or target of theirs being registered on them alone.
     """
     noise = noise_check(fit)
-    inflation = max(1.0, noise.sigma_ratio) if noise.failed else 1.0
+    inflation = noise.inflation
     rank, total, redundant = rank_of(fit)
     found = estimates(fit, rank, inflation)
     mechanism = with_estimates(fit, found)

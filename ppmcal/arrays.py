@@ -1,6 +1,8 @@
-"""Array types, and the one question asked everywhere: which rows are known."""
+"""Array types, and what is asked of rows everywhere: which are known, and some of them."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,3 +19,18 @@ def known(rows: Array) -> Bools:
     [True, False]
     """
     return np.asarray(np.isfinite(rows).all(axis=1), dtype=np.bool_)
+
+
+def thinned(keep: Sequence[Bools], most: int) -> list[Bools]:
+    """Return masks with at most ``most`` rows in all, evenly spread."""
+    total = sum(int(k.sum()) for k in keep)
+    if total <= most:
+        return list(keep)
+    out = []
+    for k in keep:
+        rows = np.flatnonzero(k)
+        count = min(rows.size, max(1, most * rows.size // total))
+        mask = np.zeros_like(k)
+        mask[rows[np.linspace(0, rows.size - 1, count).astype(int)]] = True
+        out.append(mask)
+    return out

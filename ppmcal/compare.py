@@ -184,22 +184,27 @@ def _in_units(mechanism: Mechanism, old: Earlier, new: Now, change: Change) -> C
     return replace(change, value=value, sigma=sigma)
 
 
+def posterior_of(fit: Fit, inflation: float, inputs: Mapping[str, str] | None = None
+                 ) -> Posterior:
+    """Return what a fit ended with; ``inputs``: as in :class:`ppmcal.earlier.Posterior`."""
+    count, free = len(fit.problem.free), list(fit.problem.free)
+    scale = fit.scale[:count]
+    matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, scale)
+    with np.errstate(divide="ignore"):
+        tolerance = 1.0 / fit.prior[:count]
+    return Posterior(fit.problem.free, fit.state.g[free], matrix, right, tolerance, scale,
+                     inflation, inputs or {}, "")
+
+
 def carried_on(fit: Fit, before: Posterior, options: Options) -> list[str]:
     """Return what is odd about a fit that earlier data took part in: the machine has changed."""
-    alone = identify(replace(fit.problem, earlier=None), options, None, fit.state, near=True)
     free = set(fit.problem.free)
     fixed = [fit.problem.mechanism.names[p] for p in before.places if p not in free]
     if fixed:
         return [f"parameters that the earlier calibration had found are fixed now: "
                 f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}"]
-    count = len(fit.problem.free)
-    noise = noise_check(alone)
-    rows, right = of_data(alone.reduced.triangle, alone.reduced.right, count, alone.scale[:count])
-    with np.errstate(divide="ignore"):
-        tolerance = 1.0 / alone.prior[:count]
-    new = Posterior(fit.problem.free, alone.state.g[list(fit.problem.free)], rows, right,
-                    tolerance, alone.scale[:count],
-                    max(1.0, noise.sigma_ratio) if noise.failed else 1.0, {}, "")
+    alone = identify(replace(fit.problem, earlier=None), options, None, fit.state, near=True)
+    new = posterior_of(alone, noise_check(alone).inflation)
     found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
     if not found.changed:
         return []

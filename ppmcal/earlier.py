@@ -32,14 +32,13 @@ class Earlier:
     """Rows |matrix s - right|^2 of steps s from ``value``, per parameter.
 
     ``places`` (F,): indices of the machine's parameters; ``matrix`` (k, F), ``right`` (k,)
-    white; ``value`` (F,) where the earlier fit ended, SI. ``source``: where it is from.
+    white; ``value`` (F,) where the earlier fit ended, SI.
     """
 
     places: tuple[int, ...]
     matrix: Array
     right: Array
     value: Array
-    source: str = ""
 
     def rows(self, mechanism: Mechanism, free: Sequence[int], g: Array) -> tuple[Array, Array]:
         """Return residual (k,) and Jacobian (k, F) at g (P,); what is not free counts as it is."""
@@ -85,7 +84,7 @@ class Posterior:
     def data(self) -> Earlier:
         """Return the data's part, without the prior."""
         return Earlier(self.places, self.matrix / self.inflation, self.right / self.inflation,
-                       self.value, self.source)
+                       self.value)
 
     def covariance(self) -> tuple[Array, Array]:
         """Return the covariance (F, F), and directions (F, d) that neither data nor prior see."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import thinned
 from ppmcal.fit import Fit
 
 Array = NDArray[np.float64]
@@ -49,11 +50,9 @@ def flats(fit: Fit) -> Iterator[Flat]:
     for i, data in enumerate(fit.problem.datasets):
         if data.kind != "plane":
             continue
-        used = np.flatnonzero(fit.keep[i])
-        if used.size > MOST:
-            used = used[np.linspace(0, used.size - 1, MOST).astype(int)]
-        keep = [np.zeros_like(k) for k in fit.keep]
-        keep[i][used] = True
+        mine = [k & (j == i) for j, k in enumerate(fit.keep)]
+        keep = thinned(mine, MOST)
+        used = np.flatnonzero(keep[i])
         chunks = list(fit.problem.rows(fit.state, True, keep))
         if used.size < max(ENOUGH, count + 8):
             continue

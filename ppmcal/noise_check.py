@@ -42,6 +42,11 @@ class Noise:
         """Whether the residuals are larger than the stated noise can explain."""
         return self.chi2_p < FAILED_NOISE and self.sigma_ratio > 1.0
 
+    @property
+    def inflation(self) -> float:
+        """Factor on all standard deviations: 1 unless the check failed."""
+        return max(1.0, self.sigma_ratio) if self.failed else 1.0
+
 
 def noise_check(fit: Fit) -> Noise:
     """Return chi-squared of data and prior, the noise ratio, and the scatter of repeats."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.arrays import known
+from ppmcal.arrays import known, thinned
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit
 from ppmcal.problem import Problem
@@ -58,6 +58,8 @@ def zeros(fit: Fit) -> Iterator[Shift]:
     of the last two it is the smaller one.
     """
     sessions = _sessions(fit.problem)
+    if len(sessions) < 2:
+        return
     keep = _taken_back(fit, sessions)
     while len(sessions) > 1:
         trials = []
@@ -82,7 +84,7 @@ def _apart(keep: Sequence[Bools], rows: Ints) -> list[Bools]:
     """Return the masks without some rows, numbered through all data sets."""
     whole = np.concatenate(list(keep))
     whole[rows] = False
-    return np.split(whole, np.cumsum([len(k) for k in keep])[:-1])
+    return _by_dataset(whole, keep)
 
 
 def _sessions(problem: Problem) -> list[tuple[str, Ints]]:
@@ -90,16 +92,17 @@ def _sessions(problem: Problem) -> list[tuple[str, Ints]]:
 
     A session column splits a file; without one each file is a session.
     """
-    out: dict[str, list[int]] = {}
+    labels: dict[str, list[Ints]] = {}
     begin = 0
     for data in problem.datasets:
         at = np.arange(begin, begin + len(data))
         begin += len(data)
         if data.homing == "per-file":
             continue
-        for label, n in zip(data.sessions or [data.name] * len(data), at, strict=True):
-            out.setdefault(label, []).append(int(n))
-    return [(label, np.array(rows)) for label, rows in out.items()]
+        names = np.array(data.sessions or [data.name] * len(data))
+        for label in dict.fromkeys(names.tolist()):
+            labels.setdefault(label, []).append(at[names == label])
+    return [(label, np.concatenate(rows)) for label, rows in labels.items()]
 
 
 def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Ints]]) -> list[Bools]:
@@ -109,13 +112,12 @@ def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Ints]]) -> list[Bools]:
     for _, rows in sessions:
         if out[rows].mean() > MANY_OUT:
             whole[rows] |= out[rows]
-    used = np.flatnonzero(whole)
-    if used.size > MOST:
-        # finding a shift takes few rows
-        whole[:] = False
-        whole[used[np.linspace(0, used.size - 1, MOST).astype(int)]] = True
-    ends = np.cumsum([len(k) for k in fit.keep])[:-1]
-    return np.split(whole, ends)
+    return thinned(_by_dataset(whole, fit.keep), MOST)
+
+
+def _by_dataset(whole: Bools, keep: Sequence[Bools]) -> list[Bools]:
+    """Return a mask of all rows as one by data set, as long as those of ``keep``."""
+    return np.split(whole, np.cumsum([len(k) for k in keep])[:-1])
 
 
 def _shift(fit: Fit, keep: Sequence[Bools], rows: Ints) -> tuple[Array | None, Array]:

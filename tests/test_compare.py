@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.analysis import rank_of
 from ppmcal.closure import Model
-from ppmcal.compare import Comparison, between
+from ppmcal.compare import Comparison, between, posterior_of
 from ppmcal.dataset import Dataset, Unknown
-from ppmcal.earlier import Posterior, of_data
+from ppmcal.earlier import Posterior
 from ppmcal.files import read_mechanism
 from ppmcal.fit import Fit, Options, posterior, prediction_covariance
 from ppmcal.forward import forward
@@ -75,13 +75,7 @@ def fitted(mechanism: Mechanism, *data: Dataset, before: Posterior | None = None
 
 def known(fit: Fit) -> Posterior:
     """Return what a file would hold of a fit."""
-    count, places = len(fit.problem.free), fit.problem.free
-    scale = fit.scale[:count]
-    with np.errstate(divide="ignore"):
-        tolerance = 1.0 / fit.prior[:count]
-    matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, scale)
-    return Posterior(places, fit.state.g[list(places)], matrix, right, tolerance, scale, 1.0,
-                     {fit.problem.datasets[0].name: "x.csv"}, "x")
+    return posterior_of(fit, 1.0, {fit.problem.datasets[0].name: "x.csv"})
 
 
 def sigmas(fit: Fit) -> Array:

@@ -132,3 +132,12 @@ def test_leaning_towers_against_rods_on_touches_left_out() -> None:
         event, kind, lean, "start", True), "prior", 4)
         for kind, lean in (("single", False), ("fixed", True)))
     assert towers < rods - 0.0005
+
+
+def test_successive_calibrations_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
+    """Endstops that were set anew are named; most pairs have not changed."""
+    real_priors.repeated(DATA / "delta-events")
+    lines = [line for line in capsys.readouterr().out.splitlines() if "->" in line]
+    (moved,) = [line for line in lines if line.startswith("015_")]
+    assert all(f"{tower}.offset" in moved for tower in "abc")
+    assert sum("offset" in line or "radius" in line for line in lines) < len(lines) / 2

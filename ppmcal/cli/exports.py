@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,7 +88,7 @@ def _show(exported: Exported, name: str, console: Console) -> None:
     figures = (("old", exported.before), ("new", exported.after))
     turns = exported.after.rotation_rms is not None
     rows = [[label, f"{f.rms * 1e3:.4f}", f"{f.max * 1e3:.4f}", *(
-        [f"{(v or 0.0) * 57.29577951308232:.5f}" for v in (f.rotation_rms, f.rotation_max)]
+        [f"{math.degrees(v or 0.0):.5f}" for v in (f.rotation_rms, f.rotation_max)]
         if turns else [])] for label, f in figures]
     console.table(plain_table(["", "rms mm", "max mm",
                                *(["rms deg", "max deg"] if turns else [])], rows, (1, 2, 3, 4)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from ppmcal.files.klipper import Geometry
 from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
+Numbers = TypeVar("Numbers")
 
 EXACT = 1e-9
 """Klipper expresses a machine whose largest error is below this, m."""
@@ -79,8 +81,8 @@ class Lack:
 
 
 @dataclass(frozen=True)
-class Export:
-    """A machine in Klipper's numbers.
+class Export(Generic[Numbers]):
+    """A machine in a firmware's numbers.
 
     Attributes:
         new, old: what is written, and what it is compared with.
@@ -89,8 +91,8 @@ class Export:
         lacks: what cannot be expressed; notes: what was done to express the rest.
     """
 
-    new: Geometry
-    old: Geometry
+    new: Numbers
+    old: Numbers
     before: Misses
     after: Misses
     points: Array
@@ -100,11 +102,12 @@ class Export:
 
     @property
     def exact(self) -> bool:
-        """Whether Klipper's numbers hold all of the geometry."""
+        """Whether the numbers hold all of the geometry."""
         return not self.lacks
 
 
-def project(mechanism: Mechanism, old: Geometry | None = None, terms: Terms = KLIPPER) -> Export:
+def project(mechanism: Mechanism, old: Geometry | None = None, terms: Terms = KLIPPER
+            ) -> Export[Geometry]:
     """Return the machine in Klipper's numbers; ``old`` defaults to those of its drawing.
 
     ``terms``: words of another firmware whose numbers are these in other conventions.

@@ -19,14 +19,12 @@ Here in double precision and without steps; the firmware has single precision, 3
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.controllers import klipper_fit
 from ppmcal.controllers.klipper import MM, Drive, drive_of, driven, triple
-from ppmcal.controllers.klipper_fit import Lack, Misses, Terms, misses_at
+from ppmcal.controllers.klipper_fit import Export, Terms, misses_at
 from ppmcal.files.klipper import ANGLES, Geometry
 from ppmcal.files.reprap import Delta
 from ppmcal.mechanism import Mechanism
@@ -35,27 +33,6 @@ Array = NDArray[np.float64]
 
 TERMS = Terms("RepRapFirmware", ("X", "Y", "Z"), "delta radius R",
               "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that")
-
-
-@dataclass(frozen=True)
-class Projected:
-    """A machine in RepRapFirmware's numbers.
-
-    Attributes:
-        new, old: what is written, and what it is compared with.
-        before, after: errors of the machine driven by the firmware's arithmetic with each.
-        points: the commands compared (N, 3), m; radius: of their disc, m.
-        lacks: what cannot be expressed; notes: what was done to express the rest.
-    """
-
-    new: Delta
-    old: Delta
-    before: Misses
-    after: Misses
-    points: Array
-    radius: float
-    lacks: tuple[Lack, ...]
-    notes: tuple[str, ...]
 
 
 def carriages(delta: Delta, point: Array) -> Array:
@@ -103,7 +80,7 @@ def delta_of(geometry: Geometry, bed: float | None = None) -> Delta:
                  triple(np.subtract(geometry.endstops, height)), (0.0, 0.0), bed)
 
 
-def project(mechanism: Mechanism, old: Delta | None = None) -> Projected:
+def project(mechanism: Mechanism, old: Delta | None = None) -> Export[Delta]:
     """Return the machine in RepRapFirmware's numbers, rounded as they are written.
 
     ``old`` defaults to those of its drawing; its printable radius is kept.
@@ -116,5 +93,5 @@ def project(mechanism: Mechanism, old: Delta | None = None) -> Projected:
     at_old, at_new = (reached(drive, delta, found.points) for delta in (old, new))
     both = np.isfinite(at_old).all(axis=1) & np.isfinite(at_new).all(axis=1)
     points = found.points[both]
-    return Projected(new, old, misses_at(at_old[both], points), misses_at(at_new[both], points),
+    return Export(new, old, misses_at(at_old[both], points), misses_at(at_new[both], points),
                      points, found.radius, found.lacks, found.notes)

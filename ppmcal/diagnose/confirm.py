@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import thinned
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gram import log_p
 from ppmcal.diagnose.model import Added, with_named
@@ -19,10 +20,10 @@ from ppmcal.diagnose.result import Found
 from ppmcal.diagnose.stage import named_only, without
 from ppmcal.diagnose.system import (
     INVISIBLE,
+    MOST_ROWS,
     Whitening,
     build,
     range_basis,
-    thinned,
     unit_columns,
 )
 from ppmcal.fit import Fit
@@ -41,7 +42,7 @@ def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit |
     """
     while found.added:
         fit = with_mechanism(whole, found.after.problem.mechanism, options)
-        values = own_values(fit, found.added, found.last.noise, thinned(fit.keep))
+        values = own_values(fit, found.added, found.last.noise, thinned(fit.keep, MOST_ROWS))
         weakest = max(values, key=lambda key: values[key])
         if values[weakest] <= found.first.search.name:
             return found, fit

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import thinned
 from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.forms import Form, Library
@@ -17,11 +18,11 @@ from ppmcal.diagnose.search import Search, choose, prepare, scan
 from ppmcal.diagnose.sharing import held, settled
 from ppmcal.diagnose.system import (
     INVISIBLE,
+    MOST_ROWS,
     System,
     Whitening,
     build,
     range_basis,
-    thinned,
     unit_columns,
 )
 from ppmcal.linear import column_scale
@@ -97,7 +98,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         like: an earlier search of the same library and rows, whose thresholds hold.
         hold: what was chosen before, which stays unless something is better.
     """
-    system = without(build(problem, state, thinned(keep)), added)
+    system = without(build(problem, state, thinned(keep, MOST_ROWS)), added)
     found = library(system, kinds, [problem.free[c] for c in added])
     noise = estimate(system, found)
     rng = np.random.default_rng(seed)

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from ppmcal.arrays import known
+from ppmcal.arrays import known, thinned
 from ppmcal.conditions import REFERENCE_TEMPERATURE
-from ppmcal.diagnose.system import thinned
 from ppmcal.fit import Fit
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import coordinates

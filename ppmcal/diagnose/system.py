@@ -98,21 +98,6 @@ class System:
         return out
 
 
-def thinned(keep: Sequence[Bools], most: int = MOST_ROWS) -> list[Bools]:
-    """Return masks with at most ``most`` rows in all, evenly spread."""
-    total = sum(int(k.sum()) for k in keep)
-    if total <= most:
-        return list(keep)
-    out = []
-    for k in keep:
-        rows = np.flatnonzero(k)
-        count = min(rows.size, max(1, most * rows.size // total))
-        mask = np.zeros_like(k)
-        mask[rows[np.linspace(0, rows.size - 1, count).astype(int)]] = True
-        out.append(mask)
-    return out
-
-
 def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
     """Return the system of the rows ``keep`` (N,) of each data set at a state."""
     chunks = list(problem.rows(state, True, keep))

@@ -51,7 +51,7 @@ def entry(found: Blunders, mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _moved(mechanism: Mechanism, s: Shift) -> dict[str, Any]:
-    factor, unit = _joint(mechanism, s)
+    factor, unit = mechanism.joint_units[mechanism.actuators.index(s.actuator)]
     return {"session": s.session, "actuator": s.actuator, "value": s.value / factor,
             "sigma": s.sigma / factor, "unit": unit, "p_value": s.p_value}
 
@@ -65,7 +65,3 @@ def _coordinate(mechanism: Mechanism, b: Blunder) -> tuple[float, str, str]:
     quantity = "length" if b.coordinate < 3 else "angle"
     name = b.number or POSE_COORDINATES[b.coordinate]
     return mechanism.units.factor(quantity), mechanism.units.name(quantity), name
-
-
-def _joint(mechanism: Mechanism, s: Shift) -> tuple[float, str]:
-    return mechanism.joint_units[mechanism.actuators.index(s.actuator)]

@@ -10,6 +10,7 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
+from ppmcal.controllers.misses import Misses
 from ppmcal.errors import unknown
 from ppmcal.files import json_text
 from ppmcal.mechanism import Mechanism
@@ -118,6 +119,11 @@ def exporter(name: str) -> Exporter:
     if name.lower() not in FORMATS:
         raise unknown("format", name, tuple(FORMATS))
     return cast("Exporter", importlib.import_module(f"ppmcal.outputs.{FORMATS[name.lower()]}"))
+
+
+def figure(found: Misses) -> Figure:
+    """Return errors over poses as exports show them."""
+    return Figure(found.rms, found.max, found.rotation_rms, found.rotation_max)
 
 
 def words(figure: Figure) -> str:

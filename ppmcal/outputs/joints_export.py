@@ -18,11 +18,10 @@ from ppmcal.controllers.joint_tables import (
     trial,
     tried,
 )
-from ppmcal.controllers.misses import Misses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files.joint_compensation import MOST, format_triplets, parse_triplets
 from ppmcal.mechanism import Mechanism
-from ppmcal.outputs.exported import Exported, Figure, Lacking, Number
+from ppmcal.outputs.exported import Exported, Lacking, Number, figure
 
 SEED = 1
 INSTRUMENT = ("sensor_scale", "tilt")
@@ -50,11 +49,6 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
          "tables": {t.actuator: {"file": file_name(t), "points": len(t.table.nominal),
                                  "unit": t.unit, "interpolation_error": t.error}
                     for t in tables}})
-
-
-def figure(found: Misses) -> Figure:
-    """Return errors as exports show them."""
-    return Figure(found.rms, found.max, found.rotation_rms, found.rotation_max)
 
 
 def file_name(table: JointTable) -> str:

@@ -46,17 +46,17 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
               for key, value in after.items()),
         f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
         "mm, where on the bed a print lies aside",
-        _figure(found.before), _figure(found.after),
+        figure(found.before), figure(found.after),
         tuple(Lacking(lack.what, lack.parameters,
-                      None if lack.cost is None else _figure(lack.cost)) for lack in found.lacks),
+                      None if lack.cost is None else figure(lack.cost)) for lack in found.lacks),
         found.notes, tuple(advice),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}})
 
 
-def _comment(found: Export, name: str) -> str:
-    lines = [f"{name}: predicted error {words(_figure(found.after))}, before "
-             f"{words(_figure(found.before))}.",
+def _comment(found: Export[Geometry], name: str) -> str:
+    lines = [f"{name}: predicted error {words(figure(found.after))}, before "
+             f"{words(figure(found.before))}.",
              "Paste above the #*# lines of printer.cfg, below the sections of the same names (the",
              "later value wins). Where #*# lines name the same keys, put the numbers there: they",
              "win over all others."]
@@ -81,7 +81,8 @@ def _autosaved(config: Config, names: Iterable[str]) -> list[str]:
             if key in config.sections.get(section, {}) and config.sections[section][key].saved]
 
 
-def _figure(found: Misses) -> Figure:
+def figure(found: Misses) -> Figure:
+    """Return errors with the turn and shift taken out of them, mm and degrees."""
     return Figure(found.rms, found.max, more={
         "taken_out": {"turn": float(np.degrees(found.turn)),
                       "shift": [v / MM for v in found.shift]}})

@@ -22,7 +22,6 @@ from ppmcal.controllers.genhexkins import (
     rounded,
 )
 from ppmcal.controllers.genhexkins_fit import EXACT, best, grid, missed, within
-from ppmcal.controllers.misses import Misses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import read_poses
 from ppmcal.files.hal import (
@@ -38,7 +37,7 @@ from ppmcal.files.hal import (
     read_hal,
 )
 from ppmcal.mechanism import Mechanism
-from ppmcal.outputs.exported import Exported, Figure, Lacking, Number, words
+from ppmcal.outputs.exported import Exported, Lacking, Number, figure, words
 from ppmcal.targets import pose_motor
 from ppmcal.units import LENGTHS
 
@@ -84,14 +83,14 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     lacks = tuple(_lacks(mechanism, drive, around))
     notes = (*over.notes, *_notes(drive, new, unit, poses is not None and _lateral(drive) != []))
     head = "\n".join([
-        f"{mechanism.name}: predicted error {words(_figure(after))}, before "
-        f"{words(_figure(was))}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
+        f"{mechanism.name}: predicted error {words(figure(after))}, before "
+        f"{words(figure(was))}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
         *(f"Note: {note}." for note in notes)])
     return Exported(
         "linuxcnc", "LinuxCNC", _files(drive, new.geometry, ini, unit, head),
         f"genhexkins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
-        tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, _figure(was),
-        _figure(after), lacks, notes, tuple(_advice(ini, unit)),
+        tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, figure(was),
+        figure(after), lacks, notes, tuple(_advice(ini, unit)),
         {"length_unit": unit, "poses": len(over.pose)})
 
 
@@ -162,10 +161,6 @@ def _taken(drive: Drive, settings: tuple[Setting, Setting], over: Over, old: Pat
         if lost else [])))
 
 
-def _figure(found: Misses) -> Figure:
-    return Figure(found.rms, found.max, found.rotation_rms, found.rotation_max)
-
-
 def _files(drive: Drive, geometry: Geometry, ini: tuple[Joint, ...], unit: str, head: str
            ) -> dict[str, str]:
     """Return the two files, read back and found equal.
@@ -220,7 +215,7 @@ def _lacks(mechanism: Mechanism, drive: Drive, around: Array) -> Iterator[Lackin
         yield Lacking(
             f"joints 2 and 3 of {limb.name} stand {drive.legs.beside[strut] * 1e3:.4g} mm beside "
             "the driven line", tuple(mechanism.names[p] for p in used),
-            None if found is None else _figure(missed(alone, found, pose)))
+            None if found is None else figure(missed(alone, found, pose)))
     for effect in mechanism.effects:
         yield Lacking(f"effect {effect.kind.name}, which the figures above do not hold either",
                       tuple(mechanism.names[p] for p in effect.parameters.values()), None)

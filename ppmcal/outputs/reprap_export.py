@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.controllers.klipper import MM
-from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Misses
-from ppmcal.controllers.reprap import Projected, project
+from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export
+from ppmcal.controllers.reprap import project
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files.reprap import (
     Delta,
@@ -20,7 +20,8 @@ from ppmcal.files.reprap import (
     read_lines,
 )
 from ppmcal.mechanism import Mechanism
-from ppmcal.outputs.exported import Exported, Figure, Lacking, Number, words
+from ppmcal.outputs.exported import Exported, Lacking, Number, words
+from ppmcal.outputs.klipper_export import figure
 
 LINES = "reprap.g"
 TOWERS = "XYZ"
@@ -46,15 +47,15 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         tuple(_numbers(found)),
         f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
         "mm, where on the bed a print lies aside",
-        _figure(found.before), _figure(found.after),
+        figure(found.before), figure(found.after),
         tuple(Lacking(lack.what, lack.parameters,
-                      None if lack.cost is None else _figure(lack.cost)) for lack in found.lacks),
+                      None if lack.cost is None else figure(lack.cost)) for lack in found.lacks),
         notes, tuple(_advice(present, found)),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}})
 
 
-def _numbers(found: Projected) -> Iterator[Number]:
+def _numbers(found: Export[Delta]) -> Iterator[Number]:
     old, new = (dict(_named(delta)) for delta in (found.old, found.new))
     for (name, unit), value in new.items():
         yield Number(name, old.get((name, unit)), value, unit)
@@ -76,7 +77,7 @@ def _named(delta: Delta) -> Iterator[tuple[tuple[str, str], float]]:
         yield (f"M666 {letter}", "%"), tilt
 
 
-def _notes(found: Projected) -> Iterator[str]:
+def _notes(found: Export[Delta]) -> Iterator[str]:
     """Yield what a user should know of the firmware's conventions."""
     if any(found.new.endstops) or any(found.old.endstops):
         yield ("X, Y, Z of M666 have mean 0 and H holds the rest, as the firmware's own "
@@ -88,7 +89,7 @@ def _notes(found: Projected) -> Iterator[str]:
                "level in the same way, and hold it")
 
 
-def _advice(present: Lines | None, found: Projected) -> Iterator[str]:
+def _advice(present: Lines | None, found: Export[Delta]) -> Iterator[str]:
     """Yield how to bring the lines in, and what to check of the old ones."""
     yield (f"Put the lines of {LINES} in place of M665 and M666 in config.g; where M501 runs "
            "there, those of config-override.g win: change them there, or take them out.")
@@ -103,9 +104,9 @@ def _advice(present: Lines | None, found: Projected) -> Iterator[str]:
                    "holds M665 or M666, give it as --old.")
 
 
-def _comment(found: Projected, notes: tuple[str, ...], name: str) -> str:
-    lines = [f"{name}: predicted error {words(_figure(found.after))}, before "
-             f"{words(_figure(found.before))}.",
+def _comment(found: Export[Delta], notes: tuple[str, ...], name: str) -> str:
+    lines = [f"{name}: predicted error {words(figure(found.after))}, before "
+             f"{words(figure(found.before))}.",
              "Put these in place of M665 and M666 in config.g, then home. If config.g runs M501,",
              "M665 and M666 in config-override.g win: change them there. M500 writes them anew,",
              "with 3 decimals. A0 B0 is meant: X, Y, Z of M666 hold the tilt of the bed."]
@@ -113,9 +114,3 @@ def _comment(found: Projected, notes: tuple[str, ...], name: str) -> str:
         lines.append("B, the printable radius, stays as it is: no --old said it.")
     return "\n".join([*lines, *(f"Cannot be expressed: {lack.what}." for lack in found.lacks),
                       *(f"Note: {note}." for note in notes)])
-
-
-def _figure(found: Misses) -> Figure:
-    return Figure(found.rms, found.max, more={
-        "taken_out": {"turn": float(np.degrees(found.turn)),
-                      "shift": [v / MM for v in found.shift]}})
