@@ -17,15 +17,14 @@ from scipy.spatial.transform import Rotation
 
 from ppmcal.controllers.pose_grid import (
     Corrected,
-    Grid,
     corrected,
     default_grid,
     interpolated,
-    named,
     nearest,
 )
 from ppmcal.files import read_mechanism, write_mechanism
 from ppmcal.mechanism import Mechanism
+from ppmcal.region import Grid, named
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 COUNTS = {"3-RPR": 11 * 11 * 9, "delta-linear": 11**3, "6-UPS": 5**3 * 3**3, "3-RPS": 11 * 9 * 9}

@@ -21,13 +21,13 @@ from scipy.interpolate import RegularGridInterpolator
 
 from ppmcal.arrays import known
 from ppmcal.closure import Model
-from ppmcal.compensate import compensate, named_only
+from ppmcal.compensate import compensate
 from ppmcal.conditions import REFERENCE_TEMPERATURE, Conditions, conditions
 from ppmcal.controllers.misses import Misses, misses
 from ppmcal.equilibrium import reach
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism
+from ppmcal.region import Grid, largest_box, named, placed
 from ppmcal.targets import base_station, inverse_partial, pose_motor, wanted_poses
 
 Array = NDArray[np.float64]
@@ -36,39 +36,10 @@ Bools = NDArray[np.bool_]
 PLACES = {1: 101, 2: 31, 3: 11, 4: 7, 5: 5, 6: 5}
 TURNS = {1: 101, 2: 31, 3: 9, 4: 5, 5: 3, 6: 3}
 """Levels of each position and of each rotation, by how many coordinates the grid has."""
-LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}
-"""The grid turns the platform from home by no more."""
-STEPS = 64
-"""Steps on the way from home along one coordinate, at which limits are looked up."""
 MARGIN = 0.98
-SMALLEST = 0.02
 BETWEEN = 500
 """Poses in between at which the interpolation is tried."""
 ENOUGH = 20
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """A regular grid: pose coordinates (indices into the full pose), and levels of each."""
-
-    coordinates: tuple[int, ...]
-    levels: tuple[Array, ...]
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Number of levels of each coordinate."""
-        return tuple(len(level) for level in self.levels)
-
-    def poses(self, mechanism: Mechanism) -> Array:
-        """Return the grid as wanted poses (N, 6), last coordinate fastest, nan where open."""
-        across = np.meshgrid(*self.levels, indexing="ij")
-        return placed(mechanism, self.coordinates, np.stack([a.ravel() for a in across], axis=-1))
-
-    def inside(self, count: int, rng: np.random.Generator) -> Array:
-        """Return points (count, c) drawn evenly from the grid's box."""
-        low, high = (np.array([level[i] for level in self.levels]) for i in (0, -1))
-        out: Array = rng.uniform(low, high, (count, len(self.levels)))
-        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,60 +74,20 @@ def at_rest(mechanism: Mechanism, rows: int) -> Conditions:
                       np.zeros((rows, len(mechanism.actuators))))
 
 
-def named(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the pose coordinates that a command names; closure decides the others."""
-    drawn = mechanism.nominal()
-    if drawn.conditions <= len(drawn.actuators):
-        return drawn.dof
-    kept = np.isfinite(named_only(drawn, drawn.home_pose[None])[0])
-    return tuple(c for c in drawn.dof if kept[c])
-
-
-def placed(mechanism: Mechanism, coordinates: tuple[int, ...], values: Array) -> Array:
-    """Return wanted poses (N, 6) with some coordinates (N, c), others open or as at home."""
-    out = np.tile(mechanism.home_pose, (len(values), 1))
-    out[:, mechanism.dof] = np.nan
-    out[:, coordinates] = values
-    return out
-
-
 def default_grid(mechanism: Mechanism) -> Grid:
-    """Return the largest box about home, of the proportions of what home can reach, in limits.
-
-    Along each coordinate alone the drawing is followed from home to the first pose outside
-    limits, reach or the home side of singularities; then all of these ways are shortened by
-    one factor until every pose of the box is inside.
+    """Return the largest box about home inside all limits (:func:`largest_box`) as a grid.
 
     Raises:
         BadInput: an actuator has no limits. NoResult: next to nothing is inside them.
     """
     refuse_open(mechanism, "the grid", ", or give the poses with --poses")
     chosen = named(mechanism)
-    model = Model(mechanism.nominal())
-    low, high = _extent(model, chosen)
-    coarse = 5 if len(chosen) <= 3 else 3
-
-    def box(part: float, counts: list[int]) -> Grid:
-        home = mechanism.home_pose[list(chosen)]
-        return Grid(chosen, tuple(np.linspace(h - part * a, h + part * b, n) for h, a, b, n in
-                                  zip(home, low, high, counts, strict=True)))
-
-    def fits(part: float) -> bool:
-        poses = box(part, [coarse] * len(chosen)).poses(mechanism)
-        return bool(np.all(_within(model, poses)))
-
-    inside, outside = 0.0, 1.0
-    if fits(1.0):
-        inside = 1.0
-    while outside - inside > 0.01 and inside < 1.0:
-        middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if fits(middle) else (inside, middle)
-    if inside < SMALLEST or np.any(low + high <= 0.0):
-        raise NoResult("next to nothing around home is inside the limits",
-                       f"{mechanism.source}: limits",
-                       "Check `home` and `limits`")
     n = len(chosen)
-    return box(MARGIN * inside, [PLACES[n] if c < 3 else TURNS[n] for c in chosen])
+    low, high = largest_box(mechanism, chosen, 5 if n <= 3 else 3)
+    home = mechanism.home_pose[list(chosen)]
+    return Grid(chosen, tuple(
+        np.linspace(h + MARGIN * (a - h), h + MARGIN * (b - h), PLACES[n] if c < 3 else TURNS[n])
+        for c, h, a, b in zip(chosen, home, low, high, strict=True)))
 
 
 def refuse_open(mechanism: Mechanism, what: str, mend: str = "") -> None:
@@ -168,27 +99,6 @@ def refuse_open(mechanism: Mechanism, what: str, mend: str = "") -> None:
         raise BadInput(f"{', '.join(open_)} {have} no limits, so {what} has no end",
                        f"{mechanism.source}: limits",
                        f"Add `limits: {{{open_[0]}: [low, high]}}`{mend}")
-
-
-def _extent(model: Model, chosen: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return how far home can go down and up along each coordinate alone, (c,) each."""
-    mechanism = model.mechanism
-    ends = np.array([mechanism.reach if c < 3 else LARGEST_TURN[mechanism.motion] for c in chosen])
-    way = np.linspace(0.0, 1.0, STEPS + 1)[1:]
-    out = []
-    for side in (-1.0, 1.0):
-        steps = side * ends[:, None, None] * way[None, :, None] * np.eye(len(chosen))[:, None, :]
-        home = mechanism.home_pose[list(chosen)]
-        poses = placed(mechanism, chosen, home + steps.reshape(-1, len(chosen)))
-        good = _within(model, poses).reshape(len(chosen), STEPS)
-        free = np.cumprod(good, axis=1).sum(axis=1)
-        out.append(ends * free / STEPS)
-    return out[0], out[1]
-
-
-def _within(model: Model, poses: Array) -> Bools:
-    """Return which poses (N, 6) the drawing takes without complaint (N,)."""
-    return np.array([s == "ok" for s in inverse_table(model, poses).status], dtype=np.bool_)
 
 
 def corrected(mechanism: Mechanism, wanted: Array) -> Corrected:

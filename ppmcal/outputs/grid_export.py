@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
-    Grid,
     corrected,
     default_grid,
-    named,
     tried_at,
     tried_between,
 )
@@ -26,6 +24,7 @@ from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, figure
 from ppmcal.outputs.joints_export import INSTRUMENT, instrument_notes
 from ppmcal.outputs.tables import joint_columns, pose_columns, unit_map
+from ppmcal.region import Grid, named
 
 Array = NDArray[np.float64]
 

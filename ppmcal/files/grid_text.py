@@ -1,0 +1,71 @@
+"""Reading ``--grid``: ``x=-300:300:41,y``, in the machine's units."""
+
+from __future__ import annotations
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.region import Grid, slice_grid
+
+LEVELS = {1: 201, 2: 41, 3: 15}
+"""Levels of each coordinate where none are given, by how many coordinates the grid has."""
+MOST = 2_000_000
+PLACE = "--grid"
+
+
+def read_grid(text: str, mechanism: Mechanism) -> Grid:
+    """Return the grid of ``NAME[=LOW:HIGH[:COUNT]],...``.
+
+    Coordinates that are not named stay as at home; without a range they go a little beyond
+    what home can reach.
+
+    Raises:
+        BadInput: an unknown coordinate, a range that is none, too many poses.
+    """
+    parts = [p.strip() for p in text.split(",") if p.strip()]
+    if not parts:
+        raise BadInput("names no coordinate", PLACE, "Write for example x=-100:100:41,y=-100:100")
+    axes: list[int] = []
+    counts: list[int] = []
+    ranges: dict[int, tuple[float, float]] = {}
+    for part in parts:
+        name, _, span = (p.strip() for p in part.partition("="))
+        if name not in mechanism.coordinates:
+            raise unknown("pose coordinate", name, mechanism.coordinates, PLACE)
+        axis = POSE_COORDINATES.index(name)
+        if axis in axes:
+            raise BadInput(f"names {name} twice", PLACE, "Name each coordinate once")
+        axes.append(axis)
+        ends, count = _span(span, name, part)
+        counts.append(count or LEVELS.get(len(parts), 7))
+        if ends is not None:
+            unit = mechanism.units.factor("length" if axis < 3 else "angle")
+            ranges[axis] = (ends[0] * unit, ends[1] * unit)
+    total = 1
+    for count in counts:
+        total *= count
+    if total > MOST:
+        raise BadInput(f"has {total} poses, more than {MOST}", PLACE, "Ask for fewer levels")
+    if len(axes) > len(mechanism.actuators):
+        raise BadInput(f"names {len(axes)} coordinates, but the machine has "
+                       f"{len(mechanism.actuators)} actuators", PLACE, "Name fewer")
+    return slice_grid(mechanism, axes, counts, ranges)
+
+
+def _span(span: str, name: str, part: str) -> tuple[tuple[float, float] | None, int | None]:
+    """Return the ends and the count of one coordinate, None where not given."""
+    mend = f"Write {name}=LOW:HIGH or {name}=LOW:HIGH:COUNT, for example {name}=-100:100:41"
+    if not span:
+        return None, None
+    pieces = span.split(":")
+    if len(pieces) not in (2, 3):
+        raise BadInput(f"'{part}' is not a range", PLACE, mend)
+    try:
+        low, high = float(pieces[0]), float(pieces[1])
+        count = int(pieces[2]) if len(pieces) == 3 else None
+    except ValueError:
+        raise BadInput(f"'{part}' holds what is not a number", PLACE, mend) from None
+    if not -1e12 < low < high < 1e12:
+        raise BadInput(f"'{part}' does not go from a lower to a higher value", PLACE, mend)
+    if count is not None and count < 2:
+        raise BadInput(f"'{part}' has fewer than 2 levels", PLACE, mend)
+    return (low, high), count

@@ -1,0 +1,167 @@
+"""Where a machine can go: which coordinates a pose names, boxes and slices about home.
+
+A machine with fewer actuators than pose coordinates takes as many coordinates as it has
+actuators; its closure decides the others, which stay open (nan). Poses are full poses (N, 6)
+x, y, z and rotation vector in the base frame, SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.closure import Model
+from ppmcal.compensate import named_only
+from ppmcal.errors import NoResult
+from ppmcal.kinematics import inverse_table
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}
+"""A box turns the platform from home by no more."""
+STEPS = 64
+"""Steps on the way from home along one coordinate, at which limits are looked up."""
+SMALLEST = 0.02
+OPEN_REACH = 0.25
+"""Along coordinates that no limit ends, a slice goes this part of the reach from home."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A regular grid: pose coordinates (indices into the full pose), and levels of each."""
+
+    coordinates: tuple[int, ...]
+    levels: tuple[Array, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of levels of each coordinate."""
+        return tuple(len(level) for level in self.levels)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates, ``x``, ``y``, ..."""
+        return tuple(POSE_COORDINATES[c] for c in self.coordinates)
+
+    def poses(self, mechanism: Mechanism) -> Array:
+        """Return the grid as wanted poses (N, 6), last coordinate fastest, nan where open."""
+        across = np.meshgrid(*self.levels, indexing="ij")
+        return placed(mechanism, self.coordinates, np.stack([a.ravel() for a in across], axis=-1))
+
+    def inside(self, count: int, rng: np.random.Generator) -> Array:
+        """Return points (count, c) drawn evenly from the grid's box."""
+        low, high = (np.array([level[i] for level in self.levels]) for i in (0, -1))
+        out: Array = rng.uniform(low, high, (count, len(self.levels)))
+        return out
+
+
+def named(mechanism: Mechanism) -> tuple[int, ...]:
+    """Return the pose coordinates that a command names; closure decides the others."""
+    drawn = mechanism.nominal()
+    if drawn.conditions <= len(drawn.actuators):
+        return drawn.dof
+    kept = np.isfinite(named_only(drawn, drawn.home_pose[None])[0])
+    return tuple(c for c in drawn.dof if kept[c])
+
+
+def placed(mechanism: Mechanism, coordinates: Sequence[int], values: Array) -> Array:
+    """Return wanted poses (N, 6) with some coordinates (N, c), the others as at home.
+
+    Of a machine with fewer actuators than coordinates those beyond its actuators stay open.
+    """
+    chosen = list(coordinates)
+    chosen += [c for c in named(mechanism) if c not in chosen][:max(
+        0, len(mechanism.actuators) - len(chosen))]
+    out = np.tile(mechanism.home_pose, (len(values), 1))
+    if mechanism.conditions > len(mechanism.actuators):
+        out[:, [c for c in mechanism.dof if c not in chosen]] = np.nan
+    out[:, coordinates] = values
+    return out
+
+
+def largest_box(mechanism: Mechanism, chosen: Sequence[int], trials: int) -> tuple[Array, Array]:
+    """Return the ends (c,) each of the largest box about home that is inside all limits.
+
+    Along each coordinate alone the drawing is followed from home to the first pose outside
+    limits, reach or the home side of singularities; then all of these ways are shortened by
+    one factor until every pose of the box, ``trials`` along each coordinate, is inside.
+
+    Raises:
+        NoResult: next to nothing is inside.
+    """
+    model = Model(mechanism.nominal())
+    low, high = extent(model, chosen)
+    home = mechanism.home_pose[list(chosen)]
+
+    def fits(part: float) -> bool:
+        levels = tuple(np.linspace(h - part * a, h + part * b, trials)
+                       for h, a, b in zip(home, low, high, strict=True))
+        return bool(np.all(within(model, Grid(tuple(chosen), levels).poses(mechanism))))
+
+    inside, outside = 0.0, 1.0
+    if fits(1.0):
+        inside = 1.0
+    while outside - inside > 0.01 and inside < 1.0:
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if fits(middle) else (inside, middle)
+    if inside < SMALLEST or np.any(low + high <= 0.0):
+        raise NoResult("next to nothing around home is inside the limits",
+                       f"{mechanism.source}: limits", "Check `home` and `limits`")
+    return home - inside * low, home + inside * high
+
+
+def extent(model: Model, chosen: Sequence[int]) -> tuple[Array, Array]:
+    """Return how far home can go down and up along each coordinate alone, (c,) each.
+
+    At most the reach, or :data:`LARGEST_TURN`; :data:`OPEN_REACH` of it where an actuator has
+    no limits.
+    """
+    mechanism = model.mechanism
+    far = mechanism.reach * (1.0 if np.isfinite(mechanism.limits).all() else OPEN_REACH)
+    ends = np.array([far if c < 3 else LARGEST_TURN[mechanism.motion] for c in chosen])
+    way = np.linspace(0.0, 1.0, STEPS + 1)[1:]
+    out = []
+    for side in (-1.0, 1.0):
+        steps = side * ends[:, None, None] * way[None, :, None] * np.eye(len(chosen))[:, None, :]
+        home = mechanism.home_pose[list(chosen)]
+        poses = placed(mechanism, chosen, home + steps.reshape(-1, len(chosen)))
+        good = within(model, poses).reshape(len(chosen), STEPS)
+        free = np.cumprod(good, axis=1).sum(axis=1)
+        out.append(ends * free / STEPS)
+    return out[0], out[1]
+
+
+def within(model: Model, poses: Array) -> Bools:
+    """Return which poses (N, 6) the machine takes without complaint (N,)."""
+    return np.array([s == "ok" for s in inverse_table(model, poses).status], dtype=np.bool_)
+
+
+def slice_axes(mechanism: Mechanism) -> tuple[int, ...]:
+    """Return the two coordinates of a map where nobody chose: the first two that are named."""
+    return named(mechanism)[:2]
+
+
+def slice_grid(mechanism: Mechanism, axes: Sequence[int], counts: Sequence[int],
+               ranges: Mapping[int, tuple[float, float]] | None = None) -> Grid:
+    """Return a grid about home, other coordinates as there.
+
+    Args:
+        mechanism: the machine.
+        axes: pose coordinates, indices into the full pose.
+        counts: levels of each.
+        ranges: coordinate -> lowest and highest value, SI; the others go a little beyond what
+            home can reach along them, so that the edge of the workspace shows.
+    """
+    given = dict(ranges or {})
+    low, high = extent(Model(mechanism.nominal()), axes)
+    levels = []
+    for c, count, a, b in zip(axes, counts, low, high, strict=True):
+        home, beyond = float(mechanism.home_pose[c]), 0.05 * (a + b)
+        first, last = given.get(c, (home - a - beyond, home + b + beyond))
+        levels.append(np.linspace(first, last, count))
+    return Grid(tuple(axes), tuple(levels))
