@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.effects import Shift
 from ppmcal.limbs import Body
-from ppmcal.limbs.chain import U
+from ppmcal.limbs.chain import Carried, U
 from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -33,7 +33,8 @@ Array = NDArray[np.float64]
 class Model:
     """A mechanism at parameter values ``g`` (P,); default its present ones.
 
-    With a ``shift`` the model belongs to N rows, whose slots it changes one by one.
+    With a ``shift``, or with ``g`` (N, P), the model belongs to N rows: the first changes their
+    slots one by one, the second gives each row a machine of its own (without effects).
     """
 
     mechanism: Mechanism
@@ -42,18 +43,23 @@ class Model:
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Model:
         """Return the model of some of its rows."""
-        return self if self.shift is None else replace(self, shift=self.shift.take(rows))
+        if self.shift is not None:
+            return replace(self, shift=self.shift.take(rows))
+        return replace(self, g=self.g[rows]) if self.g is not None and self.g.ndim == 2 else self
 
     @cached_property
     def parameters(self) -> Array:
-        """The parameter vector in use (P,)."""
+        """The parameters in use (P,) or (N, P)."""
         return self.mechanism.values if self.g is None else self.g
 
     @cached_property
     def limb_values(self) -> tuple[dict[str, Any], ...]:
-        """Slots and directions of each limb; slots that effects change are (N,)."""
-        out: list[dict[str, Any]] = [{**limb.slots.values(self.parameters), **limb.constants}
-                                     for limb in self.mechanism.limbs]
+        """Slots and directions of each limb; slots that differ from row to row are (N,)."""
+        g = self.parameters
+        values = [limb.slots.values(g) if g.ndim == 1 else limb.slots.of_many(g)
+                  for limb in self.mechanism.limbs]
+        out: list[dict[str, Any]] = [{**v, **limb.constants} for v, limb in
+                                     zip(values, self.mechanism.limbs, strict=True)]
         for (limb, slot), change in (self.shift.slots if self.shift else {}).items():
             out[limb][slot] = out[limb].get(slot, 0.0) + change
         return tuple(out)
@@ -221,25 +227,21 @@ def _slot_columns(body: Body, lines: Array, pose: Array, slots: Sequence[str],
 
     ``offset`` moves the joint coordinate u itself, ``ratio`` moves it by q.
     """
-    n, k = lines.shape[:2]
-    def on_platform() -> Array:
-        return cga.move_line(cga.reverse(np.atleast_2d(pose))[:, None, :], lines)
-
-    chains: tuple[tuple[float, dict[str, Array], Callable[[], Array]], ...] = (
+    names = [U if s in ("offset", "ratio") else s for s in slots]
+    chains: tuple[tuple[float, tuple[Carried, ...], Callable[[], Array]], ...] = (
         (-1.0, body.base, lambda: lines), (-1.0, body.middle, lambda: body.middle_lines),
-        (1.0, body.platform, on_platform))
-    out = np.zeros((n, k, len(slots)))
-    for sign, twists, line in chains:
-        names = {s: U if s in ("offset", "ratio") else s for s in slots}
-        mine = [i for i, s in enumerate(slots) if names[s] in twists]
-        if not mine:
+        (1.0, body.platform,
+         lambda: cga.move_line(cga.reverse(np.atleast_2d(pose))[:, None, :], lines)))
+    out = np.zeros((*lines.shape[:2], len(slots)))
+    for sign, carried, line in chains:
+        if not carried:
             continue
-        stacked = [np.atleast_2d(twists[names[slots[i]]]) for i in mine]
-        m = max(t.shape[0] for t in stacked)
-        generators = np.stack([np.broadcast_to(t, (m, 6)) for t in stacked], axis=-1)
         wrench = line()
-        swapped = np.concatenate([wrench[..., 3:], wrench[..., :3]], axis=-1)
-        out[..., mine] = sign * (swapped @ generators)
+        for group in carried:
+            mine = [i for i, n in enumerate(names) if n in group.names]
+            if mine:
+                picked = [group.names.index(names[i]) for i in mine]
+                out[..., mine] = sign * group.pairing(wrench, picked)
     for i, s in enumerate(slots):
         if s == "ratio" and q is not None:
             out[..., i] *= q[:, None]

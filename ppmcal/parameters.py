@@ -71,30 +71,34 @@ class SlotMap:
     polar: tuple[tuple[str, str, int, int], ...] = ()
 
     def values(self, g: Array) -> dict[str, float]:
-        """Return slot name -> value for parameters ``g``."""
-        out = {slot: float(g[p]) for slot, p in self.direct}
+        """Return slot name -> value for parameters ``g`` (P,)."""
+        return {slot: float(value) for slot, value in self.of_many(g).items()}
+
+    def of_many(self, g: Array) -> dict[str, Array]:
+        """Return slot name -> values (...) for parameters ``g`` (..., P)."""
+        out = {slot: g[..., p] for slot, p in self.direct}
         for x, y, r, a in self.polar:
-            out[x], out[y] = float(g[r] * np.cos(g[a])), float(g[r] * np.sin(g[a]))
+            out[x], out[y] = g[..., r] * np.cos(g[..., a]), g[..., r] * np.sin(g[..., a])
         return out
 
     def jacobian(self, g: Array, slots: Sequence[str], columns: Sequence[int]) -> Array:
-        """Return d(slots)/d(parameters ``columns``), (S, C)."""
+        """Return d(slots)/d(parameters ``columns``), (..., S, C), at ``g`` (..., P)."""
         row = {s: i for i, s in enumerate(slots)}
         column = {p: i for i, p in enumerate(columns)}
-        out = np.zeros((len(slots), len(columns)))
+        out = np.zeros((*g.shape[:-1], len(slots), len(columns)))
 
-        def put(slot: str, p: int, d: float) -> None:
+        def put(slot: str, p: int, d: Array | float) -> None:
             if slot in row and p in column:
-                out[row[slot], column[p]] += d
+                out[..., row[slot], column[p]] += d
 
         for slot, p in self.direct:
             put(slot, p, 1.0)
         for x, y, r, a in self.polar:
-            c, s = float(np.cos(g[a])), float(np.sin(g[a]))
+            c, s = np.cos(g[..., a]), np.sin(g[..., a])
             put(x, r, c)
-            put(x, a, -float(g[r]) * s)
+            put(x, a, -g[..., r] * s)
             put(y, r, s)
-            put(y, a, float(g[r]) * c)
+            put(y, a, g[..., r] * c)
         return out
 
     def feeds(self, wanted: set[int]) -> tuple[list[str], list[int]]:

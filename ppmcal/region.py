@@ -27,6 +27,8 @@ LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.
 STEPS = 64
 """Steps on the way from home along one coordinate, at which limits are looked up."""
 SMALLEST = 0.02
+MARGIN = 0.15
+"""A slice goes beyond what home can reach along its axes by this part, both ways."""
 OPEN_REACH = 0.25
 """Along coordinates that no limit ends, a slice goes this part of the reach from home."""
 
@@ -161,7 +163,7 @@ def slice_grid(mechanism: Mechanism, axes: Sequence[int], counts: Sequence[int],
     low, high = extent(Model(mechanism.nominal()), axes)
     levels = []
     for c, count, a, b in zip(axes, counts, low, high, strict=True):
-        home, beyond = float(mechanism.home_pose[c]), 0.05 * (a + b)
+        home, beyond = float(mechanism.home_pose[c]), MARGIN * (a + b)
         first, last = given.get(c, (home - a - beyond, home + b + beyond))
         levels.append(np.linspace(first, last, count))
     return Grid(tuple(axes), tuple(levels))

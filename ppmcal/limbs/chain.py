@@ -13,7 +13,7 @@ generator: this is all that the error model needs of a limb.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -214,24 +214,57 @@ def cross_matrix(v: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class Carried:
+    """Error twists of one step's slots: generators in the axes before the step.
+
+    ``names`` (K,); ``to_root`` (8,) or (N, 8): the chain up to there; ``generators`` (K, 6) or
+    (N, K, 6). In the chain's root axes each twist is Ad(to_root) generator.
+    """
+
+    names: tuple[str, ...]
+    to_root: Array
+    generators: Array
+
+    def twists(self) -> Array:
+        """Return the twists in root axes (K, 6) or (N, K, 6)."""
+        return cga.adjoint_twist(self.to_root[..., None, :], self.generators)
+
+    def pairing(self, lines: Array, picked: Sequence[int]) -> Array:
+        """Return the pairing of lines (N, k, 6), root axes, with some of the twists (N, k, K).
+
+        Where the chain moves from pose to pose, one line is carried back to the step's axes
+        instead of all twists to the root: the same number, for less.
+        """
+        if self.to_root.ndim == 1:
+            generators = self.twists()[..., picked, :]
+        else:
+            lines = cga.move_line(cga.reverse(self.to_root)[..., None, :], lines)
+            generators = self.generators[..., picked, :]
+        swapped = np.concatenate([lines[..., 3:], lines[..., :3]], axis=-1)
+        return np.asarray(swapped @ np.swapaxes(generators, -1, -2), dtype=float)
+
+
+@dataclass(frozen=True)
 class Chain:
     """A product of steps, evaluated for all poses at once."""
 
     steps: tuple[Step, ...]
 
-    def evaluate(self, values: Values, wanted: Collection[str]) -> tuple[Array, dict[str, Array]]:
-        """Return the chain's motor (..., 8) and the root-axes twists of ``wanted`` slots.
+    def evaluate(self, values: Values, wanted: Collection[str]
+                 ) -> tuple[Array, tuple[Carried, ...]]:
+        """Return the chain's motor (..., 8) and the error twists of the ``wanted`` slots.
 
         Joint frames whose components are all zero and unwanted are skipped.
         """
         total = cga.identity_motor()
-        twists: dict[str, Array] = {}
+        carried: list[Carried] = []
         for step in self.steps:
             if step.joint and not any(s.name in wanted or np.any(values.get(s.name, 0.0))
                                       for s in step.slots):
                 continue
-            for name, local in step.twists(values):
-                if name in wanted:
-                    twists[name] = cga.adjoint_twist(total, local)
+            mine = [(name, twist) for name, twist in step.twists(values) if name in wanted]
+            if mine:
+                stacked = np.stack(np.broadcast_arrays(*(t for _, t in mine)), axis=-2)
+                carried.append(Carried(tuple(n for n, _ in mine), total, stacked))
             total = cga.compose(total, step.motor(values))
-        return total, twists
+        return total, tuple(carried)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.errors import unknown
-from ppmcal.limbs.chain import Array, Chain, SlotSpec, Step, Values
+from ppmcal.limbs.chain import Array, Carried, Chain, SlotSpec, Step, Values
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Body:
         radius: radius of spheres, (n, k), 0 for planes; m.
         point_moves: whether the platform carries the point, (k,) (else the surface).
         middle_lines: the leg's line in the middle chain's root axes, (n, k, 6).
-        base, middle, platform: slot name -> twist (n or 1, 6) in the chain's root axes.
+        base, middle, platform: error twists of the wanted slots, chain by chain.
     """
 
     fixed: Array
@@ -43,9 +43,9 @@ class Body:
     radius: Array
     point_moves: tuple[bool, ...]
     middle_lines: Array
-    base: dict[str, Array]
-    middle: dict[str, Array]
-    platform: dict[str, Array]
+    base: tuple[Carried, ...]
+    middle: tuple[Carried, ...]
+    platform: tuple[Carried, ...]
 
 
 @dataclass(frozen=True)

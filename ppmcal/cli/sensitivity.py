@@ -1,0 +1,232 @@
+"""``ppmcal sensitivity``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    command_line,
+    finish,
+    json_option,
+    leave,
+    number,
+    out_option,
+    plain_table,
+    quiet_option,
+)
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ppmcal.mechanism import Mechanism
+    from ppmcal.region import Grid
+    from ppmcal.sensitivity import Sensitivity
+
+SHOWN = 10
+
+
+@click.command("sensitivity")
+@click.argument("mech", type=FILE)
+@out_option("sensitivity")
+@click.option("--poses", type=FILE, default=None, help="Poses to look at, a CSV.")
+@click.option("--grid", default=None, metavar="NAME[=LOW:HIGH[:COUNT]],...",
+              help="Poses of a grid about home, such as x=-100:100:41,y  [default: a map of the "
+              "first two coordinates].")
+@click.option("--home-only", is_flag=True, help="Look at home alone, draw no maps.")
+@click.option("--all-components", is_flag=True,
+              help="All error components of every joint frame and the platform points (21 for a "
+              "leg), also those that the closure cancels.")
+@click.option("--free", multiple=True, metavar="PATTERN",
+              help="Errors to look at, by name  [default: the file's free parameters].")
+@click.option("--tool", default=None, metavar="X,Y,Z",
+              help="Tool point in platform axes  [default: the platform origin].")
+@click.option("--metric", type=float, default=None, metavar="LENGTH",
+              help="An angular error of sigma/LENGTH counts like a length error of sigma in the "
+              "amplification index  [default: the platform joints' rms distance].")
+@click.option("--sigmas", type=click.FloatRange(0.0, min_open=True), default=1.0,
+              show_default=True, help="Worst case: every error at this many standard deviations.")
+@click.option("--together", multiple=True, metavar="PATTERN",
+              help="Try the linear model with these errors all off by the same amount  [default: "
+              "all errors at once by their tolerances].")
+@click.option("--size", type=float, default=None, metavar="ERROR",
+              help="With --together: also print what an error of this size does.")
+@quiet_option
+@json_option
+def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_only: bool,
+            all_components: bool, free: tuple[str, ...], tool: str | None, metric: float | None,
+            sigmas: float, together: tuple[str, ...], size: float | None, quiet: bool,
+            as_json: bool) -> None:
+    """Tell what each geometric error of MECH does to the tool.
+
+    Writes sensitivity.csv (the Jacobian at home, errors ranked), map.csv (amplification index,
+    root sum square and worst case by pose), linearity.csv, pictures and sensitivity.json.
+    """
+    from ppmcal.components import all_components as components
+    from ppmcal.files import Output, provenance, read_mechanism, read_poses
+    from ppmcal.files.point_text import read_point
+    from ppmcal.outputs.sensitivity import files
+    from ppmcal.sensitivity import Asked, analyse
+
+    console = Console(quiet, as_json)
+    machine = read_mechanism(mech)
+    mesh = _grid(machine, grid, poses, home_only)
+    point, rho = read_point(tool, machine), _metric(machine, metric)
+    looked = components(machine) if all_components else machine
+    if free:
+        looked = _narrowed(looked, free)
+    wanted = mesh.poses(machine) if mesh else read_poses(poses, machine).poses if poses else None
+    inputs = [*machine.inputs, *([str(poses)] if poses else [])]
+    with console.progress("Looking at errors"):
+        found = analyse(looked, Asked(point, rho, sigmas, together,
+                                      _size(looked, together, size)), wanted)
+        said, findings = sentences(found, mesh), _findings(machine, found, mesh)
+        source = provenance(inputs, command_line(), None)
+        content = files(found, mesh, poses is not None, said, findings, source)
+    with Output(out) as output:
+        for name, text in content.items():
+            output.add(name, text)
+    for sentence in said:
+        console.say(sentence)
+    console.table(_ranking(found))
+    console.warn(findings)
+    finish(out, list(output.files), console)
+    from ppmcal.outputs.sensitivity import ranking, record
+
+    console.summary(record(found, (), ranking(found), said, findings, source))
+    leave(bool(findings))
+
+
+def _grid(machine: Mechanism, grid: str | None, poses: Path | None, home_only: bool
+          ) -> Grid | None:
+    from ppmcal.errors import BadInput
+    from ppmcal.files.grid_text import LEVELS, read_grid
+    from ppmcal.region import slice_axes, slice_grid
+
+    if sum((grid is not None, poses is not None, home_only)) > 1:
+        raise BadInput("only one of --poses, --grid and --home-only can be given", "",
+                       "Leave the others out")
+    if grid is not None:
+        return read_grid(grid, machine)
+    if poses is not None or home_only:
+        return None
+    axes = slice_axes(machine)
+    return slice_grid(machine, axes, [LEVELS[len(axes)]] * len(axes))
+
+
+def _metric(machine: Mechanism, metric: float | None) -> float:
+    from ppmcal.errors import BadInput
+
+    if metric is None:
+        return machine.length_scale
+    if not 0.0 < metric < 1e12:
+        raise BadInput(f"{metric:g} is not a length", "--metric", "Write a length above 0")
+    return metric * machine.units.factor("length")
+
+
+def _size(machine: Mechanism, together: tuple[str, ...], size: float | None) -> float | None:
+    """Return the size of errors moved together in SI."""
+    from ppmcal.errors import BadInput
+
+    if size is None:
+        return None
+    if not together:
+        raise BadInput("goes with --together", "--size", "Name the errors that are off by it")
+    if not 0.0 < abs(size) < 1e12:
+        raise BadInput(f"{size:g} is not the size of an error", "--size", "Write another number")
+    named = [p for p in machine.parameters if any(p.matches(t) for t in together)]
+    return size * machine.units.factor(named[0].quantity if named else "length")
+
+
+def _narrowed(machine: Mechanism, patterns: tuple[str, ...]) -> Mechanism:
+    from dataclasses import replace
+
+    from ppmcal.errors import unknown
+    from ppmcal.parameters import unmatched
+
+    for pattern in unmatched(machine.parameters, patterns):
+        raise unknown("parameter", pattern, machine.names, "--free")
+    return replace(machine, free=tuple(
+        i for i, p in enumerate(machine.parameters) if any(p.matches(t) for t in patterns)))
+
+
+def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
+    """Return the results in words."""
+    import numpy as np
+
+    from ppmcal.outputs.sensitivity import WRONG, at_size, holds_to, size_unit, turns
+
+    units, home, both = found.mechanism.units, found.home, turns(found)
+    length, angle = units.factor("length"), units.factor("angle")
+    rho = f"{number(found.asked.metric / length)} {units.length}"
+
+    def pair(position: float, rotation: float) -> str:
+        text = f"{number(position / length)} {units.length}"
+        return text + (f" and {number(rotation / angle)} {units.angle}" if both else "")
+
+    turned = (f" and {number(found.home_index[1] * length / angle)} {units.angle}/{units.length}"
+              if both else "")
+    out = [f"{found.mechanism.name}: {len(found.sources)} errors. At home the tool is off by "
+           f"{pair(home.position[0], home.rotation[0])} (root sum square, each error one "
+           f"tolerance), at worst by {pair(home.worst_position[0], home.worst_rotation[0])} with "
+           f"every error at {found.asked.sigmas:g} tolerances.",
+           f"Error amplification at home: {number(found.home_index[0], 5)} "
+           f"{units.length}/{units.length}{turned} (all errors alike; angles count by {rho})."]
+    good = np.isfinite(found.index[:, 0])
+    if good.sum() > 1:
+        low, high = np.nanmin(found.index[:, 0]), np.nanmax(found.index[:, 0])
+        least = found.table.pose[int(np.nanargmin(found.index[:, 0]))]
+        place = ", ".join(
+            f"{name} = {number(least[c] / units.factor('length' if c < 3 else 'angle'))}"
+            for name, c in zip(found.mechanism.coordinates, found.mechanism.dof, strict=True)
+            if grid is None or c in grid.coordinates)
+        out.append(f"Over {int(good.sum())} of {len(good)} poses it goes from {number(low)} to "
+                   f"{number(high)}; it is least at {place}.")
+    one = at_size(found)
+    if one is not None:
+        out.append(f"{one['errors']} errors of {one['size']:g} {one['size_unit']} together move "
+                   f"the tool by {number(one['linear'], 7)} {one['unit']} (linear), "
+                   f"{number(one['exact'], 7)} {one['unit']} (nonlinear), apart by "
+                   f"{number(one['relative'], 3)} of it.")
+    to = holds_to(found)
+    what = ("All errors tried" if not found.asked.together else " and ".join(found.asked.together))
+    if to is None:
+        out.append(f"{what}: the linear model is right to {WRONG:.0%} at every size tried.")
+    else:
+        out.append(f"{what}: the linear model is right to {WRONG:.0%} up to {number(to, 3)} "
+                   f"{size_unit(found)}.")
+    return out
+
+
+def _findings(machine: Mechanism, found: Sensitivity, grid: Grid | None) -> list[str]:
+    """Return what must be looked at: poses of a file that cannot be reached, wrong linear model."""
+    from ppmcal.outputs.sensitivity import holds_to
+
+    out = list(machine.findings)
+    if grid is None and len(found.table.status) > 1:
+        out += [f"row {n + 1}: {r}" for n, (s, r) in enumerate(
+            zip(found.table.status, found.table.reason, strict=True))
+            if s != "ok"]
+    to = holds_to(found)
+    if not found.asked.together and to is not None and to < 3.0:
+        out.append(f"the linear model is wrong by more than 1 % from {to:.2g} times the tolerances "
+                   "on: trust Monte Carlo (ppmcal tolerances) instead")
+    return out
+
+
+def _ranking(found: Sensitivity) -> Table:
+    """Return the errors that count most, for the console."""
+    from ppmcal.outputs.sensitivity import ranking, turns
+
+    table, mm, deg = ranking(found), found.mechanism.units.length, found.mechanism.units.angle
+    both = turns(found)
+    rows = [[table["name"][i], f"{number(table['tolerance'][i])} {table['unit'][i]}",
+             number(table["rss_position"][i]), f"{table['share_position'][i]:.1%}",
+             *([number(table["rss_rotation"][i])] if both else [])]
+            for i in range(min(SHOWN, len(table["name"])))]
+    heads = ["error", "tolerance", f"tool rms, {mm}", "share", *([f"rms, {deg}"] if both else [])]
+    return plain_table(heads, rows, (1, 2, 3, 4))

@@ -1,0 +1,141 @@
+"""Which errors an analysis looks at: the file's free ones, or every joint frame's components.
+
+[LIN] section 2.5 gives each of a leg's three joint frames six error components and the
+platform point its three: 21 per leg, 126 for six legs, also those that the closure cancels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.limbs.chain import SlotSpec
+from ppmcal.mechanism import Limb, Mechanism
+from ppmcal.parameters import Parameter, SlotMap
+
+Array = NDArray[np.float64]
+
+PLATFORM_POINT = "platform.point"
+RATIO = "ratio"
+PART_OF_REACH = 1e-3
+ANGLE = 1e-3
+
+
+@dataclass(frozen=True)
+class Source:
+    """One error: its parameter index, and the limbs and the slot group that it belongs to.
+
+    ``limb``: a limb's name, or ``shared``; ``group``: ``base.point``, ``joint2``, ``length``;
+    ``kind``: of the limb.
+    """
+
+    parameter: int
+    limb: str
+    group: str
+    kind: str
+
+
+def geometry_only(mechanism: Mechanism) -> Mechanism:
+    """Return the machine without effects, as they stand or as they may be fitted."""
+    return replace(mechanism, effects=())
+
+
+def sources(mechanism: Mechanism) -> tuple[Source, ...]:
+    """Return the free errors of the geometry, in parameter order; effects are none."""
+    fed: dict[int, list[tuple[Limb, str]]] = {}
+    for limb in mechanism.limbs:
+        for slot, p in limb.slots.direct:
+            fed.setdefault(p, []).append((limb, slot))
+        for x, _, r, a in limb.slots.polar:
+            fed.setdefault(r, []).append((limb, x))
+            fed.setdefault(a, []).append((limb, x))
+    out = []
+    for p in mechanism.free:
+        if p not in fed:
+            continue
+        limbs = {limb.name: limb for limb, _ in fed[p]}
+        groups = dict.fromkeys(group_of(slot) for _, slot in fed[p])
+        kinds = dict.fromkeys(limb.kind.name for limb in limbs.values())
+        out.append(Source(p, next(iter(limbs)) if len(limbs) == 1 else "shared",
+                          " + ".join(groups), " + ".join(kinds)))
+    return tuple(out)
+
+
+def group_of(slot: str) -> str:
+    """Return the slot without its component.
+
+    >>> group_of("base.point.x"), group_of("joint2.rz"), group_of("length")
+    ('base.point', 'joint2', 'length')
+    """
+    head, _, tail = slot.rpartition(".")
+    return head if head and tail in ("x", "y", "z", "rx", "ry", "rz") else slot
+
+
+def all_components(mechanism: Mechanism) -> Mechanism:
+    """Return the machine with every joint frame's components and platform points free.
+
+    Each slot of each limb becomes a parameter of its own at its present value, so that what
+    limbs share, or give by radius and angle, is taken apart. Tolerances are those of the
+    slot's class elsewhere in the file, else a thousandth of the reach, or 1e-3 rad.
+    """
+    usual = _class_tolerances(mechanism)
+    made: list[Parameter] = []
+    free: list[int] = []
+    limbs = []
+    for limb in mechanism.limbs:
+        now = limb.slots.values(mechanism.values)
+        drawn = limb.slots.values(mechanism.nominals)
+        own = dict(limb.slots.direct)
+        direct = []
+        for spec in (*limb.kind.slots, *limb.kind.joint_slots):
+            if spec.name == RATIO and RATIO not in now:
+                continue
+            asked = spec in limb.kind.joint_slots or group_of(spec.name) == PLATFORM_POINT
+            p = own.get(spec.name)
+            known = None if p is None else mechanism.parameters[p].tolerance
+            if asked and not _usable(known):
+                known = usual.get(spec.tolerance_class) or _default(mechanism, spec)
+            value = now.get(spec.name, spec.default or 0.0)
+            direct.append((spec.name, len(made)))
+            free += [len(made)] if asked else []
+            made.append(Parameter(f"{limb.name}.{spec.name}", spec.quantity, value,
+                                  drawn.get(spec.name, value), known, not asked))
+        limbs.append(replace(limb, slots=SlotMap(tuple(direct))))
+    return replace(mechanism, limbs=tuple(limbs), parameters=tuple(made), free=tuple(free),
+                   free_patterns=None, effects=())
+
+
+def _usable(tolerance: float | None) -> bool:
+    return tolerance is not None and np.isfinite(tolerance) and tolerance > 0.0
+
+
+def _default(mechanism: Mechanism, spec: SlotSpec) -> float:
+    return PART_OF_REACH * mechanism.reach if spec.quantity == "length" else ANGLE
+
+
+def _class_tolerances(mechanism: Mechanism) -> dict[str, float]:
+    """Return the first usable tolerance of each class of slots: point, length, angle."""
+    out: dict[str, float] = {}
+    for limb in mechanism.limbs:
+        specs = {s.name: s for s in (*limb.kind.slots, *limb.kind.joint_slots)}
+        for slot, p in limb.slots.direct:
+            tolerance = mechanism.parameters[p].tolerance
+            if slot in specs and tolerance is not None and _usable(tolerance):
+                out.setdefault(specs[slot].tolerance_class, tolerance)
+        for _, _, r, a in limb.slots.polar:
+            for what, p in (("point", r), ("angle", a)):
+                tolerance = mechanism.parameters[p].tolerance
+                if tolerance is not None and _usable(tolerance):
+                    out.setdefault(what, tolerance)
+    return out
+
+
+def tolerances(mechanism: Mechanism, found: tuple[Source, ...]) -> Array:
+    """Return one standard deviation of each error (S,), SI; 0 where there is none."""
+    out = np.zeros(len(found))
+    for i, s in enumerate(found):
+        tolerance = mechanism.parameters[s.parameter].tolerance
+        out[i] = tolerance if tolerance is not None and _usable(tolerance) else 0.0
+    return out
