@@ -30,7 +30,7 @@ lint: $(VENV)/.test
 	$(BIN)/lint-imports
 
 bench: $(VENV)/.test
-	$(BIN)/python -m pytest benchmarks --benchmark-only -p no:doctest
+	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts=
 
 study: $(VENV)/.test
 	$(BIN)/python benchmarks/diagnosis_study.py --out study-results --minutes 10

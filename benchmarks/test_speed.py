@@ -1,6 +1,6 @@
 """How much of a fit is linear algebra, how it grows, and where the rest of the time goes.
 
-    python -m pytest benchmarks/test_speed.py --benchmark-only -p no:doctest -s
+    python -m pytest benchmarks/test_speed.py --benchmark-only -o addopts= -s
 
 The machine is a six-leg platform with points, offsets and drive ratios free: 48 parameters,
 measured in full from an unknown place.

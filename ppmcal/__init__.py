@@ -1,3 +1,3 @@
 """ppmcal: kinematic calibration of parallel mechanisms."""
 
-__version__ = "0.1.0"
+__version__ = "0.3.0"

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import svd
 from ppmcal.blunders import Blunders, blunders
 from ppmcal.dataset import Dataset
 from ppmcal.earlier import BENT, Posterior
@@ -159,7 +160,7 @@ def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
     prior = np.zeros(fit.scale.size)
     prior[list(rank.dropped)] = fit.prior[list(rank.dropped)]
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(prior * fit.scale)])
-    _, s, vt = np.linalg.svd(matrix[:, used], full_matrices=False)
+    _, s, vt = svd(matrix[:, used])
     use = s > SOLVE_TOLERANCE * s.max(initial=1e-300)
     sigma = np.linalg.norm(vt[use].T / s[use], axis=1) * fit.scale[used]
     found = dict(zip(used, sigma.tolist(), strict=True))

@@ -21,6 +21,21 @@ def known(rows: Array) -> Bools:
     return np.asarray(np.isfinite(rows).all(axis=1), dtype=np.bool_)
 
 
+def svd(matrix: Array) -> tuple[Array, Array, Array]:
+    """Return the thin singular value decomposition u, s, vt of a matrix (m, n).
+
+    LAPACK's divide and conquer, which is fast, now and then does not converge on a sound matrix
+    with many equal singular values; then by QR iteration, which does.
+    """
+    try:
+        u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    except np.linalg.LinAlgError:
+        from scipy.linalg import svd as by_qr
+
+        u, s, vt = by_qr(matrix, full_matrices=False, lapack_driver="gesvd")
+    return u, s, vt
+
+
 def thinned(keep: Sequence[Bools], most: int) -> list[Bools]:
     """Return masks with at most ``most`` rows in all, evenly spread."""
     total = sum(int(k.sum()) for k in keep)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
+from ppmcal.arrays import svd
 from ppmcal.earlier import BENT, Earlier, Posterior, of_data
 from ppmcal.errors import BadInput
 from ppmcal.fit import Fit, Options
@@ -171,7 +172,7 @@ def _range(columns: Array) -> Array:
     """Return an orthonormal basis (n, r) of columns (n, d) that say anything."""
     if not columns.shape[1]:
         return columns
-    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    u, s, _ = svd(columns)
     return np.asarray(u[:, s > BENT])
 
 

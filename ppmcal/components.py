@@ -28,13 +28,14 @@ class Source:
     """One error: its parameter index, and the limbs and the slot group that it belongs to.
 
     ``limb``: a limb's name, or ``shared``; ``group``: ``base.point``, ``joint2``, ``length``;
-    ``kind``: of the limb.
+    ``kind``: of the limb; ``tolerance_class``: ``point``, ``length``, ``angle``, ``offset``.
     """
 
     parameter: int
     limb: str
     group: str
     kind: str
+    tolerance_class: str
 
 
 def geometry_only(mechanism: Mechanism) -> Mechanism:
@@ -44,22 +45,23 @@ def geometry_only(mechanism: Mechanism) -> Mechanism:
 
 def sources(mechanism: Mechanism) -> tuple[Source, ...]:
     """Return the free errors of the geometry, in parameter order; effects are none."""
-    fed: dict[int, list[tuple[Limb, str]]] = {}
+    fed: dict[int, list[tuple[Limb, str, str]]] = {}
     for limb in mechanism.limbs:
+        classes = {s.name: s.tolerance_class for s in (*limb.kind.slots, *limb.kind.joint_slots)}
         for slot, p in limb.slots.direct:
-            fed.setdefault(p, []).append((limb, slot))
+            fed.setdefault(p, []).append((limb, slot, classes[slot]))
         for x, _, r, a in limb.slots.polar:
-            fed.setdefault(r, []).append((limb, x))
-            fed.setdefault(a, []).append((limb, x))
+            fed.setdefault(r, []).append((limb, x, "point"))
+            fed.setdefault(a, []).append((limb, x, "angle"))
     out = []
     for p in mechanism.free:
         if p not in fed:
             continue
-        limbs = {limb.name: limb for limb, _ in fed[p]}
-        groups = dict.fromkeys(group_of(slot) for _, slot in fed[p])
+        limbs = {limb.name: limb for limb, _, _ in fed[p]}
+        groups = dict.fromkeys(group_of(slot) for _, slot, _ in fed[p])
         kinds = dict.fromkeys(limb.kind.name for limb in limbs.values())
         out.append(Source(p, next(iter(limbs)) if len(limbs) == 1 else "shared",
-                          " + ".join(groups), " + ".join(kinds)))
+                          " + ".join(groups), " + ".join(kinds), fed[p][0][2]))
     return tuple(out)
 
 

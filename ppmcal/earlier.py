@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import svd
 from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -110,11 +111,10 @@ def of_data(triangle: Array, right: Array, count: int, scale: Array) -> tuple[Ar
     block = np.concatenate([triangle[:, :count] * scale, right[:, None]], axis=1)
     if nuisance.shape[1]:
         norms = np.linalg.norm(nuisance, axis=0)
-        u, s, _ = np.linalg.svd(nuisance / np.where(norms > 0.0, norms, 1.0),
-                                full_matrices=False)
+        u, s, _ = svd(nuisance / np.where(norms > 0.0, norms, 1.0))
         u = u[:, s > ROUND_OFF * s.max(initial=1e-300)]
         block = block - u @ (u.T @ block)
         block = block - u @ (u.T @ block)
-    u, s, vt = np.linalg.svd(block[:, :-1], full_matrices=False)
+    u, s, vt = svd(block[:, :-1])
     seen = s > SEEN
     return (s[seen, None] * vt[seen]) / scale, u[:, seen].T @ block[:, -1]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import svd
 from ppmcal.linear import SOLVE_TOLERANCE, Reduced
 from ppmcal.problem import Problem, State
 
@@ -69,7 +70,7 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
     """
     weights = fit.prior if prior is None else prior
     matrix = np.concatenate([fit.reduced.triangle * fit.scale, np.diag(weights * fit.scale)])
-    _, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    _, s, vt = svd(matrix)
     return s, vt, s > SOLVE_TOLERANCE * s.max(initial=1e-300)
 
 

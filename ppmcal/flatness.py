@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import thinned
+from ppmcal.arrays import svd, thinned
 from ppmcal.fit import Fit
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ def flats(fit: Fit) -> Iterator[Flat]:
 
 def _shape(name: str, at: Array, jacobian: Array, residual: Array, raw: Array) -> Flat:
     unit = float(np.median(np.abs(raw[residual != 0.0] / residual[residual != 0.0])))
-    u, s, _ = np.linalg.svd(jacobian, full_matrices=False)
+    u, s, _ = svd(jacobian)
     basis = u[:, s > 1e-9 * s.max(initial=1e-300)]
     left = residual - basis @ (basis.T @ residual)
     n, taken = left.size, basis.shape[1]
@@ -73,7 +73,7 @@ def _shape(name: str, at: Array, jacobian: Array, residual: Array, raw: Array) -
     for degree in range(2, HIGHEST + 1):
         columns = np.linalg.qr(_monomials(at, degree))[0]
         columns = columns - basis @ (basis.T @ columns)
-        w, v, _ = np.linalg.svd(columns, full_matrices=False)
+        w, v, _ = svd(columns)
         # places come from the fit: what it took already would be explained by its own residuals
         w = w[:, v > SURVIVES]
         freedom = taken + w.shape[1]

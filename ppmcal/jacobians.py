@@ -223,35 +223,38 @@ def displacement(model: Model, at: Poses, g: Array) -> Array:
 class Linearity:
     """Linear against nonlinear model along one combination of errors ([LIN] Fig. 9).
 
-    ``scale`` (L,): multiples of the combination; ``linear`` and ``exact`` (L,): length of the
-    tool's displacement, m; ``apart`` (L,): length of their difference, nan where the machine
-    cannot go there.
+    ``scale`` (L,): multiples of the combination; ``linear`` and ``exact`` (L, 2): the tool's
+    displacement, m, and rotation, rad; ``apart`` (L, 2): lengths of their difference, nan
+    where the machine cannot go there; ``metric``: rotations count times this length, m.
     """
 
     scale: Array
     linear: Array
     exact: Array
     apart: Array
+    metric: float
 
     @property
     def relative(self) -> Array:
-        """Difference over the linear displacement (L,)."""
-        return np.asarray(self.apart / np.where(self.linear > 0.0, self.linear, np.nan))
+        """Difference over the linear motion (L,), rotations weighed by the metric length."""
+        weight = np.array([1.0, self.metric])
+        whole = np.linalg.norm(self.linear * weight, axis=1)
+        return np.asarray(np.linalg.norm(self.apart * weight, axis=1)
+                          / np.where(whole > 0.0, whole, 1.0))
 
     def holds_to(self, part: float) -> float:
         """Return the largest multiple up to which the difference stays below ``part``.
 
         0 where not even the smallest does; inf where all do.
         """
-        relative = self.relative
-        wrong = np.flatnonzero(~(relative < part))
+        wrong = np.flatnonzero(~(self.relative < part))
         if not wrong.size:
             return float("inf")
         return float(self.scale[wrong[0] - 1]) if wrong[0] else 0.0
 
 
-def linearity(model: Model, at: Poses, wanted: Sequence[int], step: Array, scale: Array
-              ) -> Linearity:
+def linearity(model: Model, at: Poses, wanted: Sequence[int], step: Array, scale: Array,
+              metric: float) -> Linearity:
     """Return how the tool moves at one pose (the first of ``at``) along multiples of ``step``.
 
     Args:
@@ -260,16 +263,20 @@ def linearity(model: Model, at: Poses, wanted: Sequence[int], step: Array, scale
         wanted: parameters (S,).
         step: one multiple's errors (S,), SI.
         scale: multiples (L,), ascending.
+        metric: length that rotations count times, m.
     """
     here = Poses(np.tile(at.q[:1], (len(scale), 1)), np.tile(at.motor[:1], (len(scale), 1)),
                  at.tool)
     once = error_jacobian(model, Poses(at.q[:1], at.motor[:1], at.tool), wanted)[0] @ step
     g = np.tile(model.parameters, (len(scale), 1))
     g[:, list(wanted)] += scale[:, None] * step
-    real = displacement(model, here, g)[:, :3]
-    linear = scale[:, None] * once[:3]
-    return Linearity(scale, np.linalg.norm(linear, axis=1), np.linalg.norm(real, axis=1),
-                     np.linalg.norm(real - linear, axis=1))
+    real, straight = displacement(model, here, g), scale[:, None] * once
+
+    def both(steps: Array) -> Array:
+        return np.stack([np.linalg.norm(steps[:, :3], axis=1),
+                         np.linalg.norm(steps[:, 3:], axis=1)], axis=-1)
+
+    return Linearity(scale, both(straight), both(real), both(real - straight), metric)
 
 
 def determinants(model: Model, q: Array, pose: Array) -> Array:

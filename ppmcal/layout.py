@@ -105,7 +105,7 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
 
 
 def turned_about(frame: Array, step: Array, about: Array) -> Array:
-    """Return a frame motor displaced by step[:3] and turned by step[3:] about a point."""
-    turn = cga.motor_from_rotation_vector(step[3:], np.zeros(3))
-    shift = about + step[:3] - cga.move_point(turn, about)
-    return cga.compose(cga.motor_from_rotation_vector(step[3:], shift), frame)
+    """Return frame motors (..., 8) displaced by step[..., :3], turned by the rest about a point."""
+    turn = cga.motor_from_rotation_vector(step[..., 3:], np.zeros(3))
+    shift = about + step[..., :3] - cga.move_point(turn, about)
+    return cga.compose(cga.motor_from_rotation_vector(step[..., 3:], shift), frame)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import svd
 from ppmcal.problem import Problem, State
 
 Array = NDArray[np.float64]
@@ -153,6 +154,6 @@ def small_problem(problem: Problem, state: State, reduced: Reduced, prior: Array
     away = np.zeros(len(problem.columns))
     away[:len(free)] = problem.mechanism.nominals[free] - state.g[free]
     matrix = np.concatenate([reduced.triangle * scale, np.diag(prior * scale)])
-    u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+    u, s, vt = svd(matrix)
     right = u.T @ np.concatenate([reduced.right, prior * away])
     return Small(s, right, vt, scale)

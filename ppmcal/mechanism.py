@@ -84,6 +84,10 @@ class Mechanism:
         registrations: frame and target of data sets that were identified, by name.
         digits: half the last printed digit of the file's numbers by quantity, SI.
         findings: warnings that reading the file gave.
+        stiffness: of each limb's parts, ``bar``, ``drive``, ``joint1.x``, ... -> N/m or N m/rad;
+            what is not there is rigid; empty where the file says nothing.
+        cost: class of slots -> (weight, exponent): a tolerance of t file units costs
+            weight / t^exponent; classes that the file leaves out are not there.
         source: path of the file, for messages; ``inputs``: all files it was read from.
     """
 
@@ -105,6 +109,8 @@ class Mechanism:
     findings: tuple[str, ...] = ()
     source: str = ""
     inputs: tuple[str, ...] = ()
+    stiffness: tuple[Mapping[str, float], ...] = ()
+    cost: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def dof(self) -> tuple[int, ...]:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import svd
+
 Array = NDArray[np.float64]
 
 RANK_TOLERANCE = 1e-9
@@ -57,7 +59,7 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
         block = block - q[:, :size] @ (q[:, :size].T @ block)
     singular = np.zeros(0)
     if geometry:
-        singular = np.asarray(np.linalg.svd(block, compute_uv=False), dtype=np.float64)
+        singular = svd(block)[1]
     kept, dropped, r = pivoted(block, tolerance)
     size = len(kept)
     combination = np.zeros((0, len(dropped)))
@@ -68,7 +70,7 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
 
 def _range(columns: Array, tolerance: float) -> tuple[Array, int]:
     norms = np.linalg.norm(columns, axis=0)
-    u, s, _ = np.linalg.svd(columns / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
+    u, s, _ = svd(columns / np.where(norms > 0.0, norms, 1.0))
     return u, int(np.sum(s > tolerance * max(s[0], 1e-300))) if s.size else 0
 
 

@@ -8,14 +8,14 @@ x, y, z and rotation vector in the base frame, SI.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.closure import Model
 from ppmcal.compensate import named_only
-from ppmcal.errors import NoResult
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 
@@ -143,6 +143,27 @@ def within(model: Model, poses: Array) -> Bools:
     return np.array([s == "ok" for s in inverse_table(model, poses).status], dtype=np.bool_)
 
 
+def _room(mechanism: Mechanism, axes: Sequence[int]) -> tuple[Array, Array]:
+    """Return :func:`extent`; as if there were no limits where home is outside them.
+
+    Raises:
+        BadInput: even so home can go nowhere along a coordinate.
+    """
+    drawn = mechanism.nominal()
+    low, high = extent(Model(drawn), axes)
+    if np.all(low + high > 0.0):
+        return low, high
+    low, high = extent(Model(replace(drawn, limits=np.tile(
+        [-np.inf, np.inf], (len(drawn.actuators), 1)))), axes)
+    stuck = [POSE_COORDINATES[c] for c, width in zip(axes, low + high, strict=True)
+             if not width > 0.0]
+    if stuck:
+        raise BadInput(f"home cannot go anywhere along {', '.join(stuck)}",
+                       f"{mechanism.source}: home",
+                       f"Give a range, such as --grid {stuck[0]}=-1:1:41, or check home")
+    return low, high
+
+
 def slice_axes(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the two coordinates of a map where nobody chose: the first two that are named."""
     return named(mechanism)[:2]
@@ -158,12 +179,16 @@ def slice_grid(mechanism: Mechanism, axes: Sequence[int], counts: Sequence[int],
         counts: levels of each.
         ranges: coordinate -> lowest and highest value, SI; the others go a little beyond what
             home can reach along them, so that the edge of the workspace shows.
+
+    Raises:
+        BadInput: home can go nowhere along a coordinate without a range.
     """
-    given = dict(ranges or {})
-    low, high = extent(Model(mechanism.nominal()), axes)
-    levels = []
-    for c, count, a, b in zip(axes, counts, low, high, strict=True):
-        home, beyond = float(mechanism.home_pose[c]), MARGIN * (a + b)
-        first, last = given.get(c, (home - a - beyond, home + b + beyond))
-        levels.append(np.linspace(first, last, count))
-    return Grid(tuple(axes), tuple(levels))
+    ends = dict(ranges or {})
+    rest = [c for c in axes if c not in ends]
+    if rest:
+        low, high = _room(mechanism, rest)
+        for c, a, b in zip(rest, low.tolist(), high.tolist(), strict=True):
+            home, beyond = float(mechanism.home_pose[c]), MARGIN * (a + b)
+            ends[c] = (home - a - beyond, home + b + beyond)
+    return Grid(tuple(axes), tuple(np.linspace(*ends[c], count)
+                                   for c, count in zip(axes, counts, strict=True)))

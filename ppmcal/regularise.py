@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import svd
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.gauss_newton import Progress
@@ -34,12 +35,11 @@ def gcv_scale(fit: Fit, base: Array) -> float:
     right = fit.reduced.right + block @ away
     lost = 0
     if nuisance.shape[1]:
-        u, s, _ = np.linalg.svd(nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300),
-                                full_matrices=False)
+        u, s, _ = svd(nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300))
         u = u[:, s > RANK_TOLERANCE * s[0]]
         lost = u.shape[1]
         block, right = block - u @ (u.T @ block), right - u @ (u.T @ right)
-    u, s, _ = np.linalg.svd(block, full_matrices=False)
+    u, s, _ = svd(block)
     b = u.T @ right
     rest = fit.reduced.square - float(np.sum(fit.reduced.right**2)) + float(
         np.sum(right**2) - np.sum(b**2))

@@ -137,9 +137,9 @@ def analyse(mechanism: Mechanism, asked: Asked, wanted: Array | None = None) -> 
     return Sensitivity(
         machine, asked, found, sigma, jacobian, survey(model, home, free, sigma, limits), first,
         table, _spread_out(survey(model, at, free, sigma, limits), good), index,
-        linearity(model, home, free, step, scale), moved,
+        linearity(model, home, free, step, scale, asked.metric), moved,
         None if asked.size is None or not asked.together else
-        linearity(model, home, free, step, np.array([asked.size])))
+        linearity(model, home, free, step, np.array([asked.size]), asked.metric))
 
 
 def _spread_out(over: Survey, good: NDArray[np.bool_]) -> Survey:
@@ -177,7 +177,10 @@ def _way(machine: Mechanism, found: Sequence[Source], sigma: Array, jacobian: Ar
          moved: Sequence[int]) -> tuple[Array, Array]:
     """Return one multiple's errors (S,) of the linearity curve, and the multiples (L,)."""
     if not asked.together:
-        return sigma * worst_signs(jacobian[:3] * sigma), MULTIPLES
+        ways = [sigma * worst_signs(part * sigma) for part in (jacobian[:3], jacobian[3:])]
+        size = [np.linalg.norm(jacobian[:3] @ ways[0]),
+                asked.metric * np.linalg.norm(jacobian[3:] @ ways[1])]
+        return ways[int(np.argmax(size))], MULTIPLES
     step = np.array([1.0 if s.parameter in moved else 0.0 for s in found])
     length = machine.parameters[moved[0]].quantity == "length"
     return step, SIZES * (machine.reach if length else 1.0)

@@ -17,7 +17,8 @@ from ppmcal.cli.common import Console, json_option, out_option, quiet_option
 def command(out: Path, quiet: bool, as_json: bool) -> None:
     """Run the main job once on the sample data: a table-top hexapod seen by a tracker.
 
-    Check, identify, compensate, diagnose, inverse kinematics and simulation, one report.
+    Check, identify, compensate, diagnose, inverse kinematics, simulation, sensitivity and a
+    plan of measurements, one report.
     """
     from ppmcal.templates import sample_data
 
@@ -39,9 +40,15 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
          ["kinematics", "inverse", model, folder / "poses.csv", "--out", out / "kinematics"]),
         ("And how would such measurements be simulated?",
          ["simulate", mech, folder / "scenario.yaml", "--out", out / "simulated"]),
+        ("Which error of the geometry does most to the tool, and where?",
+         ["sensitivity", mech, "--grid", "x=-20:20:25,y=-20:20:25", "--out",
+          out / "sensitivity"]),
+        ("Which twenty poses would tell the geometry best?",
+         ["plan", mech, "--count", "20", "--out", out / "plan"]),
         ("Everything on one page.",
          ["report", out / "identified", out / "diagnosed", out / "compensated",
-          out / "kinematics", out / "simulated", "--out", out / "report"]),
+          out / "kinematics", out / "simulated", out / "sensitivity", out / "plan", "--out",
+          out / "report"]),
     ]
     codes = {}
     for number, (question, step) in enumerate(steps, 1):

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from ppmcal.sensitivity import Sensitivity
 
 SHOWN = 10
+BAD, FAR = 0.1, 3.0
+"""A finding: the linear model is wrong by this part before this many tolerances."""
 
 
 @click.command("sensitivity")
@@ -170,10 +172,12 @@ def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
 
     turned = (f" and {number(found.home_index[1] * length / angle)} {units.angle}/{units.length}"
               if both else "")
+    times = (f"{found.asked.sigmas:g} tolerances" if found.asked.sigmas != 1.0
+             else "its tolerance")
     out = [f"{found.mechanism.name}: {len(found.sources)} errors. At home the tool is off by "
            f"{pair(home.position[0], home.rotation[0])} (root sum square, each error one "
            f"tolerance), at worst by {pair(home.worst_position[0], home.worst_rotation[0])} with "
-           f"every error at {found.asked.sigmas:g} tolerances.",
+           f"every error at {times}.",
            f"Error amplification at home: {number(found.home_index[0], 5)} "
            f"{units.length}/{units.length}{turned} (all errors alike; angles count by {rho})."]
     good = np.isfinite(found.index[:, 0])
@@ -181,7 +185,7 @@ def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
         low, high = np.nanmin(found.index[:, 0]), np.nanmax(found.index[:, 0])
         least = found.table.pose[int(np.nanargmin(found.index[:, 0]))]
         place = ", ".join(
-            f"{name} = {number(least[c] / units.factor('length' if c < 3 else 'angle'))}"
+            f"{name} = {number(_tidy(least[c] / units.factor('length' if c < 3 else 'angle')))}"
             for name, c in zip(found.mechanism.coordinates, found.mechanism.dof, strict=True)
             if grid is None or c in grid.coordinates)
         out.append(f"Over {int(good.sum())} of {len(good)} poses it goes from {number(low)} to "
@@ -202,19 +206,22 @@ def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
     return out
 
 
+def _tidy(value: float) -> float:
+    """Return 0 for what is only round-off."""
+    return 0.0 if abs(value) < 1e-9 else value
+
+
 def _findings(machine: Mechanism, found: Sensitivity, grid: Grid | None) -> list[str]:
     """Return what must be looked at: poses of a file that cannot be reached, wrong linear model."""
-    from ppmcal.outputs.sensitivity import holds_to
-
     out = list(machine.findings)
     if grid is None and len(found.table.status) > 1:
         out += [f"row {n + 1}: {r}" for n, (s, r) in enumerate(
             zip(found.table.status, found.table.reason, strict=True))
             if s != "ok"]
-    to = holds_to(found)
-    if not found.asked.together and to is not None and to < 3.0:
-        out.append(f"the linear model is wrong by more than 1 % from {to:.2g} times the tolerances "
-                   "on: trust Monte Carlo (ppmcal tolerances) instead")
+    to = found.linear.holds_to(BAD)
+    if not found.asked.together and to < FAR:
+        out.append(f"the linear model is wrong by more than {BAD:.0%} from about {to:.2g} times "
+                   "the tolerances on: trust Monte Carlo (ppmcal tolerances) instead")
     return out
 
 

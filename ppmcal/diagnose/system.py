@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import svd
 from ppmcal.effects import Setting, Shift
 from ppmcal.influence import Response
 from ppmcal.linear import column_scale
@@ -176,5 +177,5 @@ def range_basis(matrix: Array, least: float = 0.0) -> Array:
     """
     if matrix.shape[1] == 0:
         return np.zeros((matrix.shape[0], 0))
-    u, s, _ = np.linalg.svd(matrix, full_matrices=False)
+    u, s, _ = svd(matrix)
     return np.asarray(u[:, (s > RANK * s.max(initial=1e-300)) & (s > least)])

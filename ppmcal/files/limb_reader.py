@@ -87,7 +87,8 @@ class LimbReader:
         for path in wanted:
             head, _, tail = path.partition(".")
             tree.setdefault(head, []).extend([tail] if tail else [])
-        settings = ["name", "kind", "actuator", *([self.kind.branch] if self.kind.branch else [])]
+        settings = ["name", "kind", "actuator", "stiffness",
+                    *([self.kind.branch] if self.kind.branch else [])]
         out: dict[str, Any] = {}
         for key, value in self.raw.items():
             if key in settings:

@@ -17,11 +17,12 @@ from ppmcal.files.drafts import Draft
 from ppmcal.files.effects import with_effects
 from ppmcal.files.exact import decimals
 from ppmcal.files.limb_reader import LimbReader, limb_kind
-from ppmcal.files.mechanism_schema import MechanismFile
+from ppmcal.files.mechanism_schema import MechanismFile, TolerancesFile
 from ppmcal.files.merge import read_merged
 from ppmcal.files.pose_text import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity
 from ppmcal.files.schema import check, dotted
 from ppmcal.files.slot_forms import word
+from ppmcal.files.stiffness_reader import read_stiffness
 from ppmcal.mechanism import MOTIONS, Limb, Mechanism, Registration
 from ppmcal.parameters import Parameter, free_indices
 from ppmcal.units import Units
@@ -62,7 +63,8 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
         limits=_limits(file, actuators, factors, source), gravity=_gravity(file, source),
         units=units, free_patterns=patterns, registrations=_registrations(file, units, source),
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
-        inputs=inputs)
+        inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
+        cost=_cost(file, source))
     return with_effects(mechanism, file.effects, units, source)
 
 
@@ -226,6 +228,13 @@ def _gravity(file: MechanismFile, source: str) -> Array:
         raise BadInput("two numbers cannot be a direction in space", f"{source}: gravity",
                        "Write three, such as [0, 0, -1]")
     return unit([*file.gravity, 0.0][:3], f"{source}: gravity")
+
+
+def _cost(file: MechanismFile, source: str) -> dict[str, tuple[float, float]]:
+    for name in file.cost or {}:
+        if name not in TolerancesFile.model_fields:
+            raise unknown("class of slots", name, TolerancesFile.model_fields, f"{source}: cost")
+    return {name: (c.weight, c.exponent) for name, c in (file.cost or {}).items()}
 
 
 def _registrations(file: MechanismFile, units: Units, source: str) -> dict[str, Registration]:

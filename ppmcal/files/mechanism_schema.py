@@ -13,6 +13,7 @@ from ppmcal.files.schema import (
     Label,
     Number,
     Path,
+    Positive,
     Spread,
     Strict,
     UnitsFile,
@@ -95,6 +96,17 @@ class TolerancesFile(Strict):
     offset: Spread | None = None
 
 
+class CostFile(Strict):
+    """What a tolerance costs: weight / tolerance^exponent, the tolerance in file units."""
+
+    weight: Positive = 1.0
+    exponent: Positive = 1.0
+
+
+def _cost(value: object) -> object:
+    return value if isinstance(value, dict | CostFile) else {"weight": value}
+
+
 class HomeFile(Strict):
     """The pose that selects the assembly mode, and maybe its joint values."""
 
@@ -139,5 +151,7 @@ class MechanismFile(Strict):
                                   AfterValidator(_range)]] | None = None
     gravity: Annotated[list[float], vector(3, 2)] | None = None
     effects: Any = None
+    stiffness: Any = None
+    cost: dict[str, Annotated[CostFile, BeforeValidator(_cost)]] | None = None
     measurement: MeasurementFile | None = None
     free: list[Annotated[str, BeforeValidator(_pattern)]] | None = None

@@ -13,6 +13,7 @@ from ppmcal.files.exact import to_file
 from ppmcal.files.mechanism_schema import FORMAT
 from ppmcal.files.pose_text import OF_FRAME, OF_MOTION, pose_to_map
 from ppmcal.files.slot_text import SlotWriter
+from ppmcal.files.stiffness_reader import stiffness_trees
 from ppmcal.files.yaml_text import dump_yaml
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import free_indices
@@ -33,11 +34,12 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
         comment: lines to put at the top.
     """
     writer = SlotWriter(mechanism)
+    stiffness, own = stiffness_trees(mechanism)
     tree: dict[str, Any] = {
         "format": FORMAT, "name": mechanism.name,
         "units": {"length": mechanism.units.length, "angle": mechanism.units.angle},
         "motion": mechanism.motion,
-        "limbs": [writer.limb(i) for i in range(len(mechanism.limbs))],
+        "limbs": [{**writer.limb(i), **own[i]} for i in range(len(mechanism.limbs))],
         "home": _home(mechanism),
     }
     if writer.tolerances:
@@ -50,6 +52,11 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
         tree["gravity"] = [float(v) for v in mechanism.gravity]
     if mechanism.effects:
         tree["effects"] = effects_tree(mechanism)
+    if stiffness:
+        tree["stiffness"] = stiffness
+    if mechanism.cost:
+        tree["cost"] = {name: {"weight": w, "exponent": e}
+                        for name, (w, e) in mechanism.cost.items()}
     free = _free(mechanism)
     if free is not None:
         tree["free"] = free

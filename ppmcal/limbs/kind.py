@@ -94,6 +94,10 @@ class LimbKind:
     closes_when: str = ""
     source: str = ""
 
+    def __reduce__(self) -> tuple[Callable[[str], LimbKind], tuple[str]]:
+        """Travel to other processes by name: the steps are functions."""
+        return find_kind, (self.name,)
+
     @property
     def steps(self) -> tuple[Step, ...]:
         """All steps, base to platform."""

@@ -115,12 +115,16 @@ def maps(found: Sensitivity, shape: tuple[int, ...]) -> tuple[Map, ...]:
 def linearity_table(found: Sensitivity) -> dict[str, Array]:
     """Return the columns of linearity.csv, file units."""
     units, curve = found.mechanism.units, found.linear
-    length = units.factor("length")
+    length, angle = units.factor("length"), units.factor("angle")
     size = curve.scale
     if found.asked.together:
         size = size / units.factor(found.mechanism.parameters[found.moved[0]].quantity)
-    return {"size": size, "linear": curve.linear / length, "exact": curve.exact / length,
-            "difference": curve.apart / length, "relative": curve.relative}
+    out = {"size": size}
+    for i, (start, factor) in enumerate((("", length), ("rotation_", angle))[:1 + turns(found)]):
+        out |= {f"{start}linear": curve.linear[:, i] / factor,
+                f"{start}exact": curve.exact[:, i] / factor,
+                f"{start}difference": curve.apart[:, i] / factor}
+    return {**out, "relative": curve.relative}
 
 
 def size_unit(found: Sensitivity) -> str:
@@ -234,8 +238,10 @@ def at_size(found: Sensitivity) -> dict[str, Any] | None:
     one = found.at_size
     per = found.mechanism.units.factor(found.mechanism.parameters[found.moved[0]].quantity)
     return {"errors": len(found.moved), "size": float(one.scale[0]) / per,
-            "size_unit": size_unit(found), "linear": float(one.linear[0]) / length,
-            "exact": float(one.exact[0]) / length, "relative": float(one.relative[0]),
+            "size_unit": size_unit(found), "linear": float(one.linear[0, 0]) / length,
+            "exact": float(one.exact[0, 0]) / length,
+            "relative": (float(one.apart[0, 0] / one.linear[0, 0]) if one.linear[0, 0] > 0.0
+                         else None),
             "unit": found.mechanism.units.length}
 
 

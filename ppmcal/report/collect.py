@@ -22,6 +22,7 @@ from ppmcal.report.data import (
     Rows,
     Simulated,
 )
+from ppmcal.report.design_pictures import DESIGN_FILES, designed
 from ppmcal.report.export_section import EXPORT
 from ppmcal.report.sources import (
     NUMBER,
@@ -79,7 +80,7 @@ TRUTH = {"units": {"*": TEXT}, "provenance": _PROVENANCE}
 KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.csv",
          "residuals.csv", "identified.yaml", "diagnosis.json", "effects.csv", "commands.csv",
          "commands.json", "kinematics.csv", "kinematics.json", "check.json", "poses.csv",
-         "sensitivity.csv", "sensitivity.json", "compare.csv", "comparison.json", "export.json")
+         "poses.json", "map.csv", "compare.csv", "comparison.json", "export.json", *DESIGN_FILES)
 """Files by which a folder is recognised as a command's output."""
 
 
@@ -93,7 +94,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
         raise BadInput("no folder was given", "", "Name the output folders of earlier commands")
     found: dict[str, list[Any]] = {k: [] for k in ("identified", "diagnosed", "compensated",
                                                    "kinematics", "simulated", "others",
-                                                   "compared", "exported")}
+                                                   "designed", "compared", "exported")}
     unique = list({Path(d).absolute(): Path(d) for d in dirs}.values())
     for folder in unique:
         _refuse_strange(folder)
@@ -157,8 +158,11 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
         if has(f"{stem}.csv", f"{stem}.json"):
             out.append((key, Rows(name, stem, record(f"{stem}.json", LOOSE),
                                   table(f"{stem}.csv", only, is_command_number))))
-    for kind, stem in (("check", "check"), ("plan", "poses"), ("sensitivity", "sensitivity")):
-        if has(f"{stem}.csv", f"{stem}.json"):
+    designs = designed(folder)
+    out += [("designed", d) for d in designs]
+    held = {file for d in designs for file in d.rows}
+    for kind, stem in (("check", "check"), ("plan", "poses"), ("map", "map")):
+        if f"{stem}.csv" not in held and has(f"{stem}.csv", f"{stem}.json"):
             out.append(("others", Other(name, kind, record(f"{stem}.json", LOOSE),
                                         table(f"{stem}.csv", only=()))))
     if has("comparison.json", "compare.csv"):

@@ -106,12 +106,41 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class Other:
-    """Any further output: check, plan, sensitivity, compare, export."""
+    """Any further output: check, compare, export, a table without its record."""
 
     folder: str
     kind: str
     record: Record
     table: Columns | None = None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG beside a record: its bytes and size in dots, or ``problem``: why it is not shown."""
+
+    file: str
+    caption: str
+    png: bytes = b""
+    size: tuple[int, int] = (0, 0)
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class Designed:
+    """Output of sensitivity, tolerances, stiffness, workspace or plan.
+
+    Attributes:
+        folder: where it was found; kind: the command.
+        record: its JSON as it is, empty if it was not there.
+        rows: rows of each of its tables, by file.
+        pictures: those that the record lists.
+    """
+
+    folder: str
+    kind: str
+    record: Record
+    rows: Mapping[str, int]
+    pictures: tuple[Picture, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -154,6 +183,7 @@ class ReportData:
     kinematics: tuple[Rows, ...] = ()
     simulated: tuple[Simulated, ...] = ()
     others: tuple[Other, ...] = ()
+    designed: tuple[Designed, ...] = ()
     compared: tuple[Other, ...] = ()
     exported: tuple[Other, ...] = ()
     comparisons: tuple[Comparison, ...] = field(default=())

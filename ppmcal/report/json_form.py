@@ -12,10 +12,10 @@ from ppmcal import __version__
 from ppmcal.files.output import plain
 from ppmcal.report.compare_section import parameters
 from ppmcal.report.data import Columns, Comparison, Identified, ReportData, Rows
+from ppmcal.report.design_section import look_at
 from ppmcal.report.page import summary, title
 from ppmcal.report.residuals import used, white
 from ppmcal.report.sections import excluded_rows
-from ppmcal.report.text import attention
 
 
 def to_json(data: ReportData) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def to_json(data: ReportData) -> dict[str, Any]:
     out = {
         "format": "ppmcal/report/1", "version": __version__, "title": title(data),
         "folders": list(data.folders), "headline": summary(data),
-        "attention": [{"where": w, "what": t} for w, t in attention(data)],
+        "attention": [{"where": w, "what": t} for w, t in look_at(data)],
         "identifications": [_identified(i) for i in data.identified],
         "diagnoses": [{"folder": d.folder, "diagnosis": d.record, "candidates": _rows(d.effects)}
                       for d in data.diagnosed],
@@ -38,6 +38,10 @@ def to_json(data: ReportData) -> dict[str, Any]:
                          "sha256": s.digest} for s in data.simulated],
         "others": [{"folder": o.folder, "kind": o.kind, "record": o.record,
                     "rows": o.table.size if o.table is not None else None} for o in data.others],
+        "designs": [{"folder": d.folder, "kind": d.kind, "record": d.record, "rows": d.rows,
+                     "pictures": [{"file": p.file, "caption": p.caption, "size": p.size,
+                                   "problem": p.problem} for p in d.pictures]}
+                    for d in data.designed],
         "comparisons": [{"folder": o.folder, "comparison": o.record, "parameters": parameters(o)}
                         for o in data.compared],
         "exports": [{"folder": o.folder, "export": o.record} for o in data.exported],

@@ -10,6 +10,7 @@ from ppmcal import __version__
 from ppmcal.report.compare_section import comparison_section
 from ppmcal.report.compare_section import verdict as comparison_verdict
 from ppmcal.report.data import Identified, ReportData, Rows
+from ppmcal.report.design_section import design_headline, design_section, look_at
 from ppmcal.report.diagnosis_section import diagnosis_section
 from ppmcal.report.diagnosis_words import headline as diagnosis_headline
 from ppmcal.report.export_section import export_section
@@ -24,7 +25,7 @@ from ppmcal.report.numbers import exact, number, with_unit
 from ppmcal.report.sections import identified_section
 from ppmcal.report.style import CSS, SCRIPT
 from ppmcal.report.tables import amount, definitions, paragraph, table, words
-from ppmcal.report.text import attention, figure, headline
+from ppmcal.report.text import figure, headline
 
 
 def to_html(data: ReportData) -> str:
@@ -39,6 +40,7 @@ def to_html(data: ReportData) -> str:
         body.append(identified_section(one))
     body += [compensation_section(r, units_of(r, data)) for r in data.compensated]
     body += [kinematics_section(r) for r in data.kinematics]
+    body += [design_section(d) for d in data.designed]
     body += [other_section(o) for o in data.others]
     body += [comparison_section(o) for o in data.compared]
     body += [export_section(o) for o in data.exported]
@@ -56,7 +58,11 @@ def to_html(data: ReportData) -> str:
 def title(data: ReportData) -> str:
     """Return the page's title."""
     names = list(dict.fromkeys(i.name for i in data.identified))
-    return f"Calibration report: {', '.join(names)}" if names else "ppmcal report"
+    if names:
+        return f"Calibration report: {', '.join(names)}"
+    names = list(dict.fromkeys(str(d.record["name"]) for d in data.designed
+                               if d.record.get("name")))
+    return f"Error analysis: {', '.join(names)}" if names else "ppmcal report"
 
 
 def summary(data: ReportData) -> list[str]:
@@ -64,10 +70,12 @@ def summary(data: ReportData) -> list[str]:
     out = [s for one in data.identified for s in headline(one)]
     out += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
     out += [t for o in data.compared if (t := comparison_verdict(o.record))]
+    out += [t for d in data.designed if (t := design_headline(d))]
     if not out:
         parts = [(len(data.simulated), "simulation"), (len(data.diagnosed), "diagnosis"),
                  (len(data.compensated), "compensation"), (len(data.kinematics), "kinematics"),
                  (len(data.compared), "comparison"), (len(data.exported), "export"),
+                 (len(data.designed), "error analysis"),
                  (len(data.others), "further output")]
         held = ", ".join(f"{n} × {name}" if n > 1 else name for n, name in parts if n)
         out.append(f"Results found: {held}. No identification is among them.")
@@ -78,6 +86,7 @@ def _lead(data: ReportData) -> str:
     lines = [" ".join(headline(one)) for one in data.identified]
     lines += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
     lines += [t for o in data.compared if (t := comparison_verdict(o.record))]
+    lines += [t for d in data.designed if (t := design_headline(d))]
     lines = lines or summary(data)
     text = "".join(paragraph(t) for t in lines)
     tiles = _tiles(data.identified[0]) if len(data.identified) == 1 else ""
@@ -106,7 +115,7 @@ def _tiles(one: Identified) -> str:
 
 def _look(data: ReportData) -> str:
     """Return what the user must look at, or that there is nothing."""
-    items = attention(data)
+    items = look_at(data)
     if not items:
         return '<section class="fine"><h2>Nothing needs a closer look</h2></section>'
     several = len({where for where, _ in items}) > 1
@@ -132,6 +141,7 @@ def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
     out += [(f"{d.folder}: diagnose", d.record) for d in data.diagnosed]
     out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record)
             for r in (*data.compensated, *data.kinematics)]
+    out += [(f"{d.folder}: {d.kind}", d.record) for d in data.designed]
     out += [(f"{o.folder}: {o.kind}", o.record)
             for o in (*data.others, *data.compared, *data.exported)]
     out += [(f"{s.folder}: simulate", s.truth or {}) for s in data.simulated]

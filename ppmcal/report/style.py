@@ -100,6 +100,11 @@ background:currentColor}
 .key.ring{background:none;border:2px solid var(--before)}
 .key.out{color:var(--out);border-radius:0;transform:rotate(45deg) scale(.75)}
 svg.plot{display:block;width:100%;height:auto}
+.pictures{display:grid;gap:14px;margin:10px 0;align-items:start;
+grid-template-columns:repeat(auto-fit,minmax(min(100%,430px),max-content))}
+.picture{background:#fff;border-color:#dde2e6;max-width:100%}
+.picture figcaption{color:#5a6670;max-width:60ch}
+.picture img{display:block;max-width:100%;height:auto}
 """
 _REST = """
 svg.bar{width:116px;height:16px;display:block}

@@ -1,0 +1,120 @@
+"""``ppmcal plan``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import click
+
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    command_line,
+    finish,
+    json_option,
+    leave,
+    out_option,
+    quiet_option,
+    seed_option,
+)
+
+MOST_COUNT = 1000
+ABSOLUTE_ZERO = -273.15
+
+
+@click.command("plan")
+@click.argument("mech", type=FILE)
+@click.option("--count", type=click.IntRange(2, MOST_COUNT), default=None,
+              help="Measurements to take  [default: until one more hardly helps].")
+@click.option("--instrument", "sidecar", type=FILE, default=None, metavar="SIDECAR.yaml",
+              help="What measures, as beside a measurement file  [default: the full pose, a "
+              "tenth of the tolerances].")
+@click.option("--tasks", type=FILE, default=None, metavar="POSES.csv",
+              help="Poses at which the machine has to be exact  [default: the whole region].")
+@click.option("--candidates", type=FILE, default=None, metavar="POSES.csv",
+              help="Poses to choose from  [default: drawn in the machine's region].")
+@click.option("--for", "kinds", multiple=True, metavar="KINDS",
+              help="Effects to be shown too, such as backlash,compliance.")
+@click.option("--payload", metavar="LOW,HIGH", default=None,
+              help="Payloads that can be put on, kg.")
+@click.option("--temperature", metavar="LOW,HIGH", default=None,
+              help="Temperatures that can be set, deg C.")
+@click.option("--accuracy", type=click.FloatRange(min=0.0, min_open=True), default=None,
+              help="Wanted standard deviation of position at the tasks, in MECH's length unit.")
+@out_option("plan")
+@seed_option
+@quiet_option
+@json_option
+def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | None,
+            candidates: Path | None, kinds: tuple[str, ...], payload: str | None,
+            temperature: str | None, accuracy: float | None, out: Path, seed: int | None,
+            quiet: bool, as_json: bool) -> None:
+    """Choose the poses of MECH that are worth measuring.
+
+    D-optimal for the parameters that MECH leaves free, with its tolerances as prior; ordered
+    into a short way. Writes poses.csv, accuracy.csv, plan.json and accuracy.png.
+    """
+    from ppmcal.files import Output, provenance, read_mechanism, read_poses
+    from ppmcal.files.instrument import read_instrument
+    from ppmcal.instrument import default_instrument
+    from ppmcal.outputs.plan import files, record
+    from ppmcal.outputs.plan_words import findings, said
+    from ppmcal.plan.run import Options, plan
+    from ppmcal.plan.settings import Asked
+
+    console = Console(quiet, as_json)
+    mechanism = read_mechanism(mech)
+    names = tuple(dict.fromkeys(k.strip() for text in kinds for k in text.split(",") if k.strip()))
+    asked = Asked(names, _ends(payload, "--payload", "0,20", 0.0),
+                  _ends(temperature, "--temperature", "18,26", ABSOLUTE_ZERO, -ABSOLUTE_ZERO))
+    instrument = read_instrument(sidecar, mechanism) if sidecar else default_instrument(mechanism)
+    given = (read_poses(candidates, mechanism).poses, str(candidates)) if candidates else None
+    aims = (read_poses(tasks, mechanism).poses, str(tasks)) if tasks else None
+    wanted = None if accuracy is None else accuracy * mechanism.units.factor("length")
+    seed = 0 if seed is None else seed
+    with console.progress("Planning") as show:
+        result = plan(mechanism, instrument, Options(count, seed, asked), given, aims, wanted, show)
+    inputs = [*mechanism.inputs, *(str(p) for p in (sidecar, tasks, candidates) if p)]
+    source = provenance(inputs, command_line(), seed)
+    notes = _notes(mechanism.effects, names, result.unused)
+    with Output(out) as output:
+        for name, content in files(result, wanted, notes, source).items():
+            output.add(name, content)
+    console.say(f"{mechanism.name}:")
+    for sentence in said(result, wanted, notes):
+        console.say(sentence)
+    found = findings(result, wanted)
+    console.warn([*mechanism.findings, *found])
+    finish(out, list(output.files), console)
+    console.summary({k: v for k, v in record(result, wanted, notes, source).items()
+                     if k not in ("tables", "pictures")})
+    leave(bool(found))
+
+
+def _notes(effects: tuple[object, ...], names: tuple[str, ...], unused: tuple[str, ...]
+           ) -> list[str]:
+    out = [f"--{name} is not used: nothing that is asked for depends on it." for name in unused]
+    others = sorted({e.kind.name for e in effects} - set(names))  # type: ignore[attr-defined]
+    if others:
+        out.append(f"The file's effects {', '.join(others)} are left out; name them with --for to "
+                   "plan for them.")
+    return out
+
+
+def _ends(text: str | None, option: str, example: str, least: float, shift: float = 0.0
+          ) -> tuple[float, float] | None:
+    """Return both ends of ``LOW,HIGH``, shifted to SI."""
+    from ppmcal.errors import BadInput
+
+    if text is None:
+        return None
+    mend = f'Write two numbers, the lower one first, for example {option} "{example}"'
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        raise BadInput(f"'{text}' holds what is not a number", option, mend) from None
+    if len(values) != 2 or not all(math.isfinite(v) and least <= v < 1e6 for v in values) or (
+            values[0] >= values[1]):
+        raise BadInput(f"'{text}' does not go from a lower to a higher value", option, mend)
+    return values[0] + shift, values[1] + shift

@@ -1,0 +1,172 @@
+"""From the options of ``ppmcal tolerances`` to its result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.closure import Model
+from ppmcal.components import Source, geometry_only, sources, tolerances
+from ppmcal.errors import BadInput
+from ppmcal.files import read_poses
+from ppmcal.files.point_text import read_point
+from ppmcal.fleet import Fleet
+from ppmcal.instrument import default_instrument
+from ppmcal.inverse import home_state
+from ppmcal.jacobians import Poses, covariance, root_sum_square
+from ppmcal.mechanism import Mechanism
+from ppmcal.outputs.tolerances import Result
+from ppmcal.parallel import cores as all_cores
+from ppmcal.plan.candidates import Candidates, evenly, listed, region_of
+from ppmcal.recalibration import Recipe, predicted
+from ppmcal.targets import pose_motor, pose_vector
+from ppmcal.tolerances import Demand, allocate, check, simulate
+
+Array = NDArray[np.float64]
+OF_ACCURACY = 0.1
+"""Noise of the default instrument, as a part of the accuracy demanded."""
+TASKS = 30
+"""Task poses where the user gives none."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """The options as typed, file units."""
+
+    accuracy: float | None
+    rotation: float | None
+    share: float
+    method: str
+    poses: Path | None
+    instrument: Path | None
+    measure: int
+    machines: int
+    metric: float | None
+    tool: str | None
+    cores: int | None
+    dask: str | None
+    seed: int
+
+
+def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> Result:
+    """Return tolerances, and the machines simulated with those of ``job.method``."""
+    machine = geometry_only(mechanism)
+    found = sources(machine)
+    if not found:
+        raise BadInput("no parameter is free, so there is no tolerance to find",
+                       f"{mechanism.source}: free", "Give slots a tolerance, or change `free`")
+    demand, tool = _demand(machine, job), read_point(job.tool, machine)
+    tasks = _tasks(machine, job, tool)
+    unit = _unit(machine, found, job)
+    weight, exponent = _costs(machine, found, unit)
+    given = tolerances(machine, found)
+    tau = allocate(machine, found, tasks, demand, unit, weight, exponent, given, job.seed)
+    chosen = tau[job.method]
+    free = tuple(s.parameter for s in found)
+    drawing = _with_tolerances(machine, free, chosen.tau)
+    recipe = _recipe(drawing, job, tool, demand)
+    fleet = Fleet(drawing, free, chosen.drawn, tasks, recipe)
+    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, tell)
+    home = Poses(home_state(machine).q[None], machine.home[None], tool)
+    index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
+    return Result(machine, found, demand, tau, job.method, fleet, judged,
+                  check(fleet, judged.built),
+                  None if demand.position is None else demand.position / float(index),
+                  _expected(recipe, tasks))
+
+
+def _demand(machine: Mechanism, job: Job) -> Demand:
+    if job.accuracy is None and job.rotation is None:
+        raise BadInput("no accuracy is demanded", "--accuracy",
+                       f"Write the largest allowed error, such as --accuracy 0.05 (in "
+                       f"{machine.units.length})")
+    if job.rotation is not None and machine.motion == "translational":
+        raise BadInput("this machine does not turn", "--rotation", "Leave it out")
+    for name, value in (("--accuracy", job.accuracy), ("--rotation", job.rotation)):
+        if value is not None and not 0.0 < value < 1e12:
+            raise BadInput(f"{value:g} is not the size of an error", name, "Write one above 0")
+
+    def si(value: float | None, quantity: str) -> float | None:
+        return None if value is None else value * machine.units.factor(quantity)
+
+    return Demand(si(job.accuracy, "length"), si(job.rotation, "angle"), job.share)
+
+
+def _tasks(machine: Mechanism, job: Job, tool: Array) -> Poses:
+    drawn = machine.nominal()
+    chosen = (evenly(drawn, region_of(drawn), TASKS, job.seed + 1) if job.poses is None else
+              listed(drawn, read_poses(job.poses, machine).poses, str(job.poses)))
+    return _closed(chosen, tool)
+
+
+def _closed(chosen: Candidates, tool: Array) -> Poses:
+    return Poses(chosen.q, pose_motor(chosen.pose), tool)
+
+
+def _unit(machine: Mechanism, found: tuple[Source, ...], job: Job) -> Array:
+    """Return 1 for lengths and 1/rho for angles (S,)."""
+    if job.metric is not None and not 0.0 < job.metric < 1e12:
+        raise BadInput(f"{job.metric:g} is not a length", "--metric", "Write a length above 0")
+    rho = (machine.length_scale if job.metric is None
+           else job.metric * machine.units.factor("length"))
+    return np.array([1.0 if machine.parameters[s.parameter].quantity == "length" else 1.0 / rho
+                     for s in found])
+
+
+def _costs(machine: Mechanism, found: tuple[Source, ...], unit: Array) -> tuple[Array, Array]:
+    """Return weight and exponent of each error (S,), for tolerances in SI.
+
+    Classes that the file gives: of a tolerance in file units. Others: 1 and 1, of a tolerance
+    as a length (angles by rho), in file units of length.
+    """
+    weight, exponent = np.ones(len(found)), np.ones(len(found))
+    for i, s in enumerate(found):
+        quantity = machine.parameters[s.parameter].quantity
+        per = machine.units.factor("length") * unit[i]
+        if s.tolerance_class in machine.cost:
+            weight[i], exponent[i] = machine.cost[s.tolerance_class]
+            per = machine.units.factor(quantity)
+        weight[i] *= per ** exponent[i]
+    return weight, exponent
+
+
+def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> Mechanism:
+    """Return the drawing with these tolerances; errors that are not felt are left fixed."""
+    parameters = list(machine.nominal().parameters)
+    for p, t in zip(free, tau.tolist(), strict=True):
+        if np.isfinite(t) and t > 0.0:
+            parameters[p] = replace(parameters[p], tolerance=t)
+    kept = tuple(p for p, t in zip(free, tau.tolist(), strict=True) if np.isfinite(t) and t > 0.0)
+    return replace(machine, parameters=tuple(parameters), free=kept)
+
+
+def _expected(recipe: Recipe, tasks: Poses) -> float | None:
+    """Return the rms error after calibration that the linear model expects, m."""
+    if tasks.tool.any():
+        return None
+    expected = predicted(recipe, tasks.q, pose_vector(tasks.motor))
+    return float(np.sqrt(np.mean(expected**2)))
+
+
+def _recipe(drawing: Mechanism, job: Job, tool: Array, demand: Demand) -> Recipe:
+    instrument = default_instrument(drawing)
+    if demand.position is not None:
+        sigma = OF_ACCURACY * demand.position
+        instrument = replace(instrument, sigma_position=sigma,
+                             sigma_rotation=sigma / drawing.length_scale)
+    if job.instrument is not None:
+        from ppmcal.files.instrument import read_instrument
+
+        instrument = read_instrument(job.instrument, drawing)
+    if tool.any():
+        known = instrument.kind == "pose" and not instrument.target.fitted
+        if not known:
+            raise BadInput("a tool point apart from what is measured is not known after a "
+                           "calibration", "--tool", "Leave it out, or use an instrument of kind "
+                           "pose whose target is known")
+    measured = evenly(drawing, region_of(drawing), job.measure, job.seed + 2)
+    return Recipe(drawing, instrument, measured.q, measured.pose)

@@ -1,0 +1,156 @@
+"""``ppmcal workspace``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    command_line,
+    finish,
+    json_option,
+    leave,
+    out_option,
+    plain_table,
+    quiet_option,
+    seed_option,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ppmcal.mechanism import Mechanism
+    from ppmcal.outputs.workspace_units import ModeRow
+    from ppmcal.region import Grid
+    from ppmcal.workspace import Workspace
+
+    Array = NDArray[Any]
+
+LEVELS = (61, 61)
+SHOWN = 10
+
+
+@click.command("workspace")
+@click.argument("mech", type=FILE)
+@click.option("--grid", metavar="TEXT", default=None,
+              help="Coordinates with range and levels, such as x=-300:300:41,rz. "
+                   "Default: the first two, as far as home can go.")
+@click.option("--joints", type=FILE, default=None,
+              help="CSV of joint values to find assembly modes for. Default: home's.")
+@out_option("workspace")
+@seed_option
+@quiet_option
+@json_option
+def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: int | None,
+            quiet: bool, as_json: bool) -> None:
+    """Show where MECH can go, its singularities, dexterity and assembly modes.
+
+    Geometry only: effects in MECH are left out. Writes map.csv, singular.csv, modes.csv,
+    workspace.json and a picture of each map.
+    """
+    from ppmcal.files import Output, provenance, read_mechanism
+    from ppmcal.outputs.workspace import pictures, summary, tables, text
+    from ppmcal.outputs.workspace_words import modes, reach, singular
+    from ppmcal.workspace import workspace
+
+    console = Console(quiet, as_json)
+    seed = seed or 0
+    mechanism = read_mechanism(mech)
+    asked = _grid(grid, mechanism)
+    with console.progress("Workspace") as now:
+        found = workspace(mechanism, asked)
+        now("assembly modes")
+        rows = _modes(found, joints, seed)
+        now("pictures")
+        drawn = pictures(found)
+    findings = _findings(found, rows)
+    inputs = [*mechanism.inputs, *([str(joints)] if joints else [])]
+    said = [*reach(found), *singular(found), *modes(found, rows)]
+    content = summary(found, rows, said, findings, provenance(inputs, command_line(), seed))
+    with Output(out) as output:
+        for name, table in tables(found, rows).items():
+            output.add(name, table)
+        output.add("workspace.json", text(content))
+        for name, picture in drawn.items():
+            output.add(name, picture)
+    _show(console, found, rows)
+    console.warn([*mechanism.findings, *findings])
+    finish(out, list(output.files), console)
+    console.summary(content)
+    leave(bool(findings))
+
+
+def _grid(text: str | None, mechanism: Mechanism) -> Grid:
+    """Return the grid asked for."""
+    from ppmcal.files.grid_text import read_grid
+    from ppmcal.region import slice_axes, slice_grid
+
+    if text is not None:
+        return read_grid(text, mechanism)
+    return slice_grid(mechanism, slice_axes(mechanism), LEVELS)
+
+
+def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
+    """Return the assembly modes at home's joints, or for each row of a file."""
+    from ppmcal.closure import Model
+    from ppmcal.errors import BadInput, NoResult
+    from ppmcal.files import read_joints
+    from ppmcal.inverse import home_state
+    from ppmcal.modes import assembly_modes
+    from ppmcal.outputs.workspace_units import ModeRow
+
+    model = Model(found.mechanism)
+    wanted = [(0, home_state(found.mechanism).q)]
+    if joints is not None:
+        table = read_joints(joints, found.mechanism)
+        wanted = [(int(n), q) for n, q in zip(table.rows, table.q, strict=True)]
+        if not wanted:
+            raise BadInput("has no rows", str(joints), "Give at least one row of joint values")
+    out = []
+    for n, q in wanted:
+        try:
+            out.append(ModeRow(n, q, assembly_modes(model, q, seed)))
+        except NoResult as refused:
+            out.append(ModeRow(n, q, None, refused.what))
+    return out
+
+
+def _findings(found: Workspace, rows: list[ModeRow]) -> list[str]:
+    """Return what the user must look at: home, and rows of joint values without modes."""
+    from ppmcal.check import SINGULAR_HOME
+
+    out = []
+    if found.home_limits:
+        out.append(f"home is not within limits: {found.home_limits}.")
+    if found.home.condition[0] < SINGULAR_HOME:
+        out.append("the machine is close to a singularity at home: smallest singular value "
+                   f"{found.home.condition[0]:.2g} (a sound machine has 0.1 to 1).")
+    bad = [(r.row, r.reason or "no pose closes") for r in rows if not r.modes]
+    out += [f"assembly modes of row {n}: {why}." if n else f"assembly modes at home: {why}."
+            for n, why in bad[:SHOWN]]
+    if len(bad) > SHOWN:
+        out.append(f"{len(bad) - SHOWN} more rows without assembly modes, see modes.csv.")
+    return out
+
+
+def _show(console: Console, found: Workspace, rows: list[ModeRow]) -> None:
+    """Say everything, with the tables that belong to it."""
+    from ppmcal.outputs.workspace_words import left_table, modes, modes_table, reach, singular
+
+    for sentence in reach(found):
+        console.say(sentence)
+    if found.table.status.count("ok") < len(found.table.status):
+        left = left_table(found)
+        console.table(plain_table(left["columns"], left["rows"][:SHOWN], (1,)))
+    for sentence in [*singular(found), *modes(found, rows)]:
+        console.say(sentence)
+    table = modes_table(found, rows)
+    if table is not None:
+        console.table(plain_table(table["columns"], table["rows"][:SHOWN],
+                                  tuple(range(len(table["columns"]) - 1))))
+        if len(table["rows"]) > SHOWN:
+            console.say(f"... and {len(table['rows']) - SHOWN} more, see modes.csv.")

@@ -1,0 +1,174 @@
+"""``stiffness`` of a mechanism file: springs of bars, drives and joint frames.
+
+At the top level it is the default of all limbs; the same key in a limb replaces it key by
+key (a joint as a whole). ``bar``: N per length unit along the limb's contact line; ``drive``:
+N per length unit or N m per angle unit of the joint coordinate u; ``joint1`` ...: [LIN] eq.
+18, one coefficient for each elementary component of that joint's frame, or one number for
+x, y and z together. What is not given, or .inf, is rigid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.files.exact import to_file
+from ppmcal.files.schema import LARGEST, show
+from ppmcal.limbs import LimbKind
+from ppmcal.limbs.chain import JOINT_COMPONENTS
+from ppmcal.mechanism import Limb, Mechanism
+from ppmcal.units import Units
+
+KEY = "stiffness"
+PARTS = ("bar", "drive")
+TRANSLATIONS = JOINT_COMPONENTS[:3]
+SMALLEST = 1e-12
+Springs = dict[str, float]
+"""``bar``, ``drive``, ``joint1.x`` ... -> value in file units, .inf for rigid."""
+
+
+def read_stiffness(default: Any, raw: Sequence[Mapping[Any, Any]], limbs: Sequence[Limb],
+                   units: Units, source: str) -> tuple[dict[str, float], ...]:
+    """Return the stiffness of each limb's parts, SI, without those that are rigid.
+
+    Args:
+        default: the file's ``stiffness``, None where there is none.
+        raw: the file's limbs, whose own ``stiffness`` goes before the default.
+        limbs: the limbs as read.
+        units: units of the file.
+        source: file name for messages.
+
+    Returns:
+        one mapping for each limb; nothing at all where no limb has a spring.
+
+    Raises:
+        BadInput: an unknown key, a joint that the kind does not have, a value that is no
+            stiffness, or limbs that share an actuator and disagree on its drive.
+    """
+    joints = dict.fromkeys(j for limb in limbs for j in joint_names(limb.kind))
+    common = _section(default, joints, f"{source}: {KEY}")
+    merged = []
+    for limb, tree in zip(limbs, raw, strict=True):
+        names = joint_names(limb.kind)
+        own = _section(tree.get(KEY), names, f"{source}: limbs.{limb.name}.{KEY}")
+        merged.append({k: v for k, v in {**common, **own}.items() if k in (*PARTS, *names)})
+    _agree_on_drives(merged, limbs, source)
+    out = tuple(_in_si(springs, limb, units) for springs, limb in zip(merged, limbs, strict=True))
+    return out if any(out) else ()
+
+
+def stiffness_trees(mechanism: Mechanism) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return what a file says of stiffness: the default, and ``{stiffness: ...}`` of each limb.
+
+    Keys on which all limbs agree go into the default, in file units; both read back equal.
+    """
+    limbs = mechanism.limbs
+    if not mechanism.stiffness:
+        return {}, [{} for _ in limbs]
+    trees = [_tree(springs, limb, mechanism.units)
+             for springs, limb in zip(mechanism.stiffness, limbs, strict=True)]
+    common = {k: v for k, v in trees[0].items() if all(t.get(k) == v for t in trees)}
+    own = [{k: v for k, v in t.items() if k not in common} for t in trees]
+    return common, [{KEY: t} if t else {} for t in own]
+
+
+def joint_names(kind: LimbKind) -> tuple[str, ...]:
+    """Return the joints of a kind, ``joint1``, ``joint2``, ..."""
+    return tuple(dict.fromkeys(s.name.partition(".")[0] for s in kind.joint_slots))
+
+
+def spring_quantity(part: str, kind: LimbKind) -> str:
+    """Return what a spring's stiffness is measured in: ``N/length`` or ``N.m/angle``."""
+    turning = (kind.actuator == "angle" if part == "drive" else
+               part.rpartition(".")[2].startswith("r"))
+    return "N.m/angle" if turning else "N/length"
+
+
+def _section(raw: Any, joints: Iterable[str], place: str) -> dict[str, Springs]:
+    """Return key -> its springs of one ``stiffness`` mapping, file units."""
+    if raw is None:
+        return {}
+    allowed = (*PARTS, *joints)
+    if not isinstance(raw, dict):
+        raise BadInput(f"{show(raw)} is not a mapping", place,
+                       f"Write keys with values here: {', '.join(allowed)}")
+    out: dict[str, Springs] = {}
+    for key, value in raw.items():
+        if key not in allowed:
+            raise unknown("key", key, allowed, place)
+        if key in PARTS:
+            out[key] = {key: _value(value, f"{place}.{key}")}
+        else:
+            out[key] = _joint(key, value, f"{place}.{key}")
+    return out
+
+
+def _joint(name: str, raw: Any, place: str) -> Springs:
+    """Return the springs of one joint frame; a bare number is that of x, y and z.
+
+    A component laid over a bare number by ``extends`` arrives as ``{value: ..., rz: ...}``.
+    """
+    if not isinstance(raw, dict):
+        one = _value(raw, place)
+        return {f"{name}.{c}": one for c in TRANSLATIONS}
+    out: Springs = {}
+    if "value" in raw:
+        out |= _joint(name, raw["value"], place)
+    for key, value in raw.items():
+        if key == "value":
+            continue
+        if key not in JOINT_COMPONENTS:
+            raise unknown("joint frame component", key, JOINT_COMPONENTS, place)
+        out[f"{name}.{key}"] = _value(value, f"{place}.{key}")
+    return out
+
+
+def _value(raw: Any, place: str) -> float:
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or not raw > 0.0:
+        raise BadInput(f"{show(raw)} is not a stiffness", place,
+                       "Write a positive number, or .inf for rigid")
+    value = float(raw)
+    if value != float("inf") and not SMALLEST <= value <= LARGEST:
+        size = "large" if value > 1.0 else "small"
+        raise BadInput(f"{show(raw)} is too {size} to be true", place,
+                       "Write a number such as 5e7, or .inf for rigid")
+    return value
+
+
+def _in_si(springs: Mapping[str, Springs], limb: Limb, units: Units) -> dict[str, float]:
+    """Return one limb's springs in SI, without what is rigid, in a fixed order."""
+    flat = {k: v for part in springs.values() for k, v in part.items() if v != float("inf")}
+    order = [*PARTS, *(s.name for s in limb.kind.joint_slots)]
+    return {k: flat[k] * units.factor(spring_quantity(k, limb.kind)) for k in order if k in flat}
+
+
+def _agree_on_drives(merged: Sequence[Mapping[str, Springs]], limbs: Sequence[Limb],
+                     source: str) -> None:
+    """Refuse limbs that share an actuator, one drive, and give it two stiffnesses."""
+    first: dict[int, tuple[str, float]] = {}
+    for springs, limb in zip(merged, limbs, strict=True):
+        own = springs.get("drive", {}).get("drive", float("inf"))
+        name, other = first.setdefault(limb.actuator, (limb.name, own))
+        if own != other:
+            raise BadInput(
+                f"the drive's stiffness is {own:g} here but {other:g} in {name}, and both name "
+                "the same actuator", f"{source}: limbs.{limb.name}.{KEY}.drive",
+                "Limbs that share an actuator share its drive: give both the same")
+
+
+def _tree(springs: Mapping[str, float], limb: Limb, units: Units) -> dict[str, Any]:
+    """Return one limb's springs as the file has them, a number where x, y, z are alike."""
+    out: dict[str, Any] = {}
+    for part, value in springs.items():
+        name, _, component = part.partition(".")
+        written = to_file(value, units.factor(spring_quantity(part, limb.kind)))
+        if component:
+            out.setdefault(name, {})[component] = written
+        else:
+            out[name] = written
+    for name, parts in out.items():
+        if (isinstance(parts, dict) and tuple(parts) == TRANSLATIONS
+                and len(set(parts.values())) == 1):
+            out[name] = parts["x"]
+    return out

@@ -1,0 +1,83 @@
+"""An instrument that has not measured yet: plans are made for it, fleets measured with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.dataset import Dataset, Unknown
+from ppmcal.mechanism import Mechanism
+from ppmcal.observation import SCALARS, Station, measured_pose
+from ppmcal.targets import pose_motor
+
+Array = NDArray[np.float64]
+OF_TOLERANCE = 0.1
+"""Noise of the default instrument, as a part of the median length tolerance."""
+NAME = "plan"
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument:
+    """What measures, SI.
+
+    ``kind`` as of a data set; ``sigma_position``, ``sigma_rotation``, ``sigma_value``: standard
+    deviations, nan where it has none; ``sigma_actuator`` (k,) noise of the drives; ``frame``,
+    ``target``, ``target_rotation``: fitted or known, and where the plan takes them to be;
+    ``chosen``: whether the user gave it; ``name``: of its data set.
+    """
+
+    kind: str
+    sigma_position: float
+    sigma_rotation: float
+    sigma_value: float
+    sigma_actuator: Array
+    frame: Unknown
+    target: Unknown
+    target_rotation: Unknown
+    chosen: bool = True
+    name: str = NAME
+
+    def station(self) -> Station:
+        """Return where the plan takes the instrument to stand."""
+        return Station(pose_motor(self.frame.value), self.target.value,
+                       self.target_rotation.value, np.zeros(self.sigma_actuator.size))
+
+    def dataset(self, q: Array, pose: Array, columns: Mapping[str, Array], planar: bool) -> Dataset:
+        """Return measurements (N rows) without error at joints (N, k) and poses (N, 6)."""
+        n = len(q)
+        seen = measured_pose(self.station(), pose_motor(pose))
+        seen[:, [2, 3, 4]] = np.where(planar, np.nan, seen[:, [2, 3, 4]])
+        value = np.full(n, np.nan)
+        if self.kind in SCALARS:
+            value = seen[:, 2] if self.kind == "plane" else np.linalg.norm(
+                np.nan_to_num(seen[:, :3]), axis=1)
+        return Dataset(
+            name=self.name, source=self.name, kind=self.kind, rows=np.arange(1, n + 1), q=q,
+            commanded=None, position=seen[:, :3], rotation=seen[:, 3:], value=value, to_q=None,
+            sigma_position=np.full((n, 3), self.sigma_position),
+            sigma_rotation=np.full((n, 3), self.sigma_rotation),
+            sigma_value=np.full(n, self.sigma_value), sigma_actuator=self.sigma_actuator,
+            groups=np.arange(n), columns=columns, sessions=None, frame=self.frame,
+            target=self.target, target_rotation=self.target_rotation)
+
+
+def default_instrument(mechanism: Mechanism) -> Instrument:
+    """Return the instrument where the user gave none.
+
+    A full pose (a translational machine: a position), frame unknown, target known; noise
+    :data:`OF_TOLERANCE` of the median length tolerance, rotations that over the platform's size.
+    """
+    spread = [p.tolerance for i in mechanism.free for p in (mechanism.parameters[i],)
+              if p.quantity == "length" and p.tolerance and np.isfinite(p.tolerance)]
+    sigma = OF_TOLERANCE * (float(np.median(spread)) if spread else 1e-3 * mechanism.reach)
+    kind = "position" if mechanism.motion == "translational" else "pose"
+    nothing = Unknown(False, np.zeros(3))
+    return Instrument(kind, sigma, sigma / mechanism.length_scale, np.nan,
+                      np.zeros(len(mechanism.actuators)), Unknown(True, np.zeros(6)), nothing,
+                      nothing, chosen=False)
+
+
+__all__ = ["NAME", "Instrument", "default_instrument"]

@@ -1,0 +1,201 @@
+"""A measuring plan in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.dataset import Unknown
+from ppmcal.observation import NUMBERS
+from ppmcal.plan.accuracy import PAYS, reaching
+from ppmcal.plan.result import Plan
+
+Array = NDArray[np.float64]
+SHOWN = 6
+
+
+def said(plan: Plan, wanted: float | None, notes: Sequence[str]) -> list[str]:
+    """Return the result in sentences, the most important first."""
+    return [what_to_do(plan), accuracy(plan), *_reached(plan, wanted), pays(plan), observed(plan),
+            *settings(plan), route(plan), with_what(plan), from_what(plan), *_untold(plan),
+            *_open_ended(plan), *notes]
+
+
+def findings(plan: Plan, wanted: float | None) -> list[str]:
+    """Return what the user must look at."""
+    out = []
+    if wanted is not None and plan.reached is None:
+        length, unit = _length(plan)
+        left = plan.limit[0]
+        why = (f"ever more poses leave {left / length:.3g} {unit}, in what this instrument does "
+               "not see" if left >= wanted else "a million poses would not do")
+        out.append(f"An accuracy of {wanted / length:.4g} {unit} cannot be reached: {why}.")
+    if plan.pool.rows.size and plan.pool.left_out:
+        total = sum(plan.pool.left_out.values())
+        out.append(f"{total} of the {total + int(plan.pool.rows.size)} candidates given cannot be "
+                   f"used: {_counts(plan.pool.left_out)}.")
+    if plan.tasks_left_out:
+        out.append("Task poses that cannot be judged are left out: "
+                   f"{_counts(plan.tasks_left_out)}.")
+    lost = [n + 1 for n, v in enumerate(plan.way.via) if v not in ("", "home")]
+    if lost:
+        out.append(f"No way was found from the row before to row {_listed(lost)}, neither straight "
+                   "nor by way of home: see `via` in poses.csv.")
+    return out
+
+
+def what_to_do(plan: Plan) -> str:
+    """Return how many measurements to take, and where they stand."""
+    rows, poses = len(plan.rows), len(np.unique(plan.offer.pose[plan.rows]))
+    what = f"{rows} poses" if rows == poses else f"{poses} poses, {rows} times in all,"
+    return f"Measure {what} as poses.csv lists them, in that order."
+
+
+def accuracy(plan: Plan) -> str:
+    """Return how exact the machine will then be, and how many random poses would do as much."""
+    own = next((p, r) for n, p, r in plan.best if n == len(plan.rows))
+    count = len(plan.rows)
+    text = (f"The calibrated machine is then known to {_figures(plan, *own)} (one standard "
+            f"deviation, rms over {plan.tasks} task poses, in the instrument's frame)")
+    other = (float(plan.random.position[count - 1]), float(plan.random.rotation[count - 1]))
+    if not np.isfinite(other[0]):
+        return f"{text}; {count} random measurements do not determine everything."
+    twice = reaching(plan.random.position, own[0])
+    much = f"{twice} random ones do as well" if twice else (
+        f"more than {len(plan.random.position)} random ones would be needed to do as well")
+    return f"{text}; {count} random ones give {_figures(plan, *other)}, {much}."
+
+
+def pays(plan: Plan) -> str:
+    """Return from how many on one more hardly helps."""
+    fewest = f" Fewer than {plan.least} leave something open." if plan.least > 1 else ""
+    if plan.pays:
+        return (f"From {plan.pays} measurements on, one more lowers that error by less than "
+                f"{PAYS:.0%}.{fewest}")
+    return (f"Up to {len(plan.planned.position)} measurements (no more were looked at) one more "
+            f"lowers that error by {PAYS:.0%} or more.{fewest}")
+
+
+def observed(plan: Plan) -> str:
+    """Return how the information compares with random poses."""
+    o = [plan.observability[k]["O1"] for k in ("planned", "random")]
+    return (f"Observability O1: {o[0]:.3g}; {o[1]:.3g} for as many random poses. With the "
+            f"tolerances in, the information on the parameters is {plan.efficiency:.2g} times "
+            "theirs (p-th root of the determinant).")
+
+
+def settings(plan: Plan) -> list[str]:
+    """Return under which settings to measure."""
+    out = []
+    names = [n for n in plan.columns if n.startswith("dir_")]
+    if names:
+        ways = np.concatenate([plan.columns[n] for n in names])
+        out.append("Come to each pose so that the last move of each joint goes as its dir_ column "
+                   f"says ({int((ways > 0).sum())} times upward, {int((ways < 0).sum())} times "
+                   "downward).")
+    if any(n.startswith("vel_") for n in plan.columns):
+        out.append("Trigger while the joints move at the speeds of the vel_ columns.")
+    for name, unit in (("payload", "kg"), ("temperature", "deg C")):
+        if name in plan.columns:
+            values, counts = np.unique(plan.columns[name] - (
+                273.15 if name == "temperature" else 0.0), return_counts=True)
+            out.append(f"{name.capitalize()}: " + ", ".join(
+                f"{c} rows at {v:.6g} {unit}" for v, c in zip(values, counts, strict=True)) + ".")
+    return out
+
+
+def route(plan: Plan) -> str:
+    """Return how long the way is, and whether all of it is straight."""
+    text = (f"The way through the poses is {plan.way.after:.3g} joint ranges long (the longest "
+            f"joint's travel of each move), {plan.way.before:.3g} in the order of choice.")
+    home = [n + 1 for n, v in enumerate(plan.way.via) if v == "home"]
+    if home:
+        text += (f" Go by way of home to row {_listed(home)}: straight joint moves would meet a "
+                 "singularity or another assembly mode.")
+    return text
+
+
+def with_what(plan: Plan) -> str:
+    """Return the instrument in words."""
+    i, (length, unit) = plan.instrument, _length(plan)
+    angle, turn = plan.mechanism.units.factor("angle"), plan.mechanism.units.angle
+    noise = []
+    if i.kind in NUMBERS:
+        noise.append(f"{NUMBERS[i.kind]} {i.sigma_value / length:.4g} {unit}")
+    else:
+        noise.append(f"position {i.sigma_position / length:.4g} {unit}")
+    if i.kind == "pose" and np.isfinite(i.sigma_rotation):
+        noise.append(f"rotation {i.sigma_rotation / angle:.4g} {turn}")
+    drives = [s / f for s, (f, _) in zip(i.sigma_actuator, plan.mechanism.joint_units, strict=True)]
+    if any(drives):
+        noise.append(f"drives up to {max(drives):.4g} {plan.mechanism.joint_units[0][1]}".rstrip())
+    own = "Instrument" if i.chosen else (
+        "Instrument (none given; noise a tenth of the median length tolerance)")
+    text = (f"{own}: {i.kind}, standard deviation {', '.join(noise)}; frame {_open(i.frame)}, "
+            f"target {_open(i.target)}.")
+    if i.target.fitted and plan.mechanism.motion != "translational":
+        text += " The unknown target is taken to be near the platform's origin."
+    return text
+
+
+def from_what(plan: Plan) -> str:
+    """Return what was chosen from."""
+    text = f"Chosen from {len(plan.pool)} candidates"
+    if plan.pool.rows.size:
+        return f"{text} given."
+    moved = ", the last of them the chosen ones, moved to where they tell more" if (
+        plan.refined) else ""
+    return f"{text}{moved}; left out were: {_counts(plan.pool.left_out) or 'none'}."
+
+
+def _reached(plan: Plan, wanted: float | None) -> list[str]:
+    if wanted is None or plan.reached is None:
+        return []
+    length, unit = _length(plan)
+    about = "about " if plan.about else ""
+    return [f"{about.capitalize()}{plan.reached} measurements reach {wanted / length:.4g} {unit}"
+            + (" (more of the same; extrapolated)." if plan.about else
+               f" (--count {plan.reached}).")]
+
+
+def _untold(plan: Plan) -> list[str]:
+    names = plan.offer.dropped
+    if not names:
+        return []
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return [f"Not told by any candidate, and without a tolerance, so left out: "
+            f"{', '.join(names[:SHOWN])}{more}."]
+
+
+def _open_ended(plan: Plan) -> list[str]:
+    if not plan.open_ended:
+        return []
+    return [f"No limits are given for {', '.join(plan.open_ended)}: only reach and singularities "
+            "bound the poses there; look whether the machine can go to them."]
+
+
+def _figures(plan: Plan, position: float, rotation: float) -> str:
+    units = plan.mechanism.units
+    text = f"{position / units.factor('length'):.3g} {units.length}"
+    if any(c >= 3 for c in plan.mechanism.dof):
+        text += f" and {rotation / units.factor('angle'):.3g} {units.angle}"
+    return text
+
+
+def _open(value: Unknown) -> str:
+    return "unknown" if value.fitted else "known"
+
+
+def _counts(why: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} {w}" for w, n in why.items())
+
+
+def _length(plan: Plan) -> tuple[float, str]:
+    return plan.mechanism.units.factor("length"), plan.mechanism.units.length
+
+
+def _listed(rows: Sequence[int]) -> str:
+    shown = ", ".join(str(r) for r in rows[:SHOWN])
+    return shown + (f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else "")

@@ -1,0 +1,188 @@
+"""Stiffness in sentences, and what the user must look at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.check import SINGULAR_HOME
+from ppmcal.kinematics import home_conditioning
+from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.stiffness import Home, Principal, Stiffnesses
+
+Array = NDArray[np.float64]
+
+LINEAR = 0.01
+"""Deflections above this part of the reach (or rad) are no longer linear to a percent."""
+ALIKE = 1.001
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A load at the tool point: ``wrench`` (6,) in base axes, N and N m, and in words."""
+
+    wrench: Array
+    words: str
+
+
+def amount(mechanism: Mechanism, value: float, quantity: str) -> str:
+    """Return an SI value in file units, with the machine builder's unit where that differs."""
+    if np.isinf(value):
+        return "infinite"
+    text = f"{value / mechanism.units.factor(quantity):.4g} {mechanism.units.name(quantity)}"
+    if quantity == "N/length" and mechanism.units.length in ("m", "in"):
+        text += f" ({value / 1e6:.4g} N/um)"
+    elif quantity == "length" and mechanism.units.length != "um":
+        text += f" ({value / 1e-6:.4g} um)"
+    return text
+
+
+def home_words(mechanism: Mechanism, home: Home, tool: Array, load: Load | None) -> list[str]:
+    """Return what there is to say of home."""
+    length = mechanism.units.factor("length")
+    point = "the platform origin"
+    if tool.any():
+        place = tool[[c for c in mechanism.dof if c < 3]] / length
+        point = f"the tool point {_tuple(place)} {mechanism.units.length} in platform axes"
+    found = home.compliance
+    out = [f"At home, at {point}: translational stiffness "
+           f"{_span(mechanism, found.translational(), 'N/length', 'direction')}."]
+    turning = found.rotational()
+    if turning.values.shape[1]:
+        out.append("Rotational stiffness there: "
+                   f"{_span(mechanism, turning, 'N.m/angle', 'axis')}.")
+    if load is not None:
+        out.append(_moved_words(mechanism, home, load))
+    return out
+
+
+def _span(mechanism: Mechanism, found: Principal, quantity: str, what: str) -> str:
+    """Return ``from A (softest, direction ...) to B (stiffest, direction ...)``."""
+    values, ways = found.values[0], found.directions[0]
+    if np.isinf(values[0]):
+        return "infinite: nothing gives way"
+    first = amount(mechanism, float(values[0]), quantity)
+    if len(values) == 1 or values[-1] < ALIKE * values[0]:
+        return first + ("" if len(values) == 1 else f", the same in every {what}")
+    out = []
+    for k, beside, name in ((0, 1, "softest"), (-1, -2, "stiffest")):
+        low, high = sorted((float(values[k]), float(values[beside])))
+        alone = len(values) == 2 or high > ALIKE * low
+        near = f", {what} {_tuple(ways[:, k])}" if alone and not np.isinf(values[k]) else ""
+        out.append(f"{amount(mechanism, float(values[k]), quantity)} ({name}{near})")
+    return " to ".join(out)
+
+
+def _moved_words(mechanism: Mechanism, home: Home, load: Load) -> str:
+    """Return by how far the tool gives way at home."""
+    if not np.isfinite(home.compliance.shares(load.wrench)).any():
+        return f"Under {load.words} nothing gives way there."
+    moved = home.compliance.deflection(load.wrench)[0]
+    length, angle = mechanism.units.factor("length"), mechanism.units.factor("angle")
+    axes = [c for c in mechanism.dof if c < 3]
+    size = amount(mechanism, float(np.linalg.norm(moved[:3])), "length")
+    out = (f"Under {load.words} the tool there moves {size}: "
+           + ", ".join(f"{POSE_COORDINATES[c]} {moved[c] / length:+.3g}" for c in axes)
+           + f" {mechanism.units.length}")
+    if any(c >= 3 for c in mechanism.dof):
+        out += (f"; the platform turns {np.linalg.norm(moved[3:]) / angle:.3g} "
+                f"{mechanism.units.angle}")
+    return out + "."
+
+
+def across_words(mechanism: Mechanism, found: Stiffnesses, home: Home) -> list[str]:
+    """Return what there is to say of the poses."""
+    ok = found.ok
+    out = [f"{int(ok.sum())} of {len(ok)} poses are within limits and reach."]
+    soft = np.where(ok, found.translational[:, 0], np.nan)
+    if not np.isfinite(soft).any():
+        return out
+    low, high = int(np.nanargmin(soft)), int(np.nanargmax(np.where(np.isinf(soft), np.nan, soft)))
+    at_home = float(home.compliance.translational().values[0, 0])
+    at = [f"{amount(mechanism, float(soft[n]), 'N/length')} at {_place(mechanism, found, n)}"
+          for n in (low, high)]
+    out.append(f"The softest direction's translational stiffness goes from {at[0]} to {at[1]}; "
+               f"at home it is {amount(mechanism, at_home, 'N/length')}.")
+    if found.deflection is not None:
+        size = np.linalg.norm(found.deflection[:, :3], axis=1)
+        if np.isfinite(size).any():
+            worst = int(np.nanargmax(size))
+            out.append(f"The load moves the tool most at {_place(mechanism, found, worst)}: "
+                       f"{amount(mechanism, float(size[worst]), 'length')}.")
+    return out
+
+
+def _place(mechanism: Mechanism, found: Stiffnesses, row: int) -> str:
+    """Return a pose in words, rotations that do not matter left out."""
+    pose = found.table.pose[row]
+    turned = any(c >= 3 and abs(pose[c]) > 1e-9 for c in mechanism.dof)
+    parts = []
+    for c in mechanism.dof:
+        if c < 3 or turned:
+            quantity = "length" if c < 3 else "angle"
+            value = pose[c] / mechanism.units.factor(quantity)
+            # round-off of a coordinate that is solved for is no place
+            parts.append(f"{POSE_COORDINATES[c]} {value if abs(value) > 1e-9 else 0.0:.4g} "
+                         f"{mechanism.units.name(quantity)}")
+    return ", ".join(parts)
+
+
+def model_words(mechanism: Mechanism) -> list[str]:
+    """Return what these numbers are, and what they leave out."""
+    out = ["Translational stiffness is (C_tt)^-1, force per displacement of a tool that is free "
+           "to turn; it is not the translational block of the stiffness matrix."]
+    if mechanism.motion == "translational":
+        out[0] = ("Stiffness is C^-1; the platform cannot turn in this model, and moments do not "
+                  "move it.")
+    for a, name in enumerate(mechanism.actuators):
+        sharing = [i for i, limb in enumerate(mechanism.limbs) if limb.actuator == a]
+        if len(sharing) > 1 and "drive" in mechanism.stiffness[sharing[0]]:
+            names = ", ".join(mechanism.limbs[i].name for i in sharing)
+            out.append(f"{names} hang on one drive, {name}: one spring, not one for each limb.")
+    left = "preload, the parts' own weight"
+    kinds = dict.fromkeys(effect.kind.name for effect in mechanism.effects)
+    if kinds:
+        left += f", the file's effects ({', '.join(kinds)})"
+    out.append(f"What the file gives no stiffness is rigid. Left out: {left}.")
+    return out
+
+
+def home_findings(mechanism: Mechanism, home: Home) -> list[str]:
+    """Return what is wrong with home."""
+    out = []
+    if home.status != "ok":
+        out.append(f"home is not a pose to work at: {home.status}: {home.reason}")
+    value = home_conditioning(home.compliance.mechanism)[0]
+    if value < SINGULAR_HOME:
+        out.append(f"the machine is close to a singularity at home (smallest singular value "
+                   f"{value:.2g}): its stiffness there says little")
+    return out
+
+
+def map_findings(mechanism: Mechanism, found: Stiffnesses, load: Load | None) -> list[str]:
+    """Return what is wrong with the poses."""
+    if not found.ok.any():
+        return ["no pose has a stiffness: " + _reasons(found)]
+    if found.deflection is None or load is None:
+        return []
+    part = np.maximum(np.linalg.norm(found.deflection[:, :3], axis=1) / mechanism.reach,
+                      np.linalg.norm(found.deflection[:, 3:], axis=1))
+    far = int(np.sum(part > LINEAR))
+    if not far:
+        return []
+    return [f"{load.words} moves the tool by more than {LINEAR:.0%} of the reach, or turns it by "
+            f"more than {LINEAR} rad, at {far} of {int(found.ok.sum())} poses: too far for a "
+            "linear model"]
+
+
+def _reasons(found: Stiffnesses) -> str:
+    counts = {s: found.table.status.count(s) for s in sorted(set(found.table.status))}
+    return ", ".join(f"{count} {status}" for status, count in counts.items())
+
+
+def _tuple(values: Sequence[float] | Array) -> str:
+    """Return ``(0.81, -0.58, 0)``."""
+    return "(" + ", ".join(f"{v + 0.0:.4g}" for v in np.round(np.asarray(values), 4)) + ")"

@@ -1,0 +1,211 @@
+"""Effects that a plan shall make visible, and the settings under which each pose is offered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.acting import Given, joint_quantity, resolved, with_effect
+from ppmcal.conditions import STANDARD_GRAVITY
+from ppmcal.effects import EffectKind, EffectParameter, effect_kinds
+from ppmcal.errors import BadInput, unknown
+from ppmcal.influence import with_strokes
+from ppmcal.mechanism import Mechanism
+from ppmcal.parameters import free_indices
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PLACE = "--for"
+SETTABLE = ("dir", "vel", "load", "wrench", "temperature")
+MOST_SETTINGS = 8
+"""Settings under which one pose is offered, drawn where there are more."""
+CROSSING = 10.0
+"""Seconds that a joint takes through its range at the faster of two speeds."""
+SLOWER = 0.2
+NONLINEAR = ("period", "direction")
+"""Parameters (of periodic, tilt) without which the shape of an effect is not known."""
+STIFF = 1e-6
+"""A stiffness that nobody knows gives way by this part of the reach, or of 1 rad: next to
+nothing, since only how its effect is spread over the rows counts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What the user wants the measurements to show besides geometry.
+
+    ``kinds`` of effects; ``payload`` kg and ``temperature`` K: the two ends that can be set, or
+    None.
+    """
+
+    kinds: tuple[str, ...] = ()
+    payload: tuple[float, float] | None = None
+    temperature: tuple[float, float] | None = None
+
+
+def needs(asked: Asked) -> set[str]:
+    """Return the columns that the kinds depend on."""
+    return {n for kind in asked.kinds for n in effect_kinds()[kind].needs}
+
+
+def with_kinds(mechanism: Mechanism, asked: Asked, q: Array) -> Mechanism:
+    """Return the machine as drawn, with the effects that are asked for, to be fitted.
+
+    One effect for each actuator, as the file has it where it has that kind already. Other
+    effects of the file are left out.
+
+    Args:
+        mechanism: as in its file.
+        asked: what to show.
+        q: joint values of the candidates (K, k), for the stroke.
+
+    """
+    own = [e for e in mechanism.effects if e.kind.name in asked.kinds]
+    others = {p for e in mechanism.effects for p in e.parameters.values()}
+    out = replace(mechanism.nominal(), effects=tuple(own),
+                  free=tuple(p for p in mechanism.free if p not in others))
+    made = list(out.parameters)
+    for effect in own:
+        fitted = [s.name for s in effect.kind.parameters(out.motion) if not s.constant]
+        for name in fitted:
+            made[effect.parameters[name]] = replace(made[effect.parameters[name]], free=True)
+    kept = {p for e in own for n, p in e.parameters.items() if made[p].free}
+    out = replace(out, parameters=tuple(made), free=tuple(sorted({*out.free, *kept})))
+    for name in asked.kinds:
+        if name not in {e.kind.name for e in own}:
+            out = _added(out, effect_kinds()[name], asked)
+    return with_strokes(out, q) if out.effects else out
+
+
+def refuse(mechanism: Mechanism, asked: Asked) -> None:
+    """Refuse kinds that cannot be planned for.
+
+    Raises:
+        BadInput: an unknown kind, or one that no choice of poses and settings can show.
+    """
+    for name in asked.kinds:
+        _refuse(mechanism, name, asked)
+
+
+def _refuse(mechanism: Mechanism, name: str, asked: Asked) -> None:
+    if name not in effect_kinds():
+        raise unknown("effect", name, effect_kinds(), PLACE)
+    kind = effect_kinds()[name]
+    if mechanism.motion not in kind.motions:
+        raise BadInput(f"{name} exists only in {' and '.join(kind.motions)} motion", PLACE,
+                       "Remove it")
+    if kind.joints == "turning" and "angle" not in mechanism.actuator_quantity:
+        raise BadInput(f"{name} is an effect of actuated joints that turn: this machine has none",
+                       PLACE, "Remove it")
+    for need in kind.needs:
+        if need not in SETTABLE:
+            raise BadInput(f"{name} cannot be planned for: it depends on {need}, which passes by "
+                           "itself", PLACE, "Go back to one pose now and then, and record `time`")
+        if need in ("load", "wrench") and asked.payload is None:
+            raise BadInput(f"{name} shows only under load", PLACE,
+                           'Say which payloads can be put on, for example --payload "0,20" (kg)')
+        if need == "temperature" and asked.temperature is None:
+            raise BadInput(f"{name} shows only where the temperature changes", PLACE,
+                           'Say between which it can be set, for example --temperature "18,26"')
+    if need_load(kind) and not np.any(mechanism.gravity):
+        raise BadInput(f"{name} needs the direction of weight", PLACE, "Give `gravity`")
+    if name == "clearance" and asked.payload is not None and min(asked.payload) <= 0.0:
+        raise BadInput("clearance jumps where the load changes its sign; without payload the sign "
+                       "is not known", "--payload", "Give two payloads above 0")
+    given = {e.kind.name for e in mechanism.effects}
+    for spec in kind.parameters(mechanism.motion):
+        if name not in given and _must_be_given(spec):
+            raise BadInput(f"{name} cannot be planned for without its {spec.name}", PLACE,
+                           f"Put {name} with its {spec.name} among the file's `effects`")
+    free = {p for p in mechanism.free if mechanism.parameters[p].per_unit}
+    if name == "gain" and any(p in free for limb in mechanism.limbs
+                              for slot, p in limb.slots.direct if slot == "ratio"):
+        raise BadInput("a ratio is itself free: gain is the same", PLACE, "Remove gain")
+
+
+def need_load(kind: EffectKind) -> bool:
+    """Whether a kind depends on the payload."""
+    return bool({"load", "wrench"} & set(kind.needs))
+
+
+def _must_be_given(spec: EffectParameter) -> bool:
+    """Whether an effect is not linear in a parameter and nothing says how large it is."""
+    return spec.name in NONLINEAR or (
+        spec.default is None and spec.low > 0.0 and not spec.reciprocal)
+
+
+def _added(mechanism: Mechanism, kind: EffectKind, asked: Asked) -> Mechanism:
+    """Return the machine with one more effect for each actuator, or for the whole machine."""
+    count = len(mechanism.actuators)
+    turning = np.array([q == "angle" for q in mechanism.actuator_quantity])
+    usable = turning if kind.joints == "turning" else np.ones(count, dtype=np.bool_)
+    which = ([tuple(bool(a == b) for b in range(count)) for a in np.flatnonzero(usable)]
+             if kind.per_actuator else [(True,) * count])
+    for on in which:
+        mechanism = with_effect(mechanism, kind, on, {
+            s.name: Given(_value(mechanism, s, on, asked), free=not s.constant)
+            for s in kind.parameters(mechanism.motion)})
+    return replace(mechanism, free=tuple(sorted({*mechanism.free, *free_indices(
+        mechanism.parameters, ())})))
+
+
+def _value(mechanism: Mechanism, spec: EffectParameter, on: Sequence[bool], asked: Asked) -> float:
+    """Return where the linear model of an effect is taken: at next to nothing."""
+    if not spec.reciprocal:
+        return 0.0 if spec.default is None else spec.default
+    joint = joint_quantity(mechanism, on)
+    weight = STANDARD_GRAVITY * max(asked.payload or (1.0,))
+    turns = resolved("joint", joint) == "angle"
+    return weight * (mechanism.length_scale if turns else 1.0) / (
+        STIFF * (1.0 if turns else mechanism.reach))
+
+
+def offered(mechanism: Mechanism, asked: Asked, q: Array, seed: int
+            ) -> tuple[Ints, dict[str, Array]]:
+    """Return under which settings each pose is offered.
+
+    Returns:
+        the pose of each row (R,), and its settings by column, SI (R,). Directions of approach
+        come in opposite pairs, everything else at its ends.
+    """
+    rng = np.random.default_rng([seed, 2])
+    wanted = needs(asked)
+    count, k = q.shape
+    if not wanted:
+        return np.arange(count), {}
+    levels = _levels(wanted, asked)
+    pairs = 2 if {"dir", "vel"} & wanted else 1
+    size = len(levels) * 2 * pairs if {"dir", "vel"} & wanted else len(levels)
+    pattern = rng.choice([-1.0, 1.0], (count, pairs, k))
+    signs = np.concatenate([pattern, -pattern], axis=1)
+    chosen = np.array([np.sort(rng.permutation(size)[:MOST_SETTINGS]) for _ in range(count)])
+    pose = np.repeat(np.arange(count), chosen.shape[1])
+    which = chosen.ravel()
+    level = {n: np.array([one[n] for one in levels])[which % len(levels)] for n in levels[0]}
+    columns: dict[str, Array] = {}
+    if {"dir", "vel"} & wanted:
+        way = signs[pose, which // len(levels)]
+        columns |= {f"dir_{a}": way[:, i] for i, a in enumerate(mechanism.actuators)}
+        if "vel" in wanted:
+            speed = np.ptp(q, axis=0) / CROSSING
+            columns |= {f"vel_{a}": way[:, i] * level["speed"] * speed[i]
+                        for i, a in enumerate(mechanism.actuators)}
+    return pose, columns | {n: v for n, v in level.items() if n != "speed"}
+
+
+def _levels(wanted: set[str], asked: Asked) -> list[Mapping[str, float]]:
+    """Return all combinations of what is set at two ends."""
+    ends: dict[str, tuple[float, float]] = {}
+    if {"load", "wrench"} & wanted and asked.payload:
+        ends["payload"] = asked.payload
+    if "temperature" in wanted and asked.temperature:
+        ends["temperature"] = asked.temperature
+    if "vel" in wanted:
+        ends["speed"] = (SLOWER, 1.0)
+    out: list[Mapping[str, float]] = [{}]
+    for name, values in ends.items():
+        out = [{**one, name: v} for one in out for v in values]
+    return out

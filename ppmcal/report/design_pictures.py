@@ -1,0 +1,141 @@
+"""Reading what is worked out before anything is measured: records, row counts, pictures.
+
+Sensitivity, tolerances, stiffness, workspace and measuring plans write one form of record:
+sentences, tables and the captions of their pictures, beside numbers of their own.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ppmcal.errors import BadInput
+from ppmcal.report.data import Designed, Picture, Record
+from ppmcal.report.sources import AGAIN, NUMBER, TEXT, read_columns, read_json
+
+DESIGNS: Mapping[str, tuple[str, ...]] = {
+    "sensitivity": ("sensitivity.csv", "map.csv", "linearity.csv", "jacobian.csv"),
+    "tolerances": ("tolerances.csv", "errors.csv"),
+    "stiffness": ("stiffness.csv", "map.csv"),
+    "workspace": ("workspace.csv", "map.csv", "singular.csv", "modes.csv"),
+    "plan": ("poses.csv", "accuracy.csv"),
+}
+"""Command -> tables that it may write beside NAME.json; those called NAME.csv are its alone."""
+DESIGN_FILES = (*(f"{name}.json" for name in DESIGNS),
+                *(f"{name}.csv" for name in ("sensitivity", "tolerances", "stiffness",
+                                             "workspace")))
+"""Files by which such a folder is recognised."""
+DESIGN = {
+    "name": TEXT, "said": [TEXT], "units": {"*": TEXT}, "findings": [None],
+    "pictures": {"*": TEXT},
+    "tables": [{"title": TEXT, "columns": [TEXT], "rows": [None], "note": TEXT}],
+    "provenance": {"seed": NUMBER, "inputs": {"*": TEXT}},
+}
+"""Shape of NAME.json; other keys are as they like."""
+
+LARGEST_FILE = 20_000_000
+LARGEST_AREA = 60_000_000
+"""Pictures of more bytes or dots stay out of the page."""
+MOST = 40
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def designed(folder: Path) -> list[Designed]:
+    """Return what such commands left in a folder, each with its record.
+
+    Raises:
+        BadInput: a record or a table is broken.
+    """
+    out: list[Designed] = []
+    for kind, tables in DESIGNS.items():
+        file = folder / f"{kind}.json"
+        if not file.is_file() and not (f"{kind}.csv" in tables
+                                       and (folder / f"{kind}.csv").is_file()):
+            continue
+        record = read_json(file, DESIGN) if file.is_file() else {}
+        _refuse_uneven(record, str(file))
+        rows = {name: read_columns(folder / name, wanted=lambda _: False).size
+                for name in tables if (folder / name).is_file()}
+        out.append(Designed(str(folder), kind, record, rows, _pictures(folder, record)))
+    return out
+
+
+def _refuse_uneven(record: Record, source: str) -> None:
+    """Refuse a table whose rows have not one plain cell for each column."""
+    for i, table in enumerate(record.get("tables") or ()):
+        columns = table.get("columns") or ()
+        for j, row in enumerate(table.get("rows") or ()):
+            place = f"{source}: tables[{i}].rows[{j}]"
+            if not isinstance(row, list):
+                raise BadInput("should be a list", place, AGAIN)
+            if len(row) != len(columns):
+                raise BadInput(f"has {len(row)} cells, but the table has {len(columns)} columns",
+                               place, AGAIN)
+            for k, cell in enumerate(row):
+                if isinstance(cell, list | dict):
+                    raise BadInput("should be a number or text", f"{place}[{k}]", AGAIN)
+
+
+def _pictures(folder: Path, record: Record) -> tuple[Picture, ...]:
+    """Return the pictures that a record lists, or all of the folder where it has no list."""
+    listed = record.get("pictures")
+    if listed is None:
+        try:
+            names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() == ".png")
+        except OSError:
+            names = []
+        listed = dict.fromkeys(names, "")
+    out = [_picture(folder, str(name), str(caption or "")) for name, caption in
+           list(listed.items())[:MOST]]
+    return (*out, *_left_over(list(listed)[MOST:]))
+
+
+def _left_over(names: Sequence[str]) -> list[Picture]:
+    return [Picture(n, "", problem=f"left out: the page takes {MOST} pictures") for n in names]
+
+
+def _picture(folder: Path, name: str, caption: str) -> Picture:
+    """Return one picture, or why it is not in the page."""
+    def without(problem: str) -> Picture:
+        return Picture(name, caption, problem=problem)
+
+    if not name or name in (".", "..") or "/" in name or "\\" in name or "\0" in name:
+        return without("left out: it is not in this folder")
+    path = folder / name
+    try:
+        if not path.is_file():
+            return without("missing")
+        if path.stat().st_size > LARGEST_FILE:
+            return without(f"left out: larger than {LARGEST_FILE // 1_000_000} MB")
+        content = path.read_bytes()
+    except OSError as error:
+        return without(f"cannot be read ({error.strerror or error})")
+    size, problem = png_size(content)
+    return without(problem) if problem else Picture(name, caption, content, size)
+
+
+def png_size(content: bytes) -> tuple[tuple[int, int], str]:
+    """Return width and height of a PNG, or what is wrong with it.
+
+    Every chunk is followed to the end and its check sum made, so that what was cut off or
+    damaged does not leave a hole in the page.
+    """
+    if not content.startswith(_SIGNATURE):
+        return (0, 0), "left out: it is no PNG"
+    at, first, size = len(_SIGNATURE), True, (0, 0)
+    while at + 12 <= len(content):
+        length = int.from_bytes(content[at:at + 4], "big")
+        body, end = content[at + 4:at + 8 + length], at + 12 + length
+        if end > len(content) or zlib.crc32(body) != int.from_bytes(content[end - 4:end], "big"):
+            break
+        if first:
+            if body[:4] != b"IHDR" or length != 13:
+                break
+            size = (int.from_bytes(body[4:8], "big"), int.from_bytes(body[8:12], "big"))
+            if not 0 < size[0] * size[1] <= LARGEST_AREA:
+                return (0, 0), f"left out: it has {size[0]} by {size[1]} dots"
+        if body[:4] == b"IEND":
+            return size, ""
+        at, first = end, False
+    return (0, 0), "left out: it is cut off or damaged"

@@ -1,0 +1,142 @@
+"""The section about what was worked out before measuring: one form for five commands."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+from ppmcal.report.data import Designed, Picture, ReportData
+from ppmcal.report.more_sections import scalars
+from ppmcal.report.numbers import count, exact, number, sig
+from ppmcal.report.tables import Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.text import attention, finding_text
+
+TITLES = {"sensitivity": "Sensitivity", "tolerances": "Tolerances", "stiffness": "Stiffness",
+          "workspace": "Workspace and singularities", "plan": "Measuring plan"}
+SHOWN = 30
+"""Rows of a table that are shown; the JSON holds them all."""
+CSS_DOTS = 96.0 / 150.0
+"""Pictures have 150 dots to the inch, a page 96."""
+DIGITS = 5
+WIDE = 40
+"""Cells with more letters may break."""
+
+
+def design_section(one: Designed) -> str:
+    """Return everything about one design: what it says, its tables, pictures and findings."""
+    r = one.record
+    said = [str(s) for s in r.get("said") or ()]
+    name = f' <span class="soft">of {escape(str(r["name"]))}</span>' if r.get("name") else ""
+    out = [f"<h2>{escape(title(one))}{name}</h2>", paragraph(_source(one), "note")]
+    out += [paragraph(s, "big" if i == 0 else "") for i, s in enumerate(said)]
+    out.append(bullets([finding_text(f) for f in r.get("findings") or ()]))
+    if not said:
+        plain = {k: v for k, v in r.items() if k != "name"}
+        out.append(scalars(plain))
+    out += [_table(one, t) for t in r.get("tables") or ()]
+    return "".join([*out, _pictures(one)])
+
+
+def title(one: Designed) -> str:
+    """Return the section's title."""
+    return TITLES.get(one.kind, one.kind.capitalize())
+
+
+def design_headline(one: Designed) -> str:
+    """Return what a design says first, empty where it says nothing."""
+    said = [str(s) for s in one.record.get("said") or ()]
+    return f"{title(one)}: {said[0]}" if said else ""
+
+
+def _source(one: Designed) -> str:
+    held = ", ".join(f"{count(n, 'row')} in {name}" for name, n in one.rows.items())
+    return f"From {one.folder}" + (f": {held}." if held else ".")
+
+
+def _table(one: Designed, entry: Mapping[str, Any]) -> str:
+    """Return one table: its first rows, heads with units, and its note."""
+    columns = [str(c) for c in entry.get("columns") or ()]
+    rows = entry.get("rows") or ()
+    heads = [_head(c, one.record.get("units") or {}) for c in columns]
+    across = [_column(list(c)) for c in zip(*rows[:SHOWN], strict=True)]
+    body = list(zip(*across, strict=True))
+    more = (f"The first {SHOWN} of {count(len(rows), 'row')}; {one.kind}.json has them all."
+            if len(rows) > SHOWN else "")
+    note = " ".join(t for t in (_sentence(str(entry.get("note") or "")), more) if t)
+    caption = str(entry.get("title") or "")
+    shown = table(caption, heads, body, sort=True) if columns else ""
+    if not shown:
+        empty = f"{caption or 'A table'}: no rows."
+        return paragraph(empty, "note") + paragraph(note, "note")
+    return shown + paragraph(note, "note")
+
+
+def _head(column: str, units: Mapping[str, Any]) -> str:
+    """Return a column's name with its unit."""
+    unit, plain = str(units.get(column) or ""), column.replace("_", " ")
+    return f"{plain}, {unit}" if unit and unit != "1" else plain
+
+
+def _column(values: list[Any]) -> list[Cell]:
+    """Return one column of cells, without the zeros at which all of its numbers end."""
+    shown = {i: sig(v, DIGITS) for i, v in enumerate(values) if isinstance(v, float)
+             and number(v) is not None}
+    broken = [s for s in shown.values() if "." in s]
+    while broken and all(s.endswith("0") for s in broken):
+        broken = [s[:-1] for s in broken]
+        shown = {i: s[:-1] if "." in s else s for i, s in shown.items()}
+    return [amount(v, shown[i].rstrip(".")) if i in shown else _cell(v)
+            for i, v in enumerate(values)]
+
+
+def _cell(value: Any) -> Cell:
+    """Return one cell; words that are a number stand as such."""
+    if isinstance(value, bool):
+        return words("yes" if value else "no")
+    if value is None or isinstance(value, int):
+        return amount(value, "–" if value is None else exact(value))
+    try:
+        plain = float(value)
+    except ValueError:
+        return dotted(value) if len(value) <= WIDE else words(value, "wrap")
+    if math.isfinite(plain):
+        return amount(plain, str(value).strip().replace("-", "−"))
+    return amount(None, "–" if math.isnan(plain) else "−∞" if plain < 0.0 else "∞")
+
+
+def _pictures(one: Designed) -> str:
+    """Return all pictures, and what became of those that are not there."""
+    drawn = "".join(_figure(p, title(one)) for p in one.pictures if not p.problem)
+    lacking = "".join(paragraph(f"{p.file}: {p.problem}.", "bad")
+                      for p in one.pictures if p.problem)
+    return (f'<div class="pictures">{drawn}</div>' if drawn else "") + lacking
+
+
+def _figure(p: Picture, section: str) -> str:
+    """Return a picture on a light card; its words are drawn dark."""
+    caption = _sentence(p.caption) or p.file
+    alt = escape(f"{section}: {caption}", quote=True)
+    data = base64.b64encode(p.png).decode("ascii")
+    width, height = (max(round(v * CSS_DOTS), 1) for v in p.size)
+    return (f'<figure class="picture"><img alt="{alt}" width="{width}" height="{height}" '
+            f'src="data:image/png;base64,{data}"><figcaption>{escape(caption)}</figcaption>'
+            "</figure>")
+
+
+def _sentence(text: str) -> str:
+    """Return text as a sentence, empty if there is none."""
+    plain = text.strip()
+    return f"{plain[:1].upper()}{plain[1:].rstrip('.')}." if plain else ""
+
+
+def look_at(data: ReportData) -> list[tuple[str, str]]:
+    """Return all that the user must look at, designs included, as (where, sentence)."""
+    out = attention(data)
+    for one in data.designed:
+        out += [(one.folder, finding_text(f)) for f in one.record.get("findings") or ()]
+        out += [(one.folder, f"the picture {p.file} is missing") for p in one.pictures
+                if p.problem == "missing"]
+    return list(dict.fromkeys(out))
