@@ -6,11 +6,13 @@ platform point its three: 21 per leg, 126 for six legs, also those that the clos
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.inverse import home_state
 from ppmcal.limbs.chain import SlotSpec
 from ppmcal.mechanism import Limb, Mechanism
 from ppmcal.parameters import Parameter, SlotMap
@@ -134,10 +136,36 @@ def _class_tolerances(mechanism: Mechanism) -> dict[str, float]:
     return out
 
 
-def tolerances(mechanism: Mechanism, found: tuple[Source, ...]) -> Array:
+def tolerances(mechanism: Mechanism, found: Sequence[Source]) -> Array:
     """Return one standard deviation of each error (S,), SI; 0 where there is none."""
     out = np.zeros(len(found))
     for i, s in enumerate(found):
         tolerance = mechanism.parameters[s.parameter].tolerance
         out[i] = tolerance if tolerance is not None and _usable(tolerance) else 0.0
     return out
+
+
+def natural_units(mechanism: Mechanism, found: Sequence[Source], metric: float) -> Array:
+    """Return how large an error of each kind counts like an error of 1 m (S,).
+
+    Lengths 1; angles 1/metric; ratios of drives what moves the joint by that much at the largest
+    joint value of home or limits.
+    """
+    out = np.ones(len(found))
+    for i, s in enumerate(found):
+        p = mechanism.parameters[s.parameter]
+        if p.quantity != "length":
+            out[i] /= metric
+        if p.per_unit:
+            out[i] /= _largest_joint(mechanism, s.parameter)
+    return out
+
+
+def _largest_joint(mechanism: Mechanism, parameter: int) -> float:
+    """Return the largest joint value of the drives that a ratio belongs to, unit of q."""
+    q = home_state(mechanism).q
+    ends = np.where(np.isfinite(mechanism.limits), mechanism.limits, q[:, None])
+    mine = [limb.actuator for limb in mechanism.limbs
+            if any(p == parameter for _, p in limb.slots.direct)]
+    largest = float(np.abs(np.concatenate([ends[mine].ravel(), q[mine]])).max())
+    return largest if largest > 0.0 else 1.0

@@ -23,7 +23,7 @@ from ppmcal.limbs.chain import cross_matrix
 
 Array = NDArray[np.float64]
 CHUNK = 8192
-ROUNDS = 30
+ROUNDS, STARTS = 30, 150
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +164,9 @@ def worst_case(jacobian: Array, limits: Array) -> tuple[Array, Array]:
         jacobian: J_g (N, 6, S).
         limits: largest size of each error (S,).
 
-    The longest vector of the zonotope sum(+-J_i limit_i): from 13 directions each sign is set
-    to help, then the direction to the sum, until nothing changes.
+    The longest vector of the zonotope sum(+-J_i limit_i): from :data:`STARTS` directions over
+    the half sphere each sign is set to help, then the direction to the sum, until nothing
+    changes. A corner that no start leads to would be missed.
     """
     steps = jacobian * limits
     return _longest(steps[:, :3])[0], _longest(steps[:, 3:])[0]
@@ -177,13 +178,22 @@ def worst_signs(steps: Array) -> Array:
     return np.where(way @ steps < 0.0, -1.0, 1.0)
 
 
+def _directions(flat: bool) -> Array:
+    """Return unit vectors evenly over half the circle, or the half sphere (golden spiral)."""
+    k = (np.arange(STARTS) + 0.5) / STARTS
+    if flat:
+        return np.stack([np.cos(np.pi * k), np.sin(np.pi * k), np.zeros(STARTS)], axis=-1)
+    turn, r = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(STARTS), np.sqrt(1.0 - k**2)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), k], axis=-1)
+
+
 def _longest(steps: Array) -> tuple[Array, Array]:
     """Return the longest sum(+-step) of steps (N, 3, S): its length (N,) and direction (N, 3)."""
-    grid = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)], float)
-    starts = grid[14:] / np.linalg.norm(grid[14:], axis=1, keepdims=True)
+    flat = not steps[:, 2].any()
+    starts = _directions(flat)
     out, ways = np.empty(len(steps)), np.empty((len(steps), 3))
-    for begin in range(0, len(steps), CHUNK // 32):
-        part = steps[begin:begin + CHUNK // 32]
+    for begin in range(0, len(steps), CHUNK // 64):
+        part = steps[begin:begin + CHUNK // 64]
         way = np.broadcast_to(starts, (len(part), *starts.shape))
         length = np.zeros(way.shape[:2])
         for _ in range(ROUNDS):
@@ -195,8 +205,8 @@ def _longest(steps: Array) -> tuple[Array, Array]:
                 break
         best = np.argmax(length, axis=1)
         mine = np.arange(len(part))
-        out[begin:begin + CHUNK // 32] = length[mine, best]
-        ways[begin:begin + CHUNK // 32] = way[mine, best]
+        out[begin:begin + CHUNK // 64] = length[mine, best]
+        ways[begin:begin + CHUNK // 64] = way[mine, best]
     return out, ways
 
 

@@ -18,8 +18,10 @@ HOPELESS_TRIALS = 10
 
 
 def commands(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
-             ) -> tuple[Array, list[str]]:
+             ) -> tuple[Array, list[str], Listed | None]:
     """Return the joint values (N, k) of the wanted poses, and why others were left out.
+
+    Of a file also its rows that can be measured, with their settings.
 
     Random poses are drawn until there are enough that can be measured; of the other
     patterns, poses outside limits or near singularities are left out.
@@ -27,7 +29,7 @@ def commands(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
     shape = scenario.poses
     model = Model(mechanism)
     if isinstance(shape, Random):
-        return _random_commands(model, shape, scenario, rng), []
+        return _random_commands(model, shape, scenario, rng), [], None
     wanted = pose_list(shape)
     table = inverse_table(model, wanted)
     good = np.array([s == "ok" for s in table.status])
@@ -35,7 +37,7 @@ def commands(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
         raise BadInput(f"none of the {len(wanted)} poses can be measured: {table.reason[0]}",
                        f"{scenario.source}: poses", "Move the center or make the range smaller")
     left_out = [f"pose {n}: {table.reason[n]}" for n in np.flatnonzero(~good)]
-    return table.q[good], left_out
+    return table.q[good], left_out, shape.take(good) if isinstance(shape, Listed) else None
 
 
 def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.random.Generator

@@ -3,8 +3,9 @@
 Machines that differ from one drawing by their tolerances share the linear problem of that
 drawing, so the estimate is one fixed matrix: theta += G r + H (drawing - theta), r the
 whitened residuals of the full nonlinear model at theta. That is Gauss-Newton with the
-Jacobian of the drawing (a chord method); it ends where :mod:`ppmcal.identify` ends, but for
-terms of second order in the errors. M machines, N measured poses, m numbers each, C columns.
+Jacobian of the drawing (a chord method); where it comes to rest it is where
+:mod:`ppmcal.identify` ends, but for terms of second order in the errors, and where it does not,
+that fits the machine. M machines, N measured poses, m numbers each, C columns.
 """
 
 from __future__ import annotations
@@ -20,15 +21,18 @@ from ppmcal.arrays import svd
 from ppmcal.closure import Model
 from ppmcal.compensate import Knowledge, prediction_jacobian
 from ppmcal.conditions import unknown_conditions
-from ppmcal.errors import NoResult
+from ppmcal.dataset import Dataset
+from ppmcal.errors import PpmcalError
+from ppmcal.fit import Fit, Options
 from ppmcal.forward import newton
+from ppmcal.identify import identify
 from ppmcal.instrument import Instrument
 from ppmcal.layout import Open, turned_about
 from ppmcal.linear import column_scale, prior_weights
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, coordinates_of, predict
+from ppmcal.observation import SCALARS, Station, coordinates_of, predict
 from ppmcal.problem import Problem, State
-from ppmcal.targets import pose_motor
+from ppmcal.targets import pose_motor, pose_vector
 
 Array = NDArray[np.float64]
 ROUNDS = 12
@@ -70,15 +74,18 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """One linear estimate: ``gain`` (C, N m), ``pull`` (C, F), ``white`` (N, m, m), sigma (C,).
+    """One linear estimate: ``gain`` (C, N m), ``pull`` (C, F), ``white`` (N, m, m).
 
-    ``covariance`` (C, C) of what is estimated.
+    ``covariance`` (C, C) of what is estimated; ``open``: whether anything is; ``geometry``:
+    whether parameters are, or frame and target alone.
     """
 
     gain: Array
     pull: Array
     white: Array
     covariance: Array
+    open: bool
+    geometry: bool
 
     @property
     def sigma(self) -> Array:
@@ -121,11 +128,15 @@ def _linear(recipe: Recipe, use: NDArray[np.bool_]) -> Linear:
     half = (vt[seen].T / s[seen]) * scale[:, None]
     free = len(problem.free)
     pull = inverse[:, len(data):][:, :free] * prior[:free]
-    return Linear(inverse[:, :len(data)], pull, white, half @ half.T)
+    return Linear(inverse[:, :len(data)], pull, white, half @ half.T, bool(use.any()),
+                  bool(use[:free].any()))
 
 
 def calibrate(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibrated:
     """Return what a calibration finds of machines whose true parameters are ``g`` (M, P).
+
+    Machines at which the drawing's Jacobian does not lead to rest, or that cannot take a pose
+    to be measured (it is left out then), are identified one by one (:func:`alone`).
 
     Args:
         recipe: how they are measured.
@@ -133,6 +144,62 @@ def calibrate(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibra
         g: true parameters (M, P).
         noise: white noise of the measurements (M, N, m).
     """
+    found = _chord(recipe, linear, g, noise)
+    if not linear.open:
+        return replace(found, settled=np.ones(len(g), dtype=np.bool_))
+    parameters, station, settled = found.g.copy(), found.station, found.settled.copy()
+    frame, target, turn = (np.array(a) for a in (station.frame, station.target,
+                                                 station.target_rotation))
+    for i in np.flatnonzero(~settled):
+        fit = alone(recipe, linear, g[i], noise[i])
+        if fit is not None:
+            own = fit.state.stations[0]
+            parameters[i], frame[i] = fit.state.g, own.frame
+            target[i], turn[i], settled[i] = own.target, own.target_rotation, True
+    return Calibrated(parameters, Station(frame, target, turn, station.homing), settled)
+
+
+def alone(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Fit | None:
+    """Return the fit of one machine (P,) by :mod:`ppmcal.identify`; None where there is none.
+
+    It starts at the truth, next to the minimum that matters: what a calibration is worth, not
+    how it gets there from the drawing. ``noise``: white (N, m), as :func:`calibrate` takes it.
+    """
+    mechanism, instrument = recipe.mechanism, recipe.instrument
+    real, there, _ = newton(Model(mechanism, g).closure(recipe.q), pose_motor(recipe.pose))
+    raw = np.asarray(np.linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
+    data = shaken(instrument.dataset(recipe.q, pose_vector(real), {},
+                                     mechanism.motion == "planar"), raw, mechanism.motion)
+    free = list(recipe.problem.free) if linear.geometry else []
+    problem = Problem(mechanism, (data.take(there),), tuple(free))
+    first = mechanism.values.copy()
+    first[free] = g[free]
+    closed, here, _ = newton(Model(mechanism, first).closure(recipe.q[there]), real[there])
+    if not here.all():
+        return None
+    try:
+        fit = identify(problem, Options(robust=False), near=True,
+                       start=State(first, (instrument.station(),), (closed,)))
+    except PpmcalError:
+        return None
+    return fit if fit.converged else None
+
+
+def shaken(data: Dataset, raw: Array, motion: str) -> Dataset:
+    """Return measurements with errors ``raw`` (N, m) of the coordinates measured, m and rad."""
+    if data.kind in SCALARS:
+        return replace(data, value=data.value + raw[:, 0])
+    whole = np.zeros((len(raw), 6))
+    whole[:, list(coordinates_of(data.kind, motion))] = raw
+    own = cga.motor_from_rotation_vector(np.nan_to_num(data.rotation), np.zeros(3))
+    shake = cga.motor_from_rotation_vector(whole[:, 3:], np.zeros(3))
+    turned = cga.rotation_vector(cga.compose(shake, own))
+    return replace(data, position=data.position + whole[:, :3],
+                   rotation=np.where(np.isnan(data.rotation), np.nan, turned))
+
+
+def _chord(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibrated:
+    """Return the fixed point of the drawing's estimate; ``settled`` where it was reached."""
     problem, mechanism = recipe.problem, recipe.mechanism
     m, n = len(g), len(recipe.q)
     owner, open_ = np.repeat(np.arange(m), n), problem.opens[0]
@@ -146,6 +213,7 @@ def calibrate(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibra
     free, pose = list(problem.free), start
     usable = np.asarray(reached.reshape(m, n).all(axis=1), dtype=np.bool_)
     small = np.zeros((m, len(problem.columns)), dtype=np.bool_)
+    sigma = np.where(linear.sigma > 0.0, linear.sigma, 1.0)
     for _ in range(ROUNDS):
         pose, found, _ = newton(Model(mechanism, now.g[owner]).closure(q), pose)
         usable &= found.reshape(m, n).all(axis=1)
@@ -155,14 +223,10 @@ def calibrate(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibra
         step += (mechanism.nominals[free] - now.g[:, free]) @ linear.pull.T
         step[~usable] = 0.0
         now = _moved(now, step, free, open_)
-        sigma = linear.sigma
-        small[:] = np.abs(step) <= SETTLED * np.where(sigma > 0.0, sigma, 1.0)
+        small[:] = np.abs(step) <= SETTLED * sigma
         if small[usable].all():
             break
         pose = np.where(usable[owner][:, None], pose, start)
-    if not usable.any():
-        raise NoResult("no machine with errors of this size can take the poses to be measured",
-                       mechanism.source, "Ask for smaller tolerances, or other poses")
     return replace(now, settled=usable & small.all(axis=1))
 
 

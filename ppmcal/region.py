@@ -26,6 +26,8 @@ LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.
 """A box turns the platform from home by no more."""
 STEPS = 64
 """Steps on the way from home along one coordinate, at which limits are looked up."""
+SHORT, FINER = 8, 4
+"""A way of fewer steps is followed again in finer ones, at most so often."""
 SMALLEST = 0.02
 MARGIN = 0.15
 """A slice goes beyond what home can reach along its axes by this part, both ways."""
@@ -126,16 +128,24 @@ def extent(model: Model, chosen: Sequence[int]) -> tuple[Array, Array]:
     mechanism = model.mechanism
     far = mechanism.reach * (1.0 if np.isfinite(mechanism.limits).all() else OPEN_REACH)
     ends = np.array([far if c < 3 else LARGEST_TURN[mechanism.motion] for c in chosen])
+    return _free(model, chosen, -ends), _free(model, chosen, ends)
+
+
+def _free(model: Model, chosen: Sequence[int], ends: Array) -> Array:
+    """Return how far home can go towards ``ends`` (c,), in steps of 1/64; finer for short ways."""
     way = np.linspace(0.0, 1.0, STEPS + 1)[1:]
-    out = []
-    for side in (-1.0, 1.0):
-        steps = side * ends[:, None, None] * way[None, :, None] * np.eye(len(chosen))[:, None, :]
-        home = mechanism.home_pose[list(chosen)]
-        poses = placed(mechanism, chosen, home + steps.reshape(-1, len(chosen)))
+    home = model.mechanism.home_pose[list(chosen)]
+    free = np.zeros(len(chosen), dtype=np.int64)
+    for finer in range(FINER):
+        steps = ends[:, None, None] * way[None, :, None] * np.eye(len(chosen))[:, None, :]
+        poses = placed(model.mechanism, chosen, home + steps.reshape(-1, len(chosen)))
         good = within(model, poses).reshape(len(chosen), STEPS)
         free = np.cumprod(good, axis=1).sum(axis=1)
-        out.append(ends * free / STEPS)
-    return out[0], out[1]
+        short = free < SHORT
+        if not short.any() or finer == FINER - 1:
+            break
+        ends = np.where(short & (np.abs(ends) > 0.0), ends * SHORT / STEPS, ends)
+    return np.abs(ends) * free / STEPS
 
 
 def within(model: Model, poses: Array) -> Bools:

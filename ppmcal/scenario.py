@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,10 +58,21 @@ class Helix:
 
 @dataclass(frozen=True)
 class Listed:
-    """Poses of a file, (N, 6), nan where left empty."""
+    """Poses of a file, (N, 6), nan where left empty, each measured as its other columns say.
+
+    ``columns``: ``dir_...``, ``vel_...``, ``payload``, ``temperature`` in SI (N,), as far as the
+    file has them; ``labels``: its column ``pose`` (N,), or None.
+    """
 
     poses: Array
     path: str
+    columns: Mapping[str, Array] = field(default_factory=dict)
+    labels: NDArray[np.int64] | None = None
+
+    def take(self, keep: NDArray[np.bool_]) -> Listed:
+        """Return some of the rows."""
+        return Listed(self.poses[keep], self.path, {n: c[keep] for n, c in self.columns.items()},
+                      None if self.labels is None else self.labels[keep])
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ length rho: an angular error of sigma/rho counts as a length error of sigma.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.closure import Model
-from ppmcal.components import Source, geometry_only, sources, tolerances
+from ppmcal.components import Source, geometry_only, natural_units, sources, tolerances
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.inverse import home_state
 from ppmcal.jacobians import (
@@ -39,7 +40,7 @@ Array = NDArray[np.float64]
 MULTIPLES = np.logspace(-3.0, 3.0, 25)
 """Multiples of the tolerances at which the linear model is tried."""
 SIZES = np.logspace(-6.0, -1.5, 28)
-"""Sizes of errors that are moved together, in parts of the reach."""
+"""Sizes of errors that are moved together, in parts of the reach (of what counts like it)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +125,13 @@ def analyse(mechanism: Mechanism, asked: Asked, wanted: Array | None = None) -> 
     if wanted is None:
         good[:] = True
     if not good.any():
-        raise NoResult(f"none of the {len(good)} poses can be reached: {table.reason[0]}",
+        why = Counter(s for s in table.status).most_common()
+        raise NoResult(f"none of the {len(good)} poses can be used: "
+                       + ", ".join(f"{count} {status}" for status, count in why),
                        mechanism.source, "Choose poses nearer to home")
     at = Poses(table.q[good], pose_motor(table.pose[good]), asked.tool)
     limits = asked.sigmas * sigma
-    unit = np.array([1.0 if machine.parameters[p].quantity == "length" else 1.0 / asked.metric
-                     for p in free])
+    unit = natural_units(machine, found, asked.metric)
     index = np.full((len(good), 2), np.nan)
     index[good] = np.stack(root_sum_square(covariance(model, at, free, unit)), axis=-1)
     first = np.stack(root_sum_square(covariance(model, home, free, unit)), axis=-1)[0]
@@ -167,9 +169,10 @@ def _moved(machine: Mechanism, found: Sequence[Source], together: Sequence[str]
                        ", ...")
     moved = [i for i, p in zip(free, parameters, strict=True)
              if any(p.matches(t) for t in together)]
-    if len({machine.parameters[p].quantity for p in moved}) > 1:
-        raise BadInput("lengths and angles cannot be off by the same amount", "--together",
-                       "Name parameters of one quantity")
+    if len({(machine.parameters[p].quantity, machine.parameters[p].per_unit)
+            for p in moved}) > 1:
+        raise BadInput("lengths, angles and ratios cannot be off by the same amount",
+                       "--together", "Name parameters of one quantity")
     return tuple(moved)
 
 
@@ -182,5 +185,5 @@ def _way(machine: Mechanism, found: Sequence[Source], sigma: Array, jacobian: Ar
                 asked.metric * np.linalg.norm(jacobian[3:] @ ways[1])]
         return ways[int(np.argmax(size))], MULTIPLES
     step = np.array([1.0 if s.parameter in moved else 0.0 for s in found])
-    length = machine.parameters[moved[0]].quantity == "length"
-    return step, SIZES * (machine.reach if length else 1.0)
+    unit = natural_units(machine, [s for s in found if s.parameter == moved[0]], asked.metric)
+    return step, SIZES * machine.reach * float(unit[0])

@@ -7,6 +7,7 @@ target, with noise. What was true is kept apart, in truth.json.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,16 +78,22 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     """
     refuse_flat(scenario.kind, mechanism.motion, scenario.source)
     rng = np.random.default_rng(scenario.seed if seed is None else seed)
-    q, left_out = commands(mechanism.nominal(), scenario, rng)
+    q, left_out, listed = commands(mechanism.nominal(), scenario, rng)
+    own = listed.columns if listed else {}
+    _once(scenario, own)
     if scenario.pairs and len(q) < 2:
         raise BadInput("one pose has no distance to another", f"{scenario.source}: poses",
                        "Ask for more poses")
     g = true_parameters(mechanism, scenario, rng)
     order, direction, payload = _visits(q, scenario, rng)
+    direction = _own(own, "dir", mechanism, direction, order)
+    payload = own["payload"][order] if "payload" in own else payload
     n = order.size
     time = SECONDS_PER_ROW * np.arange(1, n + 1, dtype=np.float64)
-    temperature = _temperature(scenario, time)
-    velocity = direction * scenario.velocity * _speeds(scenario, direction.shape, rng)
+    temperature = own["temperature"][order] if "temperature" in own else _temperature(
+        scenario, time)
+    velocity = _own(own, "vel", mechanism,
+                    direction * scenario.velocity * _speeds(scenario, direction.shape, rng), order)
     rows = _conditions(mechanism, direction, velocity, payload, temperature, time)
     acting = with_strokes(scenario.acting, q)
     model = Model(acting, g)
@@ -104,11 +111,36 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     shown = None if stretch is None else stretch[keep] if len(stretch) > 1 else stretch
     position, rotation, value, outlier = _measured(actual[keep], ends[keep], shown, mechanism,
                                                    scenario, rng)
-    return Campaign(order[keep], q[order[keep]], position, rotation, value, direction[keep],
-                    velocity[keep] if np.any(scenario.velocity) else None,
+    labels = order if listed is None or listed.labels is None else listed.labels[order]
+    return Campaign(labels[keep], q[order[keep]], position, rotation, value, direction[keep],
+                    velocity[keep] if np.any(velocity) else None,
                     payload[keep] if payload is not None else None,
                     temperature[keep] if temperature is not None else None, time[keep],
                     outlier, acting, g, tuple(left_out), q[other[keep]] if scenario.pairs else None)
+
+
+def _own(own: Mapping[str, Array], what: str, mechanism: Mechanism, rest: Array, order: Ints
+         ) -> Array:
+    """Return directions or speeds (rows, k): those of the file of poses, else ``rest``."""
+    out = rest.copy()
+    for a, name in enumerate(mechanism.actuators):
+        if f"{what}_{name}" in own:
+            out[:, a] = own[f"{what}_{name}"][order]
+    return out
+
+
+def _once(scenario: Scenario, own: Mapping[str, Array]) -> None:
+    """Refuse settings that both the scenario and its file of poses give."""
+    twice = {"payload": ("conditions.payload", bool(scenario.payload)),
+             "temperature": ("conditions.temperature", scenario.temperature is not None),
+             "dir": ("approach", scenario.approach != "one"),
+             "vel": ("conditions.velocity", bool(np.any(scenario.velocity)))}
+    for name in own:
+        place, given = twice[name.partition("_")[0]]
+        if given:
+            raise BadInput(f"the file of poses has its own column {name}",
+                           f"{scenario.source}: {place}", "Take it out of the scenario, or the "
+                           "column out of the file")
 
 
 def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mechanism,

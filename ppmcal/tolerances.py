@@ -26,8 +26,9 @@ from ppmcal.parallel import over
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-DRAWS = 4000
-"""Machines of the linear model from which the common scale follows."""
+DRAWS, BEYOND, MOST_DRAWS = 4000, 400, 40_000
+"""Machines of the linear model from which the common scale follows: at least so many, and so many
+expected out of specification, up to the last."""
 NEAR = 0.1
 """Machines whose worst error is this near to the quantile tell which errors set it."""
 ROUNDS = 12
@@ -107,16 +108,25 @@ def allocate(mechanism: Mechanism, sources: tuple[Source, ...], tasks: Poses, wa
     if not felt(a).any():
         raise BadInput("none of the errors moves the tool", f"{mechanism.source}: free",
                        "Free other parameters")
-    draws = np.random.default_rng(seed).normal(size=(DRAWS, len(free)))
-    linear = _Linear(jacobian, draws, wanted)
+    if not np.isfinite(jacobian).all():
+        raise BadInput("a task pose is singular: errors there have no finite effect",
+                       mechanism.source, "Leave it out")
+    rng = np.random.default_rng(seed)
+    count = int(min(max(DRAWS, BEYOND / (1.0 - wanted.share)), MOST_DRAWS))
+    linear, fresh = (_Linear(jacobian, rng.normal(size=(n, len(free))), wanted)
+                     for n in (DRAWS, count))
     out = {}
     for method, tau in (("mean", one_for_all(a, unit)), ("equal", equal_parts(a)),
                         ("cost", least_cost(a, weight, exponent))):
         scaled = tau / linear.quantile(tau)[0]
         out[method] = Allocation(method, scaled, cost(scaled, weight, exponent))
     out["cost"] = _cheapest(linear, out, a, weight, exponent)
-    out["file"] = Allocation("file", given, cost(given[felt(a)], weight[felt(a)],
-                                                 exponent[felt(a)]))
+    use = felt(a)
+    for method, found in out.items():
+        # other draws than those that chose the tolerances set their scale
+        tau = found.tau / fresh.quantile(found.tau)[0]
+        out[method] = Allocation(method, tau, cost(tau[use], weight[use], exponent[use]))
+    out["file"] = Allocation("file", given, cost(given[use], weight[use], exponent[use]))
     return out
 
 
@@ -203,13 +213,19 @@ def simulate(fleet: Fleet, machines: int, seed: int, processes: int, scheduler: 
 class Check:
     """Linear prediction against Monte Carlo, pose by pose (T,).
 
-    ``linear``, ``drawn``: rms position error, m; ``error``: the second's standard error;
-    ``agrees``: whether the linear prediction is good enough there.
+    ``linear``, ``drawn``: rms position error, m, the second of machines that can go there;
+    ``error``: its standard error; ``agrees``: whether the linear prediction is good enough.
     """
 
     linear: Array
     drawn: Array
     error: Array
+
+    @property
+    def seen(self) -> float:
+        """The relative difference that so many machines would show for certain."""
+        return float(np.max(SURE * self.error / np.where(self.linear > 0.0, self.linear, 1.0),
+                            initial=MATTERS))
 
     @property
     def agrees(self) -> Bools:

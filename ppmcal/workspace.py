@@ -68,6 +68,8 @@ class Workspace:
         quality: of each pose; ``home``: of home, (1,) each.
         distance: to the nearest singular pose of the grid (N,), m or rad as :class:`Nearest`;
             nan where a pose has no joint values, or where the grid has no singular pose.
+        edge: distance to the end of the grid (N,): where ``distance`` is larger, a nearer
+            singularity may lie beyond it.
         singular: poses on the singular set (S, 6), x, y, z, rotation vector.
         nearest: to home, None where the grid has none; ``searched``: whether it was looked for.
         share: part of the grid that can be reached within limits, on home's side.
@@ -83,6 +85,7 @@ class Workspace:
     quality: Quality
     home: Quality
     distance: Array
+    edge: Array
     singular: Array
     nearest: Nearest | None
     searched: bool
@@ -96,6 +99,11 @@ class Workspace:
     def reached(self) -> Bools:
         """Poses within limits, on home's side of singularities (N,)."""
         return np.array([s == "ok" for s in self.table.status], dtype=np.bool_)
+
+    @property
+    def sure(self) -> Bools:
+        """Poses whose distance no singularity beyond the grid can undercut (N,)."""
+        return np.asarray(self.distance <= self.edge, dtype=np.bool_)
 
     @property
     def distance_quantity(self) -> str:
@@ -138,7 +146,8 @@ def workspace(mechanism: Mechanism, grid: Grid) -> Workspace:
     spans = [float(level[-1] - level[0]) for level in grid.levels]
     share = float(np.mean(reached))
     return Workspace(
-        mechanism, grid, table, quality, home, distance, space.poses(points)[1],
+        mechanism, grid, table, quality, home, distance,
+        _to_the_end(grid, _nodes(grid), weights), space.poses(points)[1],
         _nearest(space, grid, points), searched, share, share * float(np.prod(spans)),
         _mean(quality.dexterity[reached]), _mean(quality.legs[reached]),
         limit_reason(mechanism, home_state(mechanism).q))
@@ -247,6 +256,14 @@ def _edges(shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return np.concatenate(ends[0]), np.concatenate(ends[1])
 
 
+def _to_the_end(grid: Grid, points: Array, weights: Array) -> Array:
+    """Return how far points (M, c) are from the end of the grid (M,)."""
+    ends = [(level[0], level[-1]) for level in grid.levels]
+    room = [np.minimum(points[:, i] - low, high - points[:, i]) * weights[i]
+            for i, (low, high) in enumerate(ends)]
+    return np.asarray(np.min(room, axis=0), dtype=float)
+
+
 def _weights(mechanism: Mechanism, grid: Grid) -> Array:
     """Return what one unit of each of the grid's coordinates counts in a distance (c,)."""
     if all(c >= 3 for c in grid.coordinates):
@@ -261,8 +278,7 @@ def _nearest(space: _Space, grid: Grid, points: Array) -> Nearest | None:
     mechanism = space.model.mechanism
     weights = _weights(mechanism, grid)
     home = mechanism.home_pose[list(grid.coordinates)]
-    edge = min(float(min(h - level[0], level[-1] - h)) * float(w)
-               for h, level, w in zip(home, grid.levels, weights, strict=True))
+    edge = float(_to_the_end(grid, home[None], weights)[0])
 
     def closest(points: Array) -> Array:
         away = np.linalg.norm((points - home) * weights, axis=1)
@@ -272,8 +288,9 @@ def _nearest(space: _Space, grid: Grid, points: Array) -> Nearest | None:
     count = CLOSER.get(len(grid.coordinates))
     if count is not None:  # along one coordinate the zero itself was found
         steps = [level[1] - level[0] for level in grid.levels]
-        small = Grid(grid.coordinates, tuple(np.linspace(b - 1.01 * s, b + 1.01 * s, count)
-                                             for b, s in zip(best, steps, strict=True)))
+        small = Grid(grid.coordinates, tuple(
+            np.linspace(max(b - 1.01 * s, level[0]), min(b + 1.01 * s, level[-1]), count)
+            for b, s, level in zip(best, steps, grid.levels, strict=True)))
         more = _singular_points(space, small, space.at(_nodes(small)).determinant)
         best = closest(np.concatenate([best[None], more]))
     return Nearest(float(np.linalg.norm((best - home) * weights)), space.poses(best[None])[1][0],

@@ -591,3 +591,47 @@ def test_a_singular_home_is_refused(tmp_path):
     mechanism = read_mechanism(tmp_path / "m.yaml")
     with pytest.raises(NoResult, match="singularity at home"):
         plan(mechanism, default_instrument(mechanism))
+
+
+def test_a_plan_with_settings_can_be_simulated_and_shows_what_it_was_made_for(tmp_path):
+    """Approaches and payloads of poses.csv go into the simulation; the effects come out."""
+    config = CONFIGS / "3-RPR.yaml"
+    run = ppmcal("plan", config, "--count", 24, "--for", "backlash,compliance", "--payload", "0,20",
+                 "--out", tmp_path / "p", "--json")
+    assert any("backlash width to" in t for t in run.json["said"])
+    scenario = {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+                "poses": {"file": "p/poses.csv"}, "seed": 3,
+                "effects": [{"kind": "backlash", "parameters": {"width": 0.2}},
+                            {"kind": "compliance", "parameters": {"stiffness": 2000}}],
+                "instrument": {"kind": "pose", "sigma": {"position": 0.03, "rotation": 0.0069}}}
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
+    ppmcal("simulate", config, tmp_path / "s.yaml", "--out", tmp_path / "s", expect=0)
+    asked, got = rows(tmp_path / "p" / "poses.csv"), rows(tmp_path / "s" / "measurements.csv")
+    for name in ("pose", "dir_leg1", "dir_leg2", "dir_leg3", "payload"):
+        assert [float(r[name]) for r in got] == [float(r[name]) for r in asked]
+    (tmp_path / "m.yaml").write_text(config.read_text() + (
+        "\neffects: [{kind: backlash, parameters: {width: {value: 0, free: true}}}, {kind: "
+        "compliance, parameters: {stiffness: {value: 1e6, free: true}}}]\n"))
+    ppmcal("identify", tmp_path / "m.yaml", tmp_path / "s" / "measurements.csv", "--out",
+           tmp_path / "i")
+    found = {r["name"]: r for r in rows(tmp_path / "i" / "parameters.csv")}
+    for name, true in (("backlash.width", 0.2), ("compliance.stiffness", 2000.0)):
+        value, sigma = float(found[name]["value"]), float(found[name]["sigma"])
+        assert abs(value - true) < 4.0 * sigma < 0.3 * true
+    scenario["conditions"] = {"payload": [0, 20]}
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
+    twice = ppmcal("simulate", config, tmp_path / "s.yaml", "--out", tmp_path / "t", expect=2)
+    assert "has its own column payload" in twice.err.replace("\n", " ")
+
+
+def test_home_outside_limits_and_odd_accuracies_are_refused(tmp_path):
+    text = (CONFIGS / "3-RPR.yaml").read_text()
+    start = text.index("\nlimits:") + 1
+    (tmp_path / "m.yaml").write_text(text[:start] + "limits: {leg1: [200, 300]}\n"
+                                     + text[text.index("\n", start):])
+    run = ppmcal("plan", tmp_path / "m.yaml", "--out", tmp_path / "p", expect=2)
+    assert "home is not within limits: leg1" in run.err.replace("\n", " ")
+    for value in ("nan", "inf", "0"):
+        run = ppmcal("plan", CONFIGS / "3-RPR.yaml", "--accuracy", value, "--out", tmp_path / "p",
+                     expect=2)
+        assert "not the size of an error" in run.err

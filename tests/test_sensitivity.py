@@ -154,10 +154,13 @@ def test_what_the_closure_cancels_does_nothing() -> None:
 
 # ---------------------------------------------------------------- worst case
 
-def test_the_worst_case_is_the_worst_of_all_signs() -> None:
+@pytest.mark.parametrize("flat", [False, True], ids=["space", "plane"])
+def test_the_worst_case_is_the_worst_of_all_signs(flat: bool) -> None:
     rng = np.random.default_rng(8)
-    for count in (1, 5, 10):
-        jacobian = rng.normal(size=(6, 6, count))
+    for count in (1, 3, 6, 9, 11):
+        jacobian = rng.normal(size=(60, 6, count))
+        if flat:
+            jacobian[:, 2:5] = 0.0
         limits = rng.uniform(0.1, 1.0, count)
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=count))) * limits
         every = np.einsum("nkp,sp->nks", jacobian, signs)
@@ -336,7 +339,9 @@ def test_a_map_has_its_pictures_and_the_right_place(tmp_path: Path) -> None:
     (("--together", "*"), "same amount"),
     (("--size", "1"), "goes with --together"),
     (("--home-only", "--grid", "x"), "only one of"),
-    (("--sigmas", "0"), "0"),
+    (("--sigmas", "0"), "standard deviations"),
+    (("--sigmas", "inf"), "standard deviations"),
+    (("--sigmas", "nan"), "standard deviations"),
 ])
 def test_bad_options_are_refused(options: tuple[str, ...], words: str, tmp_path: Path) -> None:
     machine_file = CONFIGS / ("6-RUS.yaml" if options == ("--together", "*") else "3-RPR.yaml")
@@ -352,6 +357,17 @@ def test_a_singular_home_is_refused(tmp_path: Path) -> None:
                                      + text[text.index("\n", home):])
     run = ppmcal("sensitivity", tmp_path / "m.yaml", "--out", tmp_path / "o")
     assert run.code == 3 and "singular" in run.err and not (tmp_path / "o").exists()
+
+
+def test_the_size_of_errors_moved_together_is_in_their_unit(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text((CONFIGS / "3-PRR-1.yaml").read_text() + '\nfree: ["*.base.angle"]\n')
+    found = ppmcal("sensitivity", path, "--home-only", "--together", "*", "--size", 1, "--json",
+                   "--out", tmp_path / "o").json["together"]
+    assert found["size"] == pytest.approx(1.0) and found["size_unit"] == "deg"
+    run = ppmcal("sensitivity", CONFIGS / "3-RPR.yaml", "--home-only", "--together", "*.offset",
+                 "--size", 1e6, "--out", tmp_path / "p")
+    assert "too large" in run.out and "nan" not in run.out
 
 
 def test_no_error_is_refused(tmp_path: Path) -> None:

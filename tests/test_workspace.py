@@ -208,6 +208,26 @@ def test_distances_settle_as_the_grid_gets_finer():
     assert coarse.nearest.distance == pytest.approx(fine.nearest.distance, rel=2e-3)
 
 
+def test_distances_that_the_grid_cannot_settle_are_told(tmp_path):
+    """The singular curve of the 3-RPR is a circle about home: on a small map most is beyond."""
+    mechanism = machine("3-RPR")
+    small, large = (workspace(mechanism, Grid((0, 1), (np.linspace(a, b, 61),
+                                                       np.linspace(c, d, 61))))
+                    for a, b, c, d in ((0.24, 0.89, -0.1, 0.57), (-0.1, 1.1, -0.3, 0.9)))
+    for found in (small, large):
+        place = found.grid.poses(mechanism)[:, :2]
+        true = np.abs(0.381881 - np.linalg.norm(place - mechanism.home_pose[:2], axis=1))
+        settled = found.reached & found.sure
+        assert settled.any() and np.abs(found.distance - true)[settled].max() < 0.02
+    assert (small.reached & ~small.sure).any() and (large.reached & ~large.sure).sum() == 0
+    run = ppmcal("workspace", CONFIGS / "3-RPR.yaml", "--grid", "x=240:890:31,y=-100:570:31",
+                 "--out", tmp_path / "w", "--json")
+    assert any("a nearer one may lie beyond" in t for t in run.json["said"])
+    edge = rows(tmp_path / "w" / "singular.csv")
+    near = run.json["singular"]["nearest_to_home"]["pose"]
+    assert -100 <= near["y"] <= 570 and len(edge) > 10
+
+
 def test_no_singularity_is_invented():
     """Where an elbow turns over det A jumps; a delta has none of the second type in its reach."""
     for name in ("delta-linear", "3-PRP-1", "3-RRP-1", "3-PRR-1"):

@@ -13,6 +13,8 @@ import click
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from ppmcal.mechanism import Mechanism
+
 F = TypeVar("F", bound=Callable[..., Any])
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -115,6 +117,12 @@ def number(value: float | None, digits: int = 4) -> str:
 def counted(count: int, what: str) -> str:
     """Return ``1 row``, ``2 rows``."""
     return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def effects_words(mechanism: Mechanism) -> list[str]:
+    """Return that an analysis of geometry leaves the file's effects out, if it has any."""
+    kinds = ", ".join(dict.fromkeys(e.kind.name for e in mechanism.effects))
+    return [f"Geometry only: the file's effects ({kinds}) are left out."] if kinds else []
 
 
 def input_columns(path: Path) -> tuple[tuple[str, ...], list[Any]]:

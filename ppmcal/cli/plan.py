@@ -40,7 +40,7 @@ ABSOLUTE_ZERO = -273.15
               help="Payloads that can be put on, kg.")
 @click.option("--temperature", metavar="LOW,HIGH", default=None,
               help="Temperatures that can be set, deg C.")
-@click.option("--accuracy", type=click.FloatRange(min=0.0, min_open=True), default=None,
+@click.option("--accuracy", type=float, default=None,
               help="Wanted standard deviation of position at the tasks, in MECH's length unit.")
 @out_option("plan")
 @seed_option
@@ -55,6 +55,7 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     D-optimal for the parameters that MECH leaves free, with its tolerances as prior; ordered
     into a short way. Writes poses.csv, accuracy.csv, plan.json and accuracy.png.
     """
+    from ppmcal.errors import BadInput
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
     from ppmcal.files.instrument import read_instrument
     from ppmcal.instrument import default_instrument
@@ -71,6 +72,9 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     instrument = read_instrument(sidecar, mechanism) if sidecar else default_instrument(mechanism)
     given = (read_poses(candidates, mechanism).poses, str(candidates)) if candidates else None
     aims = (read_poses(tasks, mechanism).poses, str(tasks)) if tasks else None
+    if accuracy is not None and not 0.0 < accuracy < 1e12:
+        raise BadInput(f"{accuracy:g} is not the size of an error", "--accuracy",
+                       "Write one above 0")
     wanted = None if accuracy is None else accuracy * mechanism.units.factor("length")
     seed = 0 if seed is None else seed
     with console.progress("Planning") as show:

@@ -11,6 +11,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
+    effects_words,
     finish,
     json_option,
     leave,
@@ -50,8 +51,8 @@ BAD, FAR = 0.1, 3.0
 @click.option("--metric", type=float, default=None, metavar="LENGTH",
               help="An angular error of sigma/LENGTH counts like a length error of sigma in the "
               "amplification index  [default: the platform joints' rms distance].")
-@click.option("--sigmas", type=click.FloatRange(0.0, min_open=True), default=1.0,
-              show_default=True, help="Worst case: every error at this many standard deviations.")
+@click.option("--sigmas", type=float, default=1.0, show_default=True,
+              help="Worst case: every error at this many standard deviations.")
 @click.option("--together", multiple=True, metavar="PATTERN",
               help="Try the linear model with these errors all off by the same amount  [default: "
               "all errors at once by their tolerances].")
@@ -69,6 +70,7 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     root sum square and worst case by pose), linearity.csv, pictures and sensitivity.json.
     """
     from ppmcal.components import all_components as components
+    from ppmcal.errors import BadInput
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
     from ppmcal.files.point_text import read_point
     from ppmcal.outputs.sensitivity import files
@@ -78,6 +80,9 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     machine = read_mechanism(mech)
     mesh = _grid(machine, grid, poses, home_only)
     point, rho = read_point(tool, machine), _metric(machine, metric)
+    if not 0.0 < sigmas < 1e6:
+        raise BadInput(f"{sigmas:g} is not a number of standard deviations", "--sigmas",
+                       "Write one above 0, such as 3")
     looked = components(machine) if all_components else machine
     if free:
         looked = _narrowed(looked, free)
@@ -86,7 +91,8 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     with console.progress("Looking at errors"):
         found = analyse(looked, Asked(point, rho, sigmas, together,
                                       _size(looked, together, size)), wanted)
-        said, findings = sentences(found, mesh), _findings(machine, found, mesh)
+        said = [*sentences(found, mesh), *effects_words(machine)]
+        findings = _findings(machine, found, mesh)
         source = provenance(inputs, command_line(), None)
         content = files(found, mesh, poses is not None, said, findings, source)
     with Output(out) as output:
@@ -140,7 +146,8 @@ def _size(machine: Mechanism, together: tuple[str, ...], size: float | None) -> 
         raise BadInput("goes with --together", "--size", "Name the errors that are off by it")
     if not 0.0 < abs(size) < 1e12:
         raise BadInput(f"{size:g} is not the size of an error", "--size", "Write another number")
-    named = [p for p in machine.parameters if any(p.matches(t) for t in together)]
+    named = [p for i in machine.free for p in (machine.parameters[i],)
+             if any(p.matches(t) for t in together)]
     return size * machine.units.factor(named[0].quantity if named else "length")
 
 
@@ -181,6 +188,8 @@ def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
            f"Error amplification at home: {number(found.home_index[0], 5)} "
            f"{units.length}/{units.length}{turned} (all errors alike; angles count by {rho})."]
     good = np.isfinite(found.index[:, 0])
+    if 1 == good.sum() < len(good):
+        out.append(f"Only 1 of {len(good)} poses can be used, see status in map.csv.")
     if good.sum() > 1:
         low, high = np.nanmin(found.index[:, 0]), np.nanmax(found.index[:, 0])
         least = found.table.pose[int(np.nanargmin(found.index[:, 0]))]
@@ -191,11 +200,17 @@ def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
         out.append(f"Over {int(good.sum())} of {len(good)} poses it goes from {number(low)} to "
                    f"{number(high)}; it is least at {place}.")
     one = at_size(found)
-    if one is not None:
+    if one is not None and not one["reached"]:
+        out.append(f"{one['errors']} errors of {one['size']:g} {one['size_unit']} together are too "
+                   "large: the machine has no pose at home's joint values then.")
+    elif one is not None:
+        turned = "" if not both else (
+            f" and turn it by {number(one['linear_rotation'], 7)} {one['rotation_unit']} "
+            f"(linear), {number(one['exact_rotation'], 7)} {one['rotation_unit']} (nonlinear)")
         out.append(f"{one['errors']} errors of {one['size']:g} {one['size_unit']} together move "
                    f"the tool by {number(one['linear'], 7)} {one['unit']} (linear), "
                    f"{number(one['exact'], 7)} {one['unit']} (nonlinear), apart by "
-                   f"{number(one['relative'], 3)} of it.")
+                   f"{number(one['relative'], 3)} of it{turned}.")
     to = holds_to(found)
     what = ("All errors tried" if not found.asked.together else " and ".join(found.asked.together))
     if to is None:
@@ -206,6 +221,14 @@ def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
     return out
 
 
+def home_limits(machine: Mechanism) -> str:
+    """Return which joint is outside its limits at home, empty if none."""
+    from ppmcal.inverse import home_state
+    from ppmcal.kinematics import limit_reason
+
+    return limit_reason(machine, home_state(machine).q)
+
+
 def _tidy(value: float) -> float:
     """Return 0 for what is only round-off."""
     return 0.0 if abs(value) < 1e-9 else value
@@ -213,7 +236,15 @@ def _tidy(value: float) -> float:
 
 def _findings(machine: Mechanism, found: Sensitivity, grid: Grid | None) -> list[str]:
     """Return what must be looked at: poses of a file that cannot be reached, wrong linear model."""
+    from ppmcal.outputs.sensitivity import unknown
+
     out = list(machine.findings)
+    lost = unknown(found)
+    if lost:
+        out.append(f"{lost[0]}{f' and {len(lost) - 1} more' if len(lost) > 1 else ''} without a "
+                   "finite tolerance: root sum square, worst case and shares leave them out")
+    if home_limits(machine):
+        out.append(f"home is not within limits: {home_limits(machine)}")
     if grid is None and len(found.table.status) > 1:
         out += [f"row {n + 1}: {r}" for n, (s, r) in enumerate(
             zip(found.table.status, found.table.reason, strict=True))

@@ -11,6 +11,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
+    effects_words,
     finish,
     json_option,
     leave,
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
               help="Largest position error of the tool that is allowed.")
 @click.option("--rotation", type=float, default=None, metavar="ANGLE",
               help="Largest rotation error that is allowed.")
-@click.option("--yield", "share", type=click.FloatRange(0.01, 0.999), default=0.95,
+@click.option("--yield", "share", type=float, default=0.95,
               show_default=True, help="Share of machines that must meet it, before calibration.")
 @click.option("--method", type=click.Choice(["cost", "equal", "mean", "file"]), default="cost",
               show_default=True, help="Which tolerances to verify: of least cost, of equal "
@@ -79,7 +80,7 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
         result = solve(machine, job, tell)
     inputs = [*machine.inputs, *(str(p) for p in (poses, instrument) if p)]
     source = provenance(inputs, command_line(), job.seed)
-    said, findings = sentences(result), _findings(machine, result)
+    said, findings = [*sentences(result), *effects_words(machine)], _findings(machine, result)
     with Output(out) as output:
         for name, content in files(result, said, findings, method != "file", source).items():
             output.add(name, content)
@@ -112,9 +113,12 @@ def sentences(r: Result) -> list[str]:
                    "amplification index).")
     for y in yields(r):
         low, high = y["interval"]
+        lost = y["machines"] - y["going"]
+        size = "" if y["position_rms"] is None else (
+            f"; {number(y['position_rms'])} {units.length} rms"
+            + (f" of the {y['going']} that have a result" if lost else ""))
         out.append(f"{y['words'].capitalize()}: {y['share']:.1%} of {y['machines']} machines in "
-                   f"specification (95 % interval {low:.1%} to {high:.1%}), "
-                   f"{number(y['position_rms'])} {units.length} rms.")
+                   f"specification (95 % interval {low:.1%} to {high:.1%}){size}.")
     kind = r.fleet.recipe.instrument if r.fleet.recipe else None
     if kind is not None and np.isfinite(kind.sigma_position):
         told = "" if r.predicted is None else (
@@ -123,9 +127,9 @@ def sentences(r: Result) -> list[str]:
                    f"instrument {kind.kind} of {number(kind.sigma_position / length)} "
                    f"{units.length}{told}.")
     agree, count = int(r.check.agrees.sum()), len(r.check.agrees)
-    out.append("Linear prediction and nonlinear machines agree at "
-               + (f"all {count} poses." if agree == count else
-                  f"{agree} of {count} poses; where they do not, trust the machines drawn "
+    out.append("As built, linear prediction and nonlinear machines agree in position at "
+               f"{agree} of {count} task poses (a difference of {r.check.seen:.0%} would show)"
+               + ("." if agree == count else "; where they do not, trust the machines drawn "
                   "(errors.csv, linear_agrees)."))
     return out
 
@@ -146,14 +150,20 @@ def _findings(machine: Mechanism, r: Result) -> list[str]:
 
     from ppmcal.tolerances import count
 
-    out = list(machine.findings)
+    out = [*machine.findings, *r.notes]
     built = r.judged.built
     lost = int((~np.isfinite(built.position)).any(axis=1).sum())
     if lost:
         out.append(f"{lost} of {len(built.position)} machines cannot take every task pose: they "
                    "count as out of specification")
+    for _, words, errors in r.stages()[1:]:
+        more = int((~np.isfinite(errors.position)).any(axis=1).sum()) - lost
+        if more > 0:
+            out.append(f"{words}: {more} more machines have no result (no converged fit, or a task "
+                       "pose out of their reach): they count as out of specification")
     high = count(built, r.demand).interval[1]
-    if high < r.demand.share and r.chosen != "file":
+    wrong = lost > 0 or not r.check.agrees.all()
+    if high < r.demand.share and r.chosen != "file" and wrong:
         out.append(f"fewer machines than wanted are in specification as built ({high:.1%} at most, "
                    f"wanted {r.demand.share:.1%}): the linear model is not good enough here")
     return out

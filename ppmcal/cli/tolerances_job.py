@@ -10,18 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.closure import Model
-from ppmcal.components import Source, geometry_only, sources, tolerances
+from ppmcal.components import Source, geometry_only, natural_units, sources, tolerances
 from ppmcal.errors import BadInput
 from ppmcal.files import read_poses
+from ppmcal.files.instrument import read_instrument
 from ppmcal.files.point_text import read_point
 from ppmcal.fleet import Fleet
-from ppmcal.instrument import default_instrument
+from ppmcal.instrument import Instrument, default_instrument
 from ppmcal.inverse import home_state
 from ppmcal.jacobians import Poses, covariance, root_sum_square
+from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.tolerances import Result
 from ppmcal.parallel import cores as all_cores
-from ppmcal.plan.candidates import Candidates, evenly, listed, region_of
+from ppmcal.plan.candidates import evenly, region_of
 from ppmcal.recalibration import Recipe, predicted
 from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.tolerances import Demand, allocate, check, simulate
@@ -54,32 +56,38 @@ class Job:
 
 def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> Result:
     """Return tolerances, and the machines simulated with those of ``job.method``."""
-    machine = geometry_only(mechanism)
+    machine = geometry_only(mechanism).nominal()
     found = sources(machine)
     if not found:
         raise BadInput("no parameter is free, so there is no tolerance to find",
                        f"{mechanism.source}: free", "Give slots a tolerance, or change `free`")
-    demand, tool = _demand(machine, job), read_point(job.tool, machine)
-    tasks = _tasks(machine, job, tool)
+    demand, instrument = _demand(machine, job), None
+    if job.instrument is not None:
+        instrument = read_instrument(job.instrument, machine)
+    tasks, notes = _tasks(machine, job, _tool(machine, job, instrument))
     unit = _unit(machine, found, job)
     weight, exponent = _costs(machine, found, unit)
     given = tolerances(machine, found)
+    _refuse_unknown(machine, found, given, job.method)
     tau = allocate(machine, found, tasks, demand, unit, weight, exponent, given, job.seed)
     chosen = tau[job.method]
     free = tuple(s.parameter for s in found)
     drawing = _with_tolerances(machine, free, chosen.tau)
-    recipe = _recipe(drawing, job, tool, demand)
+    recipe = _recipe(drawing, job, instrument, demand)
     fleet = Fleet(drawing, free, chosen.drawn, tasks, recipe)
     judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, tell)
-    home = Poses(home_state(machine).q[None], machine.home[None], tool)
+    home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
     index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
     return Result(machine, found, demand, tau, job.method, fleet, judged,
                   check(fleet, judged.built),
                   None if demand.position is None else demand.position / float(index),
-                  _expected(recipe, tasks))
+                  _expected(recipe, tasks), tuple(notes))
 
 
 def _demand(machine: Mechanism, job: Job) -> Demand:
+    if not 0.01 <= job.share <= 0.999:
+        raise BadInput(f"{job.share:g} is not a share of machines", "--yield",
+                       "Write a number from 0.01 to 0.999")
     if job.accuracy is None and job.rotation is None:
         raise BadInput("no accuracy is demanded", "--accuracy",
                        f"Write the largest allowed error, such as --accuracy 0.05 (in "
@@ -96,15 +104,44 @@ def _demand(machine: Mechanism, job: Job) -> Demand:
     return Demand(si(job.accuracy, "length"), si(job.rotation, "angle"), job.share)
 
 
-def _tasks(machine: Mechanism, job: Job, tool: Array) -> Poses:
-    drawn = machine.nominal()
-    chosen = (evenly(drawn, region_of(drawn), TASKS, job.seed + 1) if job.poses is None else
-              listed(drawn, read_poses(job.poses, machine).poses, str(job.poses)))
-    return _closed(chosen, tool)
+def _tool(machine: Mechanism, job: Job, instrument: Instrument | None) -> Array:
+    """Return the point at which all stages are judged (3,): the tool, else what is measured."""
+    if job.tool is None:
+        return np.zeros(3) if instrument is None else instrument.target.value
+    known = machine.motion != "translational" if instrument is None else (
+        instrument.kind == "pose" and not instrument.target.fitted)
+    tool = read_point(job.tool, machine)
+    if tool.any() and not known:
+        raise BadInput("a tool point apart from what is measured is not known after a "
+                       "calibration", "--tool", "Leave it out, or use an instrument of kind "
+                       "pose whose target is known")
+    return tool
 
 
-def _closed(chosen: Candidates, tool: Array) -> Poses:
-    return Poses(chosen.q, pose_motor(chosen.pose), tool)
+def _tasks(machine: Mechanism, job: Job, tool: Array) -> tuple[Poses, list[str]]:
+    """Return the task poses, and which of the user's cannot be used and why."""
+    if job.poses is None:
+        chosen = evenly(machine, region_of(machine), TASKS, job.seed + 1)
+        return Poses(chosen.q, pose_motor(chosen.pose), tool), []
+    table = inverse_table(Model(machine), read_poses(job.poses, machine).poses)
+    good = np.array([s == "ok" for s in table.status], dtype=np.bool_)
+    notes = [f"{job.poses}, row {n + 1}: {table.reason[n]}; it is no task pose then"
+             for n in np.flatnonzero(~good)]
+    if not good.any():
+        raise BadInput(f"none of the {len(good)} task poses can be reached "
+                       f"({table.reason[0]})", str(job.poses), "Choose poses within limits")
+    return Poses(table.q[good], pose_motor(table.pose[good]), tool), notes
+
+
+def _refuse_unknown(machine: Mechanism, found: tuple[Source, ...], given: Array, method: str
+                    ) -> None:
+    """Refuse to draw machines with the file's tolerances where one is not known."""
+    lost = [machine.parameters[s.parameter].name for s, t in zip(found, given, strict=True)
+            if not t > 0.0]
+    if lost and method == "file":
+        raise BadInput(f"{lost[0]} has no tolerance to draw from ({len(lost)} without)",
+                       f"{machine.source}: tolerances", "Give it a finite tolerance, fix it, or "
+                       "choose another --method")
 
 
 def _unit(machine: Mechanism, found: tuple[Source, ...], job: Job) -> Array:
@@ -113,8 +150,7 @@ def _unit(machine: Mechanism, found: tuple[Source, ...], job: Job) -> Array:
         raise BadInput(f"{job.metric:g} is not a length", "--metric", "Write a length above 0")
     rho = (machine.length_scale if job.metric is None
            else job.metric * machine.units.factor("length"))
-    return np.array([1.0 if machine.parameters[s.parameter].quantity == "length" else 1.0 / rho
-                     for s in found])
+    return natural_units(machine, found, rho)
 
 
 def _costs(machine: Mechanism, found: tuple[Source, ...], unit: Array) -> tuple[Array, Array]:
@@ -136,7 +172,7 @@ def _costs(machine: Mechanism, found: tuple[Source, ...], unit: Array) -> tuple[
 
 def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> Mechanism:
     """Return the drawing with these tolerances; errors that are not felt are left fixed."""
-    parameters = list(machine.nominal().parameters)
+    parameters = list(machine.parameters)
     for p, t in zip(free, tau.tolist(), strict=True):
         if np.isfinite(t) and t > 0.0:
             parameters[p] = replace(parameters[p], tolerance=t)
@@ -146,27 +182,19 @@ def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> M
 
 def _expected(recipe: Recipe, tasks: Poses) -> float | None:
     """Return the rms error after calibration that the linear model expects, m."""
-    if tasks.tool.any():
+    short = recipe.mechanism.conditions > len(recipe.mechanism.actuators)
+    if short or (tasks.tool != recipe.instrument.target.value).any():
         return None
     expected = predicted(recipe, tasks.q, pose_vector(tasks.motor))
     return float(np.sqrt(np.mean(expected**2)))
 
 
-def _recipe(drawing: Mechanism, job: Job, tool: Array, demand: Demand) -> Recipe:
-    instrument = default_instrument(drawing)
-    if demand.position is not None:
-        sigma = OF_ACCURACY * demand.position
+def _recipe(drawing: Mechanism, job: Job, instrument: Instrument | None, demand: Demand
+            ) -> Recipe:
+    if instrument is None:
+        instrument = default_instrument(drawing)
+        sigma = OF_ACCURACY * (demand.position or drawing.length_scale * (demand.rotation or 0.0))
         instrument = replace(instrument, sigma_position=sigma,
                              sigma_rotation=sigma / drawing.length_scale)
-    if job.instrument is not None:
-        from ppmcal.files.instrument import read_instrument
-
-        instrument = read_instrument(job.instrument, drawing)
-    if tool.any():
-        known = instrument.kind == "pose" and not instrument.target.fitted
-        if not known:
-            raise BadInput("a tool point apart from what is measured is not known after a "
-                           "calibration", "--tool", "Leave it out, or use an instrument of kind "
-                           "pose whose target is known")
     measured = evenly(drawing, region_of(drawing), job.measure, job.seed + 2)
     return Recipe(drawing, instrument, measured.q, measured.pose)

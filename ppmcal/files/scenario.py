@@ -125,11 +125,28 @@ def _scale(value: object, place: str) -> float:
     return float(scale or 0.0)
 
 
+def _listed(path: Path, mechanism: Mechanism) -> Listed:
+    """Return the poses of a CSV with the settings under which each is measured."""
+    table = read_poses(path, mechanism)
+    names = [*(f"{what}_{a}" for what in ("dir", "vel") for a in mechanism.actuators),
+             "payload", "temperature"]
+    columns = {n: table.conditions[n] for n in names if n in table.conditions}
+    for name, values in columns.items():
+        empty = np.flatnonzero(~np.isfinite(values))
+        if empty.size:
+            raise BadInput(f"'{name}' is empty", f"{path}: row {empty[0] + 1}",
+                           "Fill it in, or leave the column out")
+    labels = table.extra.get("pose")
+    whole = labels is not None and not isinstance(labels, tuple) and bool(
+        np.all(np.isfinite(labels)) and np.all(labels == np.round(labels)))
+    return Listed(table.poses, str(path), columns,
+                  np.asarray(labels, dtype=np.int64) if whole else None)
+
+
 def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, path: Path
            ) -> Circle | Grid | Random | Helix | Listed:
     if file.file is not None:
-        listed = path.parent / file.file
-        return Listed(read_poses(listed, mechanism).poses, str(listed))
+        return _listed(path.parent / file.file, mechanism)
 
     def pose(raw: Any, where: str, rest: float) -> Array:
         """Return the pose (6,) of a mapping, ``rest`` where it says nothing."""

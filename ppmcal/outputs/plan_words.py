@@ -13,14 +13,16 @@ from ppmcal.plan.accuracy import PAYS, reaching
 from ppmcal.plan.result import Plan
 
 Array = NDArray[np.float64]
+FEWEST = 2
+"""The smallest plan that can be asked for."""
 SHOWN = 6
 
 
 def said(plan: Plan, wanted: float | None, notes: Sequence[str]) -> list[str]:
     """Return the result in sentences, the most important first."""
     return [what_to_do(plan), accuracy(plan), *_reached(plan, wanted), pays(plan), observed(plan),
-            *settings(plan), route(plan), with_what(plan), from_what(plan), *_untold(plan),
-            *_open_ended(plan), *notes]
+            *effects(plan), *settings(plan), route(plan), with_what(plan), from_what(plan),
+            *_untold(plan), *_open_ended(plan), *notes]
 
 
 def findings(plan: Plan, wanted: float | None) -> list[str]:
@@ -44,6 +46,38 @@ def findings(plan: Plan, wanted: float | None) -> list[str]:
         out.append(f"No way was found from the row before to row {_listed(lost)}, neither straight "
                    "nor by way of home: see `via` in poses.csv.")
     return out
+
+
+def effects(plan: Plan) -> list[str]:
+    """Return how well the effects asked for will be known, the worst of the actuators each."""
+    m, offer = plan.mechanism, plan.offer
+    whose = {p: (e.kind.name, n) for e in m.effects for n, p in e.parameters.items()}
+    if not whose:
+        return []
+    information = offer.information(plan.rows)
+    d = np.sqrt(np.diagonal(information))
+    values, vectors = np.linalg.eigh(information / np.outer(d, d))
+    spread = np.sqrt(np.sum(vectors**2 / np.maximum(values, 1e-14), axis=1)) / d * offer.scale
+    worst: dict[str, tuple[float, str]] = {}
+    for c, sigma in zip(offer.kept.tolist(), spread.tolist(), strict=True):
+        index = offer.problem.free[c] if c < len(offer.problem.free) else -1
+        if index not in whose:
+            continue
+        parameter = m.parameters[index]
+        factor, unit = m.units.factor(parameter.quantity), m.units.name(parameter.quantity)
+        kind, name = whose[index]
+        size, label = sigma / factor, f"{kind} {name}"
+        if parameter.reciprocal:
+            # what is measured is the compliance: d(1/k) = dk / k^2
+            size, label = sigma / parameter.value**2 * factor, f"{kind} 1/{name}"
+            above, _, below = unit.partition("/")
+            unit = f"{below or 1}/{above}"
+        if size > worst.get(label, (0.0, ""))[0]:
+            worst[label] = (size, unit)
+    told = ", ".join(f"{label} to {size:.3g} {unit}".rstrip()
+                     for label, (size, unit) in worst.items())
+    return [f"Effects are then known (one standard deviation, the worst actuator): {told}."
+            ] if told else []
 
 
 def what_to_do(plan: Plan) -> str:
@@ -128,9 +162,12 @@ def with_what(plan: Plan) -> str:
         noise.append(f"position {i.sigma_position / length:.4g} {unit}")
     if i.kind == "pose" and np.isfinite(i.sigma_rotation):
         noise.append(f"rotation {i.sigma_rotation / angle:.4g} {turn}")
-    drives = [s / f for s, (f, _) in zip(i.sigma_actuator, plan.mechanism.joint_units, strict=True)]
-    if any(drives):
-        noise.append(f"drives up to {max(drives):.4g} {plan.mechanism.joint_units[0][1]}".rstrip())
+    largest: dict[str, float] = {}
+    for s, (f, name) in zip(i.sigma_actuator, plan.mechanism.joint_units, strict=True):
+        largest[name] = max(largest.get(name, 0.0), float(s) / f)
+    if any(largest.values()):
+        noise.append("drives up to " + " and ".join(
+            f"{v:.4g} {name or '(bare joint value)'}" for name, v in largest.items() if v > 0.0))
     own = "Instrument" if i.chosen else (
         "Instrument (none given; noise a tenth of the median length tolerance)")
     text = (f"{own}: {i.kind}, standard deviation {', '.join(noise)}; frame {_open(i.frame)}, "
@@ -155,6 +192,9 @@ def _reached(plan: Plan, wanted: float | None) -> list[str]:
         return []
     length, unit = _length(plan)
     about = "about " if plan.about else ""
+    if not plan.about and plan.reached < FEWEST:
+        return [f"{FEWEST} measurements, the fewest that make a plan, reach "
+                f"{wanted / length:.4g} {unit} (--count {FEWEST})."]
     return [f"{about.capitalize()}{plan.reached} measurements reach {wanted / length:.4g} {unit}"
             + (" (more of the same; extrapolated)." if plan.about else
                f" (--count {plan.reached}).")]

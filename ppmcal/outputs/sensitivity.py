@@ -57,7 +57,7 @@ def ranking(found: Sensitivity) -> dict[str, Any]:
         "rank": np.arange(1, len(picked) + 1), "name": [_name(found, s) for s in picked],
         "limb": [s.limb for s in picked], "slot": [s.group for s in picked],
         "kind": [s.kind for s in picked], "unit": [parameter_unit(found, s)[1] for s in picked],
-        "tolerance": found.sigma[order] / unit}
+        "tolerance": np.where(found.sigma[order] > 0.0, found.sigma[order], np.nan) / unit}
     for row, c in enumerate(POSE_COORDINATES):
         if row in found.mechanism.dof:
             out[f"d{c}"] = found.jacobian[row, order] * unit / (length if row < 3 else angle)
@@ -131,7 +131,14 @@ def size_unit(found: Sensitivity) -> str:
     """Return the unit of the linearity curve's sizes."""
     if not found.asked.together:
         return "times the tolerances"
-    return found.mechanism.units.name(found.mechanism.parameters[found.moved[0]].quantity)
+    first = next(s for s in found.sources if s.parameter == found.moved[0])
+    return parameter_unit(found, first)[1]
+
+
+def unknown(found: Sensitivity) -> list[str]:
+    """Return the errors whose tolerance is not known, and which so count for nothing."""
+    return [_name(found, s) for s, t in zip(found.sources, found.sigma, strict=True)
+            if not t > 0.0]
 
 
 def files(found: Sensitivity, grid: Grid | None, listed: bool, said: Sequence[str],
@@ -234,7 +241,7 @@ def at_size(found: Sensitivity) -> dict[str, Any] | None:
     """Return the tool's displacement for errors moved together by the size asked for."""
     if found.at_size is None:
         return None
-    length = found.mechanism.units.factor("length")
+    length, angle = (found.mechanism.units.factor(q) for q in ("length", "angle"))
     one = found.at_size
     per = found.mechanism.units.factor(found.mechanism.parameters[found.moved[0]].quantity)
     return {"errors": len(found.moved), "size": float(one.scale[0]) / per,
@@ -242,7 +249,11 @@ def at_size(found: Sensitivity) -> dict[str, Any] | None:
             "exact": float(one.exact[0, 0]) / length,
             "relative": (float(one.apart[0, 0] / one.linear[0, 0]) if one.linear[0, 0] > 0.0
                          else None),
-            "unit": found.mechanism.units.length}
+            "unit": found.mechanism.units.length,
+            "linear_rotation": float(one.linear[0, 1]) / angle,
+            "exact_rotation": float(one.exact[0, 1]) / angle,
+            "rotation_unit": found.mechanism.units.angle,
+            "reached": bool(np.isfinite(one.exact).all())}
 
 
 def holds_to(found: Sensitivity) -> float | None:
@@ -274,7 +285,7 @@ def group_table(found: Sensitivity, by: str) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    return value if isinstance(value, str) else float(value)
+    return value if isinstance(value, str) else float(value) if np.isfinite(value) else None
 
 
 def _name(found: Sensitivity, source: Source) -> str:

@@ -63,7 +63,7 @@ class Study:
     @property
     def findings(self) -> list[str]:
         """What the user must look at."""
-        return [*home_findings(self.mechanism, self.home),
+        return [*home_findings(self.mechanism, self.home, self.load),
                 *map_findings(self.mechanism, self.found, self.load)]
 
 
@@ -227,6 +227,7 @@ def principal_table(study: Study) -> dict[str, Any]:
             rows.append([word, text, mechanism.units.name(quantity),
                          *(f"{v + 0.0:.3f}" for v in np.round(way, 3))])
     return {"title": "Principal stiffness at home",
-            "columns": ["motion", "stiffness", "unit", "x", "y", "z"], "rows": rows,
+            "columns": ["motion", "stiffness", "unit", "along x", "along y", "along z"],
+            "rows": rows,
             "note": "Inverses of the translational and the rotational block of the compliance, "
                     "from soft to stiff; directions and axes in base axes."}

@@ -150,9 +150,14 @@ def model_words(mechanism: Mechanism) -> list[str]:
     return out
 
 
-def home_findings(mechanism: Mechanism, home: Home) -> list[str]:
+def home_findings(mechanism: Mechanism, home: Home, load: Load | None) -> list[str]:
     """Return what is wrong with home."""
     out = []
+    if load is not None:
+        moved = home.compliance.deflection(load.wrench)[0]
+        if max(np.linalg.norm(moved[:3]) / mechanism.reach, np.linalg.norm(moved[3:])) > LINEAR:
+            out.append(f"at home {load.words} moves the tool by more than {LINEAR:.0%} of the "
+                       f"reach, or turns it by more than {LINEAR} rad: too far for a linear model")
     if home.status != "ok":
         out.append(f"home is not a pose to work at: {home.status}: {home.reason}")
     value = home_conditioning(home.compliance.mechanism)[0]

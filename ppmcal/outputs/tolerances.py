@@ -28,7 +28,8 @@ class Result:
     ``machine``: the drawing, its effects left out; ``sources`` (S,); ``allocations`` by method;
     ``chosen``: the method that was verified; ``fleet``, ``judged``, ``check``: of it;
     ``sigma_one``: [LIN]'s mean deviation for an rms error of the accuracy, m;
-    ``predicted``: rms position error after calibration by the linear model, m, or None.
+    ``predicted``: rms position error after calibration by the linear model, m, or None;
+    ``notes``: what must be said of the user's task poses.
     """
 
     machine: Mechanism
@@ -41,6 +42,7 @@ class Result:
     check: Check
     sigma_one: float | None
     predicted: float | None
+    notes: tuple[str, ...] = ()
 
     def stages(self) -> list[tuple[str, str, Errors]]:
         """Return (key, words, errors) of what was simulated."""
@@ -56,7 +58,8 @@ def table(r: Result) -> dict[str, Any]:
     out: dict[str, Any] = {
         "name": [p.name for p in parameters], "limb": [s.limb for s in r.sources],
         "slot": [s.group for s in r.sources], "class": [s.tolerance_class for s in r.sources],
-        "unit": [units.name(p.quantity) for p in parameters]}
+        "unit": [units.name(p.quantity) + (" per unit" if p.per_unit else "")
+                 for p in parameters]}
     for method in ("file", "mean", "equal", "cost"):
         out[f"tolerance_{method}"] = r.allocations[method].tau / unit
     out["chosen"] = r.allocations[r.chosen].tau / unit
@@ -98,12 +101,18 @@ def yields(r: Result) -> list[dict[str, Any]]:
     for key, words, errors in r.stages():
         share: Share = count(errors, r.demand)
         low, high = share.interval
+        there = np.isfinite(errors.position).all(axis=1)
         out.append({"stage": key, "words": words, "in_specification": share.hits,
                     "machines": share.total, "share": share.hits / share.total,
-                    "interval": [low, high],
-                    "position_rms": float(rms(errors.position)) / r.machine.units.factor("length"),
-                    "rotation_rms": float(rms(errors.rotation)) / r.machine.units.factor("angle")})
+                    "interval": [low, high], "going": int(there.sum()),
+                    "position_rms": _known(rms(errors.position), r.machine.units.factor("length")),
+                    "rotation_rms": _known(rms(errors.rotation), r.machine.units.factor("angle"))})
     return out
+
+
+def _known(value: Array, factor: float) -> float | None:
+    """Return a number in file units, None where there is none."""
+    return float(value) / factor if np.isfinite(value) else None
 
 
 def allocated(r: Result) -> str:
@@ -184,9 +193,9 @@ def _class_table(r: Result) -> dict[str, Any]:
     """Return the range of tolerances by slot and method."""
     columns = table(r)
     rows = []
-    for group in dict.fromkeys(columns["slot"]):
-        mine = np.array([s == group for s in columns["slot"]])
-        unit = next(u for u, m in zip(columns["unit"], mine, strict=True) if m)
+    keys = list(zip(columns["slot"], columns["unit"], strict=True))
+    for group, unit in dict.fromkeys(keys):
+        mine = np.array([k == (group, unit) for k in keys])
         row: list[Any] = [group, int(mine.sum()), unit]
         for method in ("file", "mean", "equal", "cost"):
             values = columns[f"tolerance_{method}"][mine]

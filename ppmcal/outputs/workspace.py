@@ -30,6 +30,8 @@ MEANING = {
     "dexterity_legs": "smallest over largest singular value of A",
     "singularity_distance": "to the nearest pose of singular.csv, in the grid's coordinates; "
                             "rotations times length_scale unless all coordinates are rotations",
+    "grid_end": "distance to the end of the grid: where singularity_distance is larger, a nearer "
+                "singularity may lie beyond",
     "determinant": "det A, home = 1; 0 on the singular curve, negative beyond it",
 }
 """What the columns of map.csv are."""
@@ -47,6 +49,7 @@ def maps(found: Workspace) -> list[Map]:
         ("dexterity_legs", "how evenly the legs hold the platform: 1 is isotropic", "", q.legs),
         ("singularity_distance", "distance to the nearest singularity", unit,
          found.distance / factor),
+        ("grid_end", "distance to the end of the grid", unit, found.edge / factor),
         ("determinant", "det A, home = 1", "", q.determinant / found.home.determinant[0]))
     return [Map(name, title, in_unit, values.reshape(shape))
             for name, title, in_unit, values in columns]
@@ -62,10 +65,12 @@ def shown(found: Workspace) -> list[Map]:
     same = np.allclose(found.quality.dexterity, found.quality.legs, equal_nan=True)
     out = []
     for m in maps(found):
-        if m.name == "condition" or (m.name == "dexterity_legs" and same):
+        if m.name in ("condition", "grid_end") or (m.name == "dexterity_legs" and same):
             continue
+        there = reached & found.sure.reshape(reached.shape) if (
+            m.name == "singularity_distance") else reached
         values = np.asarray(m.values if m.name == "determinant" else
-                            np.where(reached, m.values, np.nan), dtype=float)
+                            np.where(there, m.values, np.nan), dtype=float)
         if np.isfinite(values).any():
             out.append(Map(m.name, m.title, m.unit, values, m.log))
     return out

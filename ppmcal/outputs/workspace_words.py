@@ -64,6 +64,11 @@ def singular(found: Workspace) -> list[str]:
     out = [f"Nearest singularity to home on this grid: {near.distance / factor:.4g} {unit}"
            + (f" (rotations times {scale:.4g} {found.mechanism.units.length})" if mixed else "")
            + f", at {where}; {count} singular pose{'' if count == 1 else 's'} in singular.csv."]
+    unsure = int((found.reached & ~found.sure).sum())
+    if unsure:
+        out.append(f"For {unsure} of {int(found.reached.sum())} reached poses the grid ends nearer "
+                   "than the singularity found: a nearer one may lie beyond (grid_end in map.csv; "
+                   "left out of the picture).")
     if near.distance > near.edge:
         out.append(f"The grid ends {near.edge / factor:.4g} {unit} from home; beyond its end "
                    "there may be nearer ones.")

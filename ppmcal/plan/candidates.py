@@ -18,7 +18,8 @@ from scipy.stats import qmc
 from ppmcal.closure import Model
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.forward import forward
-from ppmcal.kinematics import home_conditioning, inverse_table
+from ppmcal.inverse import home_state
+from ppmcal.kinematics import home_conditioning, inverse_table, limit_reason
 from ppmcal.mechanism import Mechanism
 from ppmcal.plan.clearance import too_close
 from ppmcal.region import extent, named, placed
@@ -99,7 +100,15 @@ class Region:
 
 
 def region_of(drawn: Mechanism) -> Region:
-    """Return the full box of extents about home, over the coordinates that a pose names."""
+    """Return the full box of extents about home, over the coordinates that a pose names.
+
+    Raises:
+        BadInput: home is outside limits.
+    """
+    beyond = limit_reason(drawn, home_state(drawn).q)
+    if beyond:
+        raise BadInput(f"home is not within limits: {beyond}", f"{drawn.source}: home, limits",
+                       "Choose a home inside them: the region is drawn about it")
     chosen = named(drawn)
     low, high = extent(Model(drawn), chosen)
     home = drawn.home_pose[list(chosen)]

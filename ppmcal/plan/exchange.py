@@ -179,6 +179,19 @@ def greedy(offer: Offer, count: int, rules: Rules, start: Sequence[int] = ()) ->
     return design.rows
 
 
+def pruned(offer: Offer, rows: Sequence[int]) -> tuple[int, ...]:
+    """Return rows in an order whose first n are what is left when the least useful go first.
+
+    Taken out of a good design one by one, they make better small designs than rows that are
+    put one upon the other, where the first few are chosen before anything is determined.
+    """
+    design, order = Design.of(offer, rows), list[int]()
+    while design.rows:
+        order.append(design.rows[int(np.argmin(design.losses()))])
+        design = design.removed(order[-1])
+    return tuple(reversed(order))
+
+
 def exchange(offer: Offer, start: Sequence[int], rules: Rules, rng: np.random.Generator,
              excursion: int = EXCURSION) -> tuple[int, ...]:
     """Return the best design that excursions from ``start`` find; as large, never worse."""

@@ -15,7 +15,7 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.plan import accuracy
 from ppmcal.plan.accuracy import Curve
 from ppmcal.plan.candidates import Candidates, Region, draw, evenly, listed, region_of
-from ppmcal.plan.exchange import Design, Rules, exchange, greedy, worth
+from ppmcal.plan.exchange import Design, Rules, exchange, greedy, pruned, worth
 from ppmcal.plan.model import Offer, offer, task_rows
 from ppmcal.plan.refine import refined
 from ppmcal.plan.result import Plan
@@ -132,7 +132,7 @@ def _planned(space: _Space, options: Options, aims: _Aims, wanted: float | None)
     count, least, pays = _size(space, options, rules, tasks)
     space, chosen = _chosen(space, count, rules, tasks[0], rng)
     whole, pool = space.whole, space.pool
-    order = greedy(whole, 2 * count, rules)
+    order = pruned(whole, greedy(whole, 2 * count, rules))
     nested = accuracy.curve(whole, order, tasks)
     wide = np.flatnonzero(pool.even[whole.pose])
     strangers = [_drawn(whole, wide, len(order), rng) for _ in range(RANDOM)]
@@ -155,7 +155,8 @@ def _size(space: _Space, options: Options, rules: Rules, tasks: tuple[Array, Arr
           ) -> tuple[int, int, int]:
     """Return how many rows to choose, the fewest that do, and from where on more hardly pay."""
     longest = 2 * options.count if options.count else MOST
-    nested = accuracy.curve(space.whole, greedy(space.whole, longest, rules), tasks)
+    longest_plan = greedy(space.whole, longest, rules)
+    nested = accuracy.curve(space.whole, pruned(space.whole, longest_plan), tasks)
     least = _least(nested, space.drawn)
     pays = accuracy.still_pays(nested.position)
     count = options.count or _count(space.whole, least, pays)

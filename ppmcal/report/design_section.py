@@ -137,6 +137,7 @@ def look_at(data: ReportData) -> list[tuple[str, str]]:
     out = attention(data)
     for one in data.designed:
         out += [(one.folder, finding_text(f)) for f in one.record.get("findings") or ()]
-        out += [(one.folder, f"the picture {p.file} is missing") for p in one.pictures
-                if p.problem == "missing"]
+        out += [(one.folder, f"the picture {p.file} is missing" if p.problem == "missing" else
+                 f"the picture {p.file} cannot be shown: {p.problem}") for p in one.pictures
+                if p.problem and not p.problem.startswith("left out")]
     return list(dict.fromkeys(out))
