@@ -663,9 +663,9 @@ def test_the_default_map_has_41_by_41_poses_about_home(tmp_path: Path) -> None:
     (("--payload", "nan"), "nan is not a mass"),
     (("--payload", "1", "--load", "fx=1"), "not both"),
     (("--grid", "x", "--poses", "m.yaml"), "not both"),
-    (("--tool", "1,2,3"), "has 3 numbers instead of 2"),
-    (("--tool", "1,b"), "'b' is not a number"),
-    (("--tool", ""), "'' is not a number"),
+    (("--tool", "1,2,3,4"), "is not a point"),
+    (("--tool", "1,b"), "is not a point"),
+    (("--tool", ""), "is not a point"),
     (("--grid", "z"), "Allowed: x, y, rz"),
     (("--poses", "none.csv"), "none.csv"),
 ])

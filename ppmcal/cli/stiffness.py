@@ -60,12 +60,13 @@ def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: st
     if load_text is not None and payload is not None:
         raise click.UsageError("Give --load or --payload, not both.")
     from ppmcal.files import Output, provenance, read_mechanism
+    from ppmcal.files.point_text import read_point
     from ppmcal.outputs.stiffness import Study, files, record, share_table
     from ppmcal.stiffness import stiffness_at_home, stiffness_table
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)
-    tool = _tool(tool_text, mechanism)
+    tool = read_point(tool_text, mechanism)
     load = _payload(payload, mechanism) if payload is not None else _load(load_text, mechanism)
     home = stiffness_at_home(mechanism, tool)
     grid, wanted, notes = _poses(grid_text, poses, mechanism)
@@ -114,25 +115,6 @@ def _poses(grid_text: str | None, poses: Path | None, mechanism: Mechanism
     else:
         grid = slice_grid(mechanism, slice_axes(mechanism), (41, 41))
     return grid, grid.poses(mechanism), []
-
-
-def _tool(text: str | None, mechanism: Mechanism) -> Array:
-    """Return the tool point in platform axes (3,), m."""
-    import numpy as np
-
-    from ppmcal.errors import BadInput
-
-    out = np.zeros(3)
-    if text is None:
-        return out
-    count = 2 if mechanism.motion == "planar" else 3
-    mend = f"Write {', '.join('xyz'[:count])} in {mechanism.units.length}, for example " + \
-        ",".join(["0", "0", "-120"][-count:])
-    parts = [_number(p, "--tool", mend) for p in text.split(",")]
-    if len(parts) != count:
-        raise BadInput(f"'{text}' has {len(parts)} numbers instead of {count}", "--tool", mend)
-    out[:count] = np.array(parts) * mechanism.units.factor("length")
-    return out
 
 
 def _load(text: str | None, mechanism: Mechanism) -> Load | None:
