@@ -15,6 +15,8 @@ from ppmcal.stiffness import Home, Principal, Stiffnesses
 
 Array = NDArray[np.float64]
 
+ROUND_OFF = 1e-9
+"""What is smaller by this is shown as 0."""
 LINEAR = 0.01
 """Deflections above this part of the reach (or rad) are no longer linear to a percent."""
 ALIKE = 1.001
@@ -81,6 +83,10 @@ def _moved_words(mechanism: Mechanism, home: Home, load: Load) -> str:
     if not np.isfinite(home.compliance.shares(load.wrench)).any():
         return f"Under {load.words} nothing gives way there."
     moved = home.compliance.deflection(load.wrench)[0]
+    whole = max(np.linalg.norm(moved[:3]),
+                np.linalg.norm(moved[3:]) * mechanism.length_scale)
+    scale = np.repeat([1.0, mechanism.length_scale], 3)
+    moved = np.where(np.abs(moved) * scale > ROUND_OFF * whole, moved, 0.0)
     length, angle = mechanism.units.factor("length"), mechanism.units.factor("angle")
     axes = [c for c in mechanism.dof if c < 3]
     size = amount(mechanism, float(np.linalg.norm(moved[:3])), "length")
@@ -125,7 +131,8 @@ def _place(mechanism: Mechanism, found: Stiffnesses, row: int) -> str:
             quantity = "length" if c < 3 else "angle"
             value = pose[c] / mechanism.units.factor(quantity)
             # round-off of a coordinate that is solved for is no place
-            parts.append(f"{POSE_COORDINATES[c]} {value if abs(value) > 1e-9 else 0.0:.4g} "
+            small = ROUND_OFF * (mechanism.reach if c < 3 else 1.0)
+            parts.append(f"{POSE_COORDINATES[c]} {value if abs(pose[c]) > small else 0.0:.4g} "
                          f"{mechanism.units.name(quantity)}")
     return ", ".join(parts)
 
