@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.special import betaincinv
+
+from ppmcal.tolerances import Share
 
 Row = dict[str, str]
 
 
 def interval(hits: int, total: int) -> tuple[float, float]:
     """Return the Clopper-Pearson 95 % interval of a share."""
-    low = 0.0 if hits == 0 else float(betaincinv(hits, total - hits + 1, 0.025))
-    high = 1.0 if hits == total else float(betaincinv(hits + 1, total - hits, 0.975))
-    return low, high
+    return Share(hits, total).interval
 
 
 def share(rows: Sequence[Row], test: Callable[[Row], bool]) -> str:

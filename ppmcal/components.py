@@ -99,8 +99,9 @@ def all_components(mechanism: Mechanism) -> Mechanism:
             asked = spec in limb.kind.joint_slots or group_of(spec.name) == PLATFORM_POINT
             p = own.get(spec.name)
             known = None if p is None else mechanism.parameters[p].tolerance
-            if asked and not _usable(known):
-                known = usual.get(spec.tolerance_class) or _default(mechanism, spec)
+            if asked:
+                known = (None if p is None else mechanism.parameters[p].spread) or usual.get(
+                    spec.tolerance_class) or _default(mechanism, spec)
             value = now.get(spec.name, spec.default or 0.0)
             direct.append((spec.name, len(made)))
             free += [len(made)] if asked else []
@@ -109,10 +110,6 @@ def all_components(mechanism: Mechanism) -> Mechanism:
         limbs.append(replace(limb, slots=SlotMap(tuple(direct))))
     return replace(mechanism, limbs=tuple(limbs), parameters=tuple(made), free=tuple(free),
                    free_patterns=None, effects=())
-
-
-def _usable(tolerance: float | None) -> bool:
-    return tolerance is not None and np.isfinite(tolerance) and tolerance > 0.0
 
 
 def _default(mechanism: Mechanism, spec: SlotSpec) -> float:
@@ -124,25 +121,18 @@ def _class_tolerances(mechanism: Mechanism) -> dict[str, float]:
     out: dict[str, float] = {}
     for limb in mechanism.limbs:
         specs = {s.name: s for s in (*limb.kind.slots, *limb.kind.joint_slots)}
-        for slot, p in limb.slots.direct:
-            tolerance = mechanism.parameters[p].tolerance
-            if slot in specs and tolerance is not None and _usable(tolerance):
-                out.setdefault(specs[slot].tolerance_class, tolerance)
-        for _, _, r, a in limb.slots.polar:
-            for what, p in (("point", r), ("angle", a)):
-                tolerance = mechanism.parameters[p].tolerance
-                if tolerance is not None and _usable(tolerance):
-                    out.setdefault(what, tolerance)
+        fed = [(specs[slot].tolerance_class, p) for slot, p in limb.slots.direct]
+        fed += [pair for _, _, r, a in limb.slots.polar for pair in (("point", r), ("angle", a))]
+        for what, p in fed:
+            tolerance = mechanism.parameters[p].spread
+            if tolerance:
+                out.setdefault(what, tolerance)
     return out
 
 
 def tolerances(mechanism: Mechanism, found: Sequence[Source]) -> Array:
     """Return one standard deviation of each error (S,), SI; 0 where there is none."""
-    out = np.zeros(len(found))
-    for i, s in enumerate(found):
-        tolerance = mechanism.parameters[s.parameter].tolerance
-        out[i] = tolerance if tolerance is not None and _usable(tolerance) else 0.0
-    return out
+    return np.array([mechanism.parameters[s.parameter].spread or 0.0 for s in found])
 
 
 def natural_units(mechanism: Mechanism, found: Sequence[Source], metric: float) -> Array:

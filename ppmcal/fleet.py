@@ -16,18 +16,16 @@ from ppmcal.closure import Model
 from ppmcal.forward import newton
 from ppmcal.jacobians import Poses, displacement
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, coordinates_of, predict
+from ppmcal.observation import Station, coordinates_of, predict, turn_between
 from ppmcal.recalibration import Calibrated, Recipe, calibrate
 from ppmcal.region import named
+from ppmcal.targets import solve_named
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 BATCH = 100
 """Machines in one batch; the same whatever it runs on."""
-DIFFERENCE, ROUNDS, MET = 1e-6, 25, 1e-9
-"""Slopes by differences of this part of a joint value; rounds; wanted coordinates are met to this
-part of the reach, and in rad times it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +52,6 @@ class Errors:
 
     position: Array
     rotation: Array
-
-    def of(self, rows: Ints) -> Errors:
-        """Return those of some machines."""
-        return Errors(self.position[rows], self.rotation[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,54 +108,27 @@ def _left(fleet: Fleet, recipe: Recipe, found: Calibrated, g: Array, at: Poses, 
         truth, theirs = (replace(s, target=fleet.tasks.tool) for s in (truth, theirs))
     model = Model(fleet.mechanism, found.g[owner])
     if fleet.mechanism.conditions > len(fleet.mechanism.actuators):
-        q, wanted, here = _sent(fleet, model, theirs, predict(truth, at.motor), at)
+        wanted = predict(truth, at.motor)
+        q, here = _sent(fleet, model, theirs, wanted)
     else:
         pose, here, _ = newton(model.closure(at.q), at.motor)
         q, wanted = at.q, predict(theirs, pose)
     real, there, _ = newton(Model(fleet.mechanism, g[owner]).closure(q), at.motor)
     shown = predict(truth, real)
-    turn = cga.rotation_vector(cga.motor_from_matrix(
-        shown[1] @ np.swapaxes(wanted[1], -1, -2), np.zeros(3)))
-    moved = np.concatenate([shown[0] - wanted[0], turn], axis=1)
+    moved = np.concatenate([shown[0] - wanted[0], turn_between(shown[1], wanted[1])], axis=1)
     good = there & here & found.settled[owner]
     return _lengths(np.where(good[:, None], moved, np.nan), len(g))
 
 
-def _sent(fleet: Fleet, model: Model, station: Station, wanted: tuple[Array, Array], at: Poses
-          ) -> tuple[Array, tuple[Array, Array], Bools]:
-    """Return joints (R, k) at which the found machine shows the named coordinates as wanted.
-
-    Chord steps with the drawing's own slopes, by differences; ``wanted`` comes back as it is.
-    """
-    names = list(named(fleet.mechanism))
-
-    def vector(point: Array, turn: Array) -> Array:
-        return np.concatenate([point, cga.rotation_vector(
-            cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)[:, names]
-
-    tasks = fleet.tasks
-    h = DIFFERENCE * np.abs(tasks.q).max()
-    columns = []
-    for j in range(tasks.q.shape[1]):
-        ends = [vector(*predict(replace(station, frame=station.frame[:1], target=np.zeros(3),
-                                        target_rotation=np.zeros(3)),
-                                newton(Model(fleet.mechanism).closure(
-                                    tasks.q + side * h * np.eye(tasks.q.shape[1])[j]),
-                                    tasks.motor)[0])) for side in (1.0, -1.0)]
-        columns.append((ends[0] - ends[1]) / (2.0 * h))
-    back = np.linalg.pinv(np.stack(columns, axis=-1))
-    back = np.tile(back, (len(at.q) // len(tasks.q), 1, 1))
-    goal, q, pose = vector(*wanted), at.q, at.motor
-    good = np.zeros(len(q), dtype=np.bool_)
-    for _ in range(ROUNDS):
-        pose, found, _ = newton(model.closure(q), pose)
-        miss = goal - vector(*predict(station, pose))
-        good = found & (np.abs(miss).max(axis=1) < MET * fleet.mechanism.reach)
-        if good[found].all():
-            break
-        q = q + np.where(found[:, None], (back @ miss[..., None])[..., 0], 0.0)
-        pose = np.where(found[:, None], pose, at.motor)
-    return q, wanted, good
+def _sent(fleet: Fleet, model: Model, station: Station, wanted: tuple[Array, Array]
+          ) -> tuple[Array, Bools]:
+    """Return joints (R, k) at which the found machine shows the named coordinates as wanted."""
+    point, turn = wanted
+    asked = np.concatenate([point, cga.rotation_vector(
+        cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)
+    open_ = np.tile(~np.isin(np.arange(6), named(fleet.mechanism)), (len(asked), 1))
+    _, q, solved = solve_named(model, station, asked, open_)
+    return q, solved
 
 
 def _lengths(moved: Array, count: int) -> Errors:

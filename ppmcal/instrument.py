@@ -70,8 +70,8 @@ def default_instrument(mechanism: Mechanism) -> Instrument:
     A full pose (a translational machine: a position), frame unknown, target known; noise
     :data:`OF_TOLERANCE` of the median length tolerance, rotations that over the platform's size.
     """
-    spread = [p.tolerance for i in mechanism.free for p in (mechanism.parameters[i],)
-              if p.quantity == "length" and p.tolerance and np.isfinite(p.tolerance)]
+    free = [mechanism.parameters[i] for i in mechanism.free]
+    spread = [p.spread for p in free if p.quantity == "length" and p.spread]
     sigma = OF_TOLERANCE * (float(np.median(spread)) if spread else 1e-3 * mechanism.reach)
     kind = "position" if mechanism.motion == "translational" else "pose"
     nothing = Unknown(False, np.zeros(3))

@@ -252,11 +252,16 @@ def inverse(model: Model, pose: Array) -> Inverse:
 
 def solve_rows(matrix: Array, right: Array) -> Array:
     """Solve (N, d, d) x = (N, d) row by row; a singular row gives nan instead of an error."""
+    return solve_blocks(matrix, right[..., None])[..., 0]
+
+
+def solve_blocks(matrix: Array, right: Array) -> Array:
+    """Solve (N, d, d) x = (N or 1, d, m) row by row; a singular row gives nan, not an error."""
     try:
-        return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], dtype=float)
+        return np.asarray(np.linalg.solve(matrix, right), dtype=float)
     except np.linalg.LinAlgError:
         bad = ~(np.abs(np.linalg.det(matrix)) > 0.0)
         safe = np.where(bad[:, None, None], np.eye(matrix.shape[-1]), matrix)
-        out = np.linalg.solve(safe, right[..., None])[..., 0]
+        out = np.linalg.solve(safe, right)
         out[bad] = np.nan
         return np.asarray(out, dtype=float)

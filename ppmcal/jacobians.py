@@ -18,7 +18,7 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Closure, Model
 from ppmcal.forward import newton
-from ppmcal.inverse import home_state
+from ppmcal.inverse import home_state, solve_blocks
 from ppmcal.limbs.chain import cross_matrix
 
 Array = NDArray[np.float64]
@@ -48,23 +48,16 @@ def tool_matrix(closure: Closure, pose: Array, lines: Array, tool: Array) -> Arr
     singular pose gives nan.
     """
     a = closure.pose_matrix(pose, lines)
-    dof = list(closure.model.mechanism.dof)
-    carry = np.zeros((len(pose), 6, 6))
-    carry[:, :3, :3] = carry[:, 3:, 3:] = np.eye(3)
+    return to_tool(pose, tool)[..., closure.model.mechanism.dof] @ solve_blocks(
+        a, np.eye(a.shape[-1])[None])
+
+
+def to_tool(pose: Array, tool: Array) -> Array:
+    """Return T (N, 6, 6): motions of the platform's origin to those of the tool point (3,)."""
+    carry = np.tile(np.eye(6), (len(pose), 1, 1))
     if tool.any():
         carry[:, :3, 3:] = -cross_matrix(cga.rotation_matrix(pose) @ tool)
-    return np.asarray(carry[..., dof] @ inverses(a), dtype=float)
-
-
-def inverses(a: Array) -> Array:
-    """Return the inverses of (N, d, d), nan where there is none."""
-    try:
-        return np.asarray(np.linalg.inv(a), dtype=float)
-    except np.linalg.LinAlgError:
-        bad = ~(np.abs(np.linalg.det(a)) > 0.0)
-        out = np.linalg.inv(np.where(bad[:, None, None], np.eye(a.shape[-1]), a))
-        out[bad] = np.nan
-        return np.asarray(out, dtype=float)
+    return carry
 
 
 def error_jacobian(model: Model, at: Poses, wanted: Sequence[int]) -> Array:

@@ -41,8 +41,8 @@ def prior_weights(problem: Problem, method: str) -> Array:
     if method in ("flat", "damped"):
         return weights
     for c, p in enumerate(problem.free):
-        tau = problem.mechanism.parameters[p].tolerance
-        weights[c] = 1.0 / tau if tau is not None and np.isfinite(tau) and tau > 0.0 else 0.0
+        tau = problem.mechanism.parameters[p].spread
+        weights[c] = 1.0 / tau if tau else 0.0
     return weights
 
 
@@ -54,10 +54,9 @@ def parameter_scale(problem: Problem) -> Array:
     out = np.empty(len(problem.free))
     for c, p in enumerate(problem.free):
         parameter = problem.mechanism.parameters[p]
-        tau = parameter.tolerance
         natural = parameter.size or 1e-3 * (
             problem.mechanism.reach if parameter.quantity == "length" else 1.0)
-        out[c] = tau if tau is not None and np.isfinite(tau) and tau > 0.0 else natural
+        out[c] = parameter.spread or natural
     return out
 
 

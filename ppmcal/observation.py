@@ -225,8 +225,13 @@ def rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:
     whole = known(measured)
     filled = np.where(whole[:, None], measured, 0.0)
     turn = cga.rotation_matrix(cga.motor_from_rotation_vector(filled, np.zeros(3)))
-    motor = cga.motor_from_matrix(turn @ np.swapaxes(predicted, -1, -2), np.zeros(3))
-    return np.where(whole[:, None], cga.rotation_vector(motor), np.nan)
+    return np.where(whole[:, None], turn_between(turn, predicted), np.nan)
+
+
+def turn_between(shown: Array, predicted: Array) -> Array:
+    """Return the rotation vector (n, 3) that takes predicted to shown rotations (n, 3, 3)."""
+    return cga.rotation_vector(cga.motor_from_matrix(
+        shown @ np.swapaxes(predicted, -1, -2), np.zeros(3)))
 
 
 def noise(data: Dataset, motion: str) -> Array:

@@ -47,6 +47,12 @@ class Parameter:
     size: float | None = None
     reciprocal: bool = False
 
+    @property
+    def spread(self) -> float | None:
+        """The tolerance where it is finite and above 0, else None: no prior, or fixed by it."""
+        tau = self.tolerance
+        return tau if tau is not None and np.isfinite(tau) and tau > 0.0 else None
+
     def stepped(self, value: float, step: float) -> float:
         """Return the value after a Gauss-Newton step; a reciprocal one keeps its sign.
 

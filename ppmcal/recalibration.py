@@ -30,7 +30,7 @@ from ppmcal.instrument import Instrument
 from ppmcal.layout import Open, turned_about
 from ppmcal.linear import column_scale, prior_weights
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import SCALARS, Station, coordinates_of, predict
+from ppmcal.observation import SCALARS, Station, coordinates_of, predict, turn_between
 from ppmcal.problem import Problem, State
 from ppmcal.targets import pose_motor, pose_vector
 
@@ -270,7 +270,6 @@ def _residual(shown: tuple[Array, Array], predicted: tuple[Array, Array], recipe
     if kind == "distance":
         far, near = (np.linalg.norm(p[0], axis=1) for p in (shown, predicted))
         return np.asarray((far - near)[:, None])
-    turn = cga.rotation_vector(cga.motor_from_matrix(
-        shown[1] @ np.swapaxes(predicted[1], -1, -2), np.zeros(3)))
-    both = np.concatenate([shown[0] - predicted[0], turn], axis=1)
+    both = np.concatenate([shown[0] - predicted[0], turn_between(shown[1], predicted[1])],
+                          axis=1)
     return np.asarray(both[:, list(coordinates_of(kind, motion))])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,7 @@ class Grid:
         return out
 
 
+@lru_cache(maxsize=64)
 def named(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the pose coordinates that a command names; closure decides the others."""
     drawn = mechanism.nominal()

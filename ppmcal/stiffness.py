@@ -24,12 +24,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal import algebra as cga
 from ppmcal.arrays import known
 from ppmcal.closure import Model
 from ppmcal.errors import NoResult
+from ppmcal.inverse import solve_blocks
+from ppmcal.jacobians import to_tool
 from ppmcal.kinematics import Table, home_conditioning, inverse_table
-from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
 from ppmcal.region import named, placed
 from ppmcal.springs import Spring, spring_columns, springs_of
@@ -162,26 +162,16 @@ def _factors(mechanism: Mechanism, springs: Sequence[Spring], q: Array, pose: Ar
     """Yield rows, factor (n, d, S) and det A (n,), some poses at a time."""
     model = Model(replace(mechanism, effects=()))
     root = np.sqrt([s.compliance for s in springs])
+    dof, at = list(mechanism.dof), np.zeros(3) if tool is None else tool
     for begin in range(0, len(q), CHUNK):
         rows = slice(begin, begin + CHUNK)
         closure = model.closure(q[rows])
         lines = closure.lines(pose[rows])
         a = closure.pose_matrix(pose[rows], lines)
-        determinant = np.linalg.det(a)
-        # where A is singular nothing holds the platform: nan, not an error
-        held = np.where(determinant[:, None, None] != 0.0, a, np.eye(a.shape[-1]))
-        moves = np.linalg.solve(held, spring_columns(closure, pose[rows], lines, springs) * root)
-        moves[determinant == 0.0] = np.nan
-        yield rows, _to_tool(mechanism, pose[rows], tool) @ moves, determinant
-
-
-def _to_tool(mechanism: Mechanism, pose: Array, tool: Array | None) -> Array:
-    """Return T (N, d, d): motions of the platform's origin to those of the tool point."""
-    dof = list(mechanism.dof)
-    carry = np.tile(np.eye(6), (len(pose), 1, 1))
-    if tool is not None:
-        carry[:, :3, 3:] = -cross_matrix(cga.rotation_matrix(pose) @ tool)
-    return np.asarray(carry[:, dof][:, :, dof], dtype=float)
+        # where A is singular nothing holds the platform: nan
+        moves = solve_blocks(a, spring_columns(closure, pose[rows], lines, springs) * root)
+        carry = to_tool(pose[rows], at)[:, dof][:, :, dof]
+        yield rows, carry @ moves, np.linalg.det(a)
 
 
 def _roots(factor: Array) -> tuple[Array, Array]:

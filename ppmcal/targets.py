@@ -127,7 +127,7 @@ def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, 
         out[whole] = pose_vector(carried_back(mechanism, station, wanted[whole]))
     part = np.flatnonzero((open_.sum(axis=1) == short) & (short > 0))
     if part.size:
-        out[part], solved = _solve_named(model.take(part), station, wanted[part], open_[part])
+        out[part], _, solved = solve_named(model.take(part), station, wanted[part], open_[part])
         for n in part[~solved]:
             failed[n] = failed[n] or ("the open coordinates could not be solved for: "
                                       "no such pose near home")
@@ -160,9 +160,19 @@ def carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Array
     return cga.compose(cga.compose(back, pose_motor(filled)), cga.reverse(body))
 
 
-def _solve_named(model: Model, station: Station, wanted: Array,
-                 open_: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """Newton on platform pose and joints: closure and named measured coordinates."""
+def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np.bool_]
+                ) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Newton on platform pose and joints: closure and named measured coordinates.
+
+    Args:
+        model: one machine, or one for each row.
+        station: one, or one for each row.
+        wanted: measured poses (N, 6).
+        open_: coordinates that are not named (N, 6), as many in every row.
+
+    Returns:
+        platform poses (N, 6), joint values (N, k), and which rows are solved (N,).
+    """
     mechanism = model.mechanism
     state = home_state(mechanism)
     n = wanted.shape[0]
@@ -176,7 +186,7 @@ def _solve_named(model: Model, station: Station, wanted: Array,
         closure = model.closure(q)
         lines = closure.lines(pose)
         measured = measured_pose(station, pose)
-        arm = cga.rotation_matrix(pose) @ station.target
+        arm = (cga.rotation_matrix(pose) @ station.target[..., None])[..., 0]
         by_pose = np.zeros((n, 6, 6))
         by_pose[:, :3, :3] = frame
         by_pose[:, :3, 3:] = -frame @ cross_matrix(arm)
@@ -197,4 +207,4 @@ def _solve_named(model: Model, station: Station, wanted: Array,
         move = np.zeros((n, 6))
         move[:, mechanism.dof] = step[:, :len(mechanism.dof)]
         pose, q = moved(pose, move), q + step[:, len(mechanism.dof):]
-    return pose_vector(pose), solved
+    return pose_vector(pose), q, solved

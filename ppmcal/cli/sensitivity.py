@@ -72,14 +72,14 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     from ppmcal.components import all_components as components
     from ppmcal.errors import BadInput
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
-    from ppmcal.files.point_text import read_point
+    from ppmcal.files.point_text import metric_length, read_point
     from ppmcal.outputs.sensitivity import files
     from ppmcal.sensitivity import Asked, analyse
 
     console = Console(quiet, as_json)
     machine = read_mechanism(mech)
     mesh = _grid(machine, grid, poses, home_only)
-    point, rho = read_point(tool, machine), _metric(machine, metric)
+    point, rho = read_point(tool, machine), metric_length(metric, machine)
     if not 0.0 < sigmas < 1e6:
         raise BadInput(f"{sigmas:g} is not a number of standard deviations", "--sigmas",
                        "Write one above 0, such as 3")
@@ -112,28 +112,12 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
 def _grid(machine: Mechanism, grid: str | None, poses: Path | None, home_only: bool
           ) -> Grid | None:
     from ppmcal.errors import BadInput
-    from ppmcal.files.grid_text import LEVELS, read_grid
-    from ppmcal.region import slice_axes, slice_grid
+    from ppmcal.files.grid_text import read_grid
 
     if sum((grid is not None, poses is not None, home_only)) > 1:
         raise BadInput("only one of --poses, --grid and --home-only can be given", "",
                        "Leave the others out")
-    if grid is not None:
-        return read_grid(grid, machine)
-    if poses is not None or home_only:
-        return None
-    axes = slice_axes(machine)
-    return slice_grid(machine, axes, [LEVELS[len(axes)]] * len(axes))
-
-
-def _metric(machine: Mechanism, metric: float | None) -> float:
-    from ppmcal.errors import BadInput
-
-    if metric is None:
-        return machine.length_scale
-    if not 0.0 < metric < 1e12:
-        raise BadInput(f"{metric:g} is not a length", "--metric", "Write a length above 0")
-    return metric * machine.units.factor("length")
+    return None if poses is not None or home_only else read_grid(grid, machine)
 
 
 def _size(machine: Mechanism, together: tuple[str, ...], size: float | None) -> float | None:

@@ -102,7 +102,6 @@ def _poses(grid_text: str | None, poses: Path | None, mechanism: Mechanism
     """Return the grid, if there is one, the wanted poses (N, 6), and notes on them."""
     from ppmcal.files import read_poses
     from ppmcal.files.grid_text import read_grid
-    from ppmcal.region import slice_axes, slice_grid
 
     if poses is not None:
         table = read_poses(poses, mechanism)
@@ -110,10 +109,7 @@ def _poses(grid_text: str | None, poses: Path | None, mechanism: Mechanism
         notes = [f"Columns {', '.join(unused)} of {poses} are not used: the load is that of "
                  "--load or --payload."] if unused else []
         return None, table.poses, notes
-    if grid_text is not None:
-        grid = read_grid(grid_text, mechanism)
-    else:
-        grid = slice_grid(mechanism, slice_axes(mechanism), (41, 41))
+    grid = read_grid(grid_text, mechanism)
     return grid, grid.poses(mechanism), []
 
 

@@ -81,15 +81,16 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     inputs = [*machine.inputs, *(str(p) for p in (poses, instrument) if p)]
     source = provenance(inputs, command_line(), job.seed)
     said, findings = [*sentences(result), *effects_words(machine)], _findings(machine, result)
+    summary = record(result, said, findings, source)
     with Output(out) as output:
-        for name, content in files(result, said, findings, method != "file", source).items():
+        for name, content in files(result, summary).items():
             output.add(name, content)
     for sentence in said:
         console.say(sentence)
-    _tables(console, record(result, said, findings, source))
+    _tables(console, summary)
     console.warn(findings)
     finish(out, list(output.files), console)
-    console.summary(record(result, said, findings, source))
+    console.summary(summary)
     leave(bool(findings))
 
 

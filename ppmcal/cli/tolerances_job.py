@@ -14,7 +14,7 @@ from ppmcal.components import Source, geometry_only, natural_units, sources, tol
 from ppmcal.errors import BadInput
 from ppmcal.files import read_poses
 from ppmcal.files.instrument import read_instrument
-from ppmcal.files.point_text import read_point
+from ppmcal.files.point_text import metric_length, read_point
 from ppmcal.fleet import Fleet
 from ppmcal.instrument import Instrument, default_instrument
 from ppmcal.inverse import home_state
@@ -65,7 +65,7 @@ def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> Result
     if job.instrument is not None:
         instrument = read_instrument(job.instrument, machine)
     tasks, notes = _tasks(machine, job, _tool(machine, job, instrument))
-    unit = _unit(machine, found, job)
+    unit = natural_units(machine, found, metric_length(job.metric, machine))
     weight, exponent = _costs(machine, found, unit)
     given = tolerances(machine, found)
     _refuse_unknown(machine, found, given, job.method)
@@ -142,15 +142,6 @@ def _refuse_unknown(machine: Mechanism, found: tuple[Source, ...], given: Array,
         raise BadInput(f"{lost[0]} has no tolerance to draw from ({len(lost)} without)",
                        f"{machine.source}: tolerances", "Give it a finite tolerance, fix it, or "
                        "choose another --method")
-
-
-def _unit(machine: Mechanism, found: tuple[Source, ...], job: Job) -> Array:
-    """Return 1 for lengths and 1/rho for angles (S,)."""
-    if job.metric is not None and not 0.0 < job.metric < 1e12:
-        raise BadInput(f"{job.metric:g} is not a length", "--metric", "Write a length above 0")
-    rho = (machine.length_scale if job.metric is None
-           else job.metric * machine.units.factor("length"))
-    return natural_units(machine, found, rho)
 
 
 def _costs(machine: Mechanism, found: tuple[Source, ...], unit: Array) -> tuple[Array, Array]:

@@ -23,14 +23,12 @@ from ppmcal.cli.common import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ppmcal.mechanism import Mechanism
     from ppmcal.outputs.workspace_units import ModeRow
-    from ppmcal.region import Grid
     from ppmcal.workspace import Workspace
 
     Array = NDArray[Any]
 
-LEVELS = (61, 61)
+LEVELS = 61
 SHOWN = 10
 
 
@@ -53,6 +51,7 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     workspace.json and a picture of each map.
     """
     from ppmcal.files import Output, provenance, read_mechanism
+    from ppmcal.files.grid_text import read_grid
     from ppmcal.outputs.workspace import pictures, summary, tables, text
     from ppmcal.outputs.workspace_words import modes, reach, singular
     from ppmcal.workspace import workspace
@@ -60,7 +59,7 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     console = Console(quiet, as_json)
     seed = seed or 0
     mechanism = read_mechanism(mech)
-    asked = _grid(grid, mechanism)
+    asked = read_grid(grid, mechanism, LEVELS)
     with console.progress("Workspace") as now:
         found = workspace(mechanism, asked)
         now("assembly modes")
@@ -82,16 +81,6 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     finish(out, list(output.files), console)
     console.summary(content)
     leave(bool(findings))
-
-
-def _grid(text: str | None, mechanism: Mechanism) -> Grid:
-    """Return the grid asked for."""
-    from ppmcal.files.grid_text import read_grid
-    from ppmcal.region import slice_axes, slice_grid
-
-    if text is not None:
-        return read_grid(text, mechanism)
-    return slice_grid(mechanism, slice_axes(mechanism), LEVELS)
 
 
 def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:

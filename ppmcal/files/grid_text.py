@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.region import Grid, slice_grid
+from ppmcal.region import Grid, slice_axes, slice_grid
 
 LEVELS = {1: 201, 2: 41, 3: 15}
 """Levels of each coordinate where none are given, by how many coordinates the grid has."""
@@ -12,15 +12,19 @@ MOST = 2_000_000
 PLACE = "--grid"
 
 
-def read_grid(text: str, mechanism: Mechanism) -> Grid:
+def read_grid(text: str | None, mechanism: Mechanism, levels: int = LEVELS[2]) -> Grid:
     """Return the grid of ``NAME[=LOW:HIGH[:COUNT]],...``.
 
     Coordinates that are not named stay as at home; without a range they go a little beyond
-    what home can reach.
+    what home can reach. Without a text: a map of ``levels`` by ``levels`` over the first two
+    coordinates.
 
     Raises:
         BadInput: an unknown coordinate, a range that is none, too many poses.
     """
+    if text is None:
+        axes_of_map = slice_axes(mechanism)
+        return slice_grid(mechanism, axes_of_map, [levels] * len(axes_of_map))
     parts = [p.strip() for p in text.split(",") if p.strip()]
     if not parts:
         raise BadInput("names no coordinate", PLACE, "Write for example x=-100:100:41,y=-100:100")

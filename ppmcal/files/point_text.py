@@ -1,4 +1,4 @@
-"""Reading ``--tool``: ``0,0,-120``, a point in platform axes in the machine's units."""
+"""Reading ``--tool``, ``0,0,-120``, a point in platform axes, and the length ``--metric``."""
 
 from __future__ import annotations
 
@@ -34,3 +34,16 @@ def read_point(text: str | None, mechanism: Mechanism, place: str = "--tool"
                        f"Write {wanted} numbers in {mechanism.units.length}, such as "
                        f"{','.join(['0'] * (sizes[0] - 1))},-120")
     return np.array([*numbers, 0.0][:3]) * mechanism.units.factor("length")
+
+
+def metric_length(value: float | None, mechanism: Mechanism) -> float:
+    """Return the length by which angles count, m; the machine's length scale where none is given.
+
+    Raises:
+        BadInput: not a length above 0.
+    """
+    if value is None:
+        return mechanism.length_scale
+    if not 0.0 < value < LARGEST:
+        raise BadInput(f"{value:g} is not a length", "--metric", "Write a length above 0")
+    return value * mechanism.units.factor("length")

@@ -125,16 +125,15 @@ def allocated(r: Result) -> str:
                            "Tolerances allocated by ppmcal tolerances; effects left out.")
 
 
-def files(r: Result, said: Sequence[str], findings: Sequence[str], write_machine: bool,
-          provenance: Mapping[str, Any]) -> dict[str, str | bytes]:
-    """Return file name -> content of everything that tolerances writes."""
+def files(r: Result, content: Mapping[str, Any]) -> dict[str, str | bytes]:
+    """Return file name -> content of everything that tolerances writes; see :func:`record`."""
     rows, poses = table(r), errors_table(r)
     out: dict[str, str | bytes] = {
         "tolerances.csv": csv_text(list(rows), list(rows.values())),
         "errors.csv": csv_text(list(poses), list(poses.values())),
         "yield.png": _picture(r),
-        "tolerances.json": json_text(record(r, said, findings, provenance))}
-    if write_machine:
+        "tolerances.json": json_text(content)}
+    if r.chosen != "file":
         out["allocated.yaml"] = allocated(r)
     return out
 
