@@ -94,7 +94,7 @@ def _pair(result: Diagnosis, kind: str) -> tuple[Form, Form] | None:
     others = rivals(stage.search, stage.chosen, i)
     if not others:
         return None
-    pair = [stage.forms[i], stage.forms[min(others, key=lambda r: r.odds).form]]
+    pair = [stage.forms[i], min(others, key=lambda r: r.odds).form]
     pair.sort(key=lambda f: f.kind != kind)
     return (pair[0], pair[1]) if pair[0].kind == kind else None
 

@@ -293,7 +293,7 @@ def test_a_column_that_was_not_recorded(tmp_path: Path) -> None:
     for text in (run.out, *(b.decode() for b in tree(tmp_path / "d").values())):
         assert "absent" not in text
     said = " ".join(run.out.split())
-    assert "leg_thermal (needs temperature)" in said
+    assert "base_thermal, leg_thermal, platform_thermal (need temperature)" in said
 
 
 def test_an_effect_whose_column_was_not_recorded_is_not_called_another(tmp_path: Path) -> None:

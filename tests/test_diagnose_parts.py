@@ -18,12 +18,13 @@ from ppmcal.diagnose import gap as gaps
 from ppmcal.diagnose.adequacy import kernel_test
 from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.draws import heavy, simulated
-from ppmcal.diagnose.forms import Library
+from ppmcal.diagnose.forms import Library, united
 from ppmcal.diagnose.gram import Gram, build_gram, log_p
 from ppmcal.diagnose.noise import estimate, pure_error
 from ppmcal.diagnose.rivals import rivals
 from ppmcal.diagnose.search import DETECT, NAME, null_scan, scan
-from ppmcal.diagnose.stage import Stage, run_stage
+from ppmcal.diagnose.sharing import find
+from ppmcal.diagnose.stage import Stage, of_single, run_stage
 from ppmcal.diagnose.system import System, build
 from ppmcal.identify import identify
 from ppmcal.problem import Problem
@@ -487,14 +488,45 @@ def test_sensor_scale_and_gain_of_all_encoders_are_rivals() -> None:
     g = stage.search.gram.gram
     assert abs(g[a, b]) / np.sqrt(g[a, a] * g[b, b]) > 0.995
     for one, other in ((scale, gain), (gain, scale)):
-        found = {r.form: r for r in rivals(stage.search, (one,), one)}
-        assert other in found
-        assert found[other].angle < 0.1
-        assert 0.05 < found[other].odds < 20.0
+        found = {r.form.label: r for r in rivals(stage.search, (one,), one)}
+        rival = found[forms[other].label]
+        assert rival.form == forms[other]
+        assert rival.angle < 0.1
+        assert 0.05 < rival.odds < 20.0
 
 
 def test_backlash_and_compliance_are_no_rivals() -> None:
     stage = stage_of("6-UPS", 9, ("backlash",), 1.0, SMALL)
     assert [f.kind for f in stage.named] == ["backlash"]
     found = rivals(stage.search, stage.chosen, stage.chosen[0])
-    assert not {stage.search.forms[r.form].kind for r in found} & {"compliance", "leg_thermal"}
+    assert not {r.form.kind for r in found} & {"compliance", "leg_thermal"}
+
+
+def test_a_kind_on_a_few_actuators_is_one_hypothesis() -> None:
+    """With values of its own on each it is what the single ones are together."""
+    stage = stage_of("6-UPS", 9, ("backlash",), 1.0, SMALL)
+    forms = stage.search.forms
+    single = {f.on[0]: f for f in forms if f.kind == "curvature" and len(f.on) == 1}
+    two = united([single["leg2"], single["leg5"]])
+    assert (two.on, two.shared, two.size) == (("leg2", "leg5"), False, 6)
+    assert two.label == "curvature on leg2, leg5"
+    search, at = find(stage.search, two)
+    assert at is not None
+    assert search.forms[at] == two
+    apart = [stage.columns[:, single[a].columns] for a in two.on]
+    assert np.array_equal(of_single(stage.columns, forms, two), np.concatenate(apart, axis=1))
+    assert np.array_equal(of_single(stage.columns, forms, replace(two, shared=True)),
+                          apart[0] + apart[1])
+    each = next(f for f in forms if f.kind == "curvature" and not f.shared)
+    everywhere = united([single[a] for a in each.on])
+    assert (everywhere.names, everywhere.columns) == (each.names, each.columns)
+
+
+def test_a_rival_on_several_actuators_names_them_all() -> None:
+    """What could take the place of a gain of two legs is curvature of both, not of the first."""
+    stage = stage_of("3-RPR", 0, ("gain",), 1.0, SMALL)
+    assert [(f.kind, f.on) for f in stage.named] == [("gain", ("leg1", "leg3"))]
+    (rival,) = rivals(stage.search, stage.chosen, stage.chosen[0])
+    assert (rival.form.kind, rival.form.on) == ("curvature", ("leg1", "leg3"))
+    given = stage.search.gram.given
+    assert given(rival.form.columns).square < given(rival.form.columns[:3]).square

@@ -114,11 +114,6 @@ def number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def counted(count: int, what: str) -> str:
-    """Return ``1 row``, ``2 rows``."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
 def effects_words(mechanism: Mechanism) -> list[str]:
     """Return that an analysis of geometry leaves the file's effects out, if it has any."""
     kinds = ", ".join(dict.fromkeys(e.kind.name for e in mechanism.effects))

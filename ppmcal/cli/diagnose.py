@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +14,6 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
-    counted,
     finish,
     json_option,
     leave,
@@ -21,19 +22,11 @@ from ppmcal.cli.common import (
     quiet_option,
     seed_option,
 )
+from ppmcal.words import counted, shorter
 
 if TYPE_CHECKING:
-    from ppmcal.diagnose.result import Diagnosis
-
-HEADLINE = {
-    "none": "Nothing is missing that these data could show.",
-    "weak": "Something may be missing, but it is too weak to be named.",
-    "named": "The missing effect is named.",
-    "named-set": "Something is missing; these data cannot tell a few effects apart.",
-    "partial": "Part of what is missing is named; something else is left.",
-    "unnamed": "Something is missing that ppmcal does not know.",
-}
-
+    from ppmcal.diagnose.forms import Untestable
+    from ppmcal.diagnose.result import Diagnosis, NamedEffect
 
 @click.command("diagnose")
 @click.argument("mech", type=FILE)
@@ -109,7 +102,9 @@ def tell(result: Diagnosis, console: Console) -> None:
     """Print the story in a few lines."""
     if not console.speaks:
         return
-    headline = HEADLINE[result.verdict]
+    from ppmcal.report.diagnosis_words import VERDICTS
+
+    headline = VERDICTS[result.verdict]
     if result.verdict == "named" and len({e.kind for e in result.effects}) > 1:
         headline = "The missing effects are named."
     console.say(f"{result.identification.mechanism.name}: {headline}")
@@ -129,12 +124,20 @@ def tell(result: Diagnosis, console: Console) -> None:
                     f"{counted(len(result.swallowed), 'parameter')} moved beyond tolerance, most "
                     f"{worst.name}.")
     if result.untestable:
-        console.say("Not testable: " + "; ".join(
-            f"{u.kind} (needs {', '.join(u.missing[:2])}{' ...' if len(u.missing) > 2 else ''})"
-            for u in result.untestable) + ".")
+        console.say("Not testable: " + "; ".join(_lacking(result.untestable)) + ".")
     console.say(f"Next: {result.proposal.reason}."
                 + (" See next.csv." if result.proposal.rows else ""))
     console.warn(result.findings)
+
+
+def _lacking(untestable: Sequence[Untestable]) -> list[str]:
+    """Return ``compliance, windup (need payload)``: the kinds by what they lack."""
+    kinds: dict[tuple[str, ...], list[str]] = {}
+    for u in untestable:
+        kinds.setdefault(u.missing, []).append(u.kind)
+    return [f"{', '.join(some)} (need{'s' if len(some) == 1 else ''} "
+            f"{', '.join(missing[:2])}{' ...' if len(missing) > 2 else ''})"
+            for missing, some in kinds.items()]
 
 
 def _where(result: Diagnosis) -> str:
@@ -147,16 +150,17 @@ def _where(result: Diagnosis) -> str:
 
 
 def _what(result: Diagnosis) -> list[str]:
-    from ppmcal.outputs.diagnosis import parameter_entries
-
+    total = len(result.identification.mechanism.actuators)
     out = []
-    for e in result.effects:
-        values = ", ".join(_value(n, v) for n, v in parameter_entries(result, e).items()
-                           if v["sigma"] is not None)
-        where = f" on {', '.join(e.on)}" if e.on else ""
-        out.append(f"{e.kind}{where}: {values}; p = {_p(e.log_p)}.")
-        if e.alternatives:
-            out.append(f"  Cannot be told from: {'; '.join(e.alternatives)}.")
+    for group in _together(result.effects):
+        first, several = group[0], len(group) > 1
+        on = [a for e in group for a in e.on]
+        name = shorter(f"{first.kind} on {', '.join(on)}" if on else first.kind, total)
+        values = "; ".join((f"{e.on[0]} " if several else "") + _values(result, e) for e in group)
+        out.append(f"{name}: {values}; p = {_p(first.log_p)}.")
+        if first.alternatives:
+            others = "; ".join(shorter(a, total) for a in first.alternatives)
+            out.append(f"  Cannot be told from: {others}.")
     out += [f"Suspected: {c.form.label} (p = {c.p_value:.1g})." for c in result.possible
             if c.status == "weak"]
     left = result.remainder
@@ -165,6 +169,19 @@ def _what(result: Diagnosis) -> list[str]:
             left.p_value < 0.05) else ""
         out.append(f"What is left is {left.ratio:.2f} times the {left.source} noise{follows}.")
     return out
+
+
+def _together(effects: Sequence[NamedEffect]) -> list[list[NamedEffect]]:
+    """Return the effects, those that are one hypothesis on several actuators in one list."""
+    return [list(g) for _, g in groupby(effects, lambda e: (
+        e.kind, e.log_p, e.alternatives, e.parameters if len(e.on) != 1 else ()))]
+
+
+def _values(result: Diagnosis, effect: NamedEffect) -> str:
+    from ppmcal.outputs.diagnosis import parameter_entries
+
+    return ", ".join(_value(n, v) for n, v in parameter_entries(result, effect).items()
+                     if v["sigma"] is not None)
 
 
 def _value(name: str, entry: dict[str, Any]) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ppmcal.cli.common import Console, counted, number, plain_table
+from ppmcal.cli.common import Console, number, plain_table
+from ppmcal.words import counted
 
 if TYPE_CHECKING:
     from ppmcal.analysis import Identification

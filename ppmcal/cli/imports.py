@@ -10,13 +10,13 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
-    counted,
     finish,
     json_option,
     leave,
     out_option,
     quiet_option,
 )
+from ppmcal.words import counted
 
 
 @click.command("import")

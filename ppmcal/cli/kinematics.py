@@ -11,7 +11,6 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
-    counted,
     finish,
     input_columns,
     json_option,
@@ -19,6 +18,7 @@ from ppmcal.cli.common import (
     out_option,
     quiet_option,
 )
+from ppmcal.words import counted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,7 +10,6 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
-    counted,
     finish,
     json_option,
     leave,
@@ -18,6 +17,7 @@ from ppmcal.cli.common import (
     quiet_option,
     seed_option,
 )
+from ppmcal.words import counted
 
 
 @click.command("simulate")

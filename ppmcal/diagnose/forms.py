@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,10 @@ class Form:
         """Return by how much the constants of two forms of a grid differ."""
         return sum(abs(v - other.constants.get(n, v)) for n, v in self.constants.items())
 
+    def alike(self, other: Form) -> bool:
+        """Whether the constants are the same; each joint may have a stroke of its own."""
+        return self.constants == other.constants or "low" in self.constants
+
     @property
     def label(self) -> str:
         """Return words for people: ``backlash on leg2``."""
@@ -72,6 +77,17 @@ class Form:
         if self.anonymous:
             return f"an unknown shape along {' '.join(self.on) or 'the position'}"
         return f"{self.kind} on {', '.join(self.on)}" if self.on else self.kind
+
+
+def united(forms: Sequence[Form]) -> Form:
+    """Return forms of one kind on one actuator each as one, with values of its own for each."""
+    if len(forms) == 1:
+        return forms[0]
+    return replace(
+        forms[0], on=tuple(a for f in forms for a in f.on), shared=False,
+        names=tuple(f"{f.on[0]}:{n}" for f in forms for n in f.names),
+        low=sum((f.low for f in forms), ()), high=sum((f.high for f in forms), ()),
+        columns=sum((f.columns for f in forms), ()))
 
 
 @dataclass(frozen=True)

@@ -18,18 +18,20 @@ from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.forms import Form
-from ppmcal.diagnose.stage import Stage, form_columns, summed, without
+from ppmcal.diagnose.stage import Stage, form_columns, of_single, without
 from ppmcal.diagnose.system import build
 from ppmcal.kinematics import inverse_table
 from ppmcal.observation import SCALARS
 from ppmcal.problem import State
 from ppmcal.targets import pose_motor, pose_vector
+from ppmcal.words import counted, shorter
 
 Array = NDArray[np.float64]
 POSES = 150
 WIDER = 0.25
 """Poses are drawn from the measured range, wider by this part on each side."""
-MOST_ROWS = 120
+FEWEST_ROWS, MOST_ROWS = 4, 120
+"""Where one row would do, it could be an outlier, and would be taken for one."""
 SETTLED = 2.0 * np.log(20.0)
 """Rivals count as told apart at odds of 20 to 1: twice the log-likelihood ratio."""
 SURE = 1.645
@@ -71,10 +73,9 @@ def nothing(reason: str, joints: int) -> Proposal:
     return Proposal(reason, np.zeros((0, joints)), np.zeros((0, 6)))
 
 
-def propose(stage: Stage, one: int, two: int, odds: float, seed: int) -> Proposal:
-    """Return measurements that tell two forms apart, ``one`` being likelier by ``odds``."""
+def propose(stage: Stage, a: Form, b: Form, odds: float, seed: int) -> Proposal:
+    """Return measurements that tell two forms apart, ``a`` being likelier by ``odds``."""
     mechanism = stage.system.problem.mechanism
-    a, b = stage.forms[one], stage.forms[two]
     rng = np.random.default_rng(seed)
     data = possible_rows(stage, rng)
     if data is None:
@@ -88,17 +89,18 @@ def propose(stage: Stage, one: int, two: int, odds: float, seed: int) -> Proposa
     goal = wanted(start)
     picked, gain = _pick(old, new, value_a, value_b, goal)
     after = float(np.exp(np.clip((gain - 2.0 * SURE * np.sqrt(gain) - start) / 2.0, 0.0, 300.0)))
-    label = f"{a.label} and {b.label}"
+    label = " and ".join(shorter(f.label, len(mechanism.actuators)) for f in (a, b))
     if gain < goal:
-        many = (f"{len(picked)} further measurements" if picked else "further measurements alone")
+        many = (counted(len(picked), "further measurement") if picked
+                else "further measurements alone")
         return Proposal(f"{many} would not tell {label} apart: {_remedy(a, b)}",
                         np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {}, odds, after)
     rows = np.array(picked, dtype=np.int64)
     needed = {n: c[rows] for n, c in data.columns.items()}
     pose = pose_vector(pose_motor(np.nan_to_num(np.concatenate(
         [data.position, data.rotation], axis=1)[rows])))
-    return Proposal(f"{len(picked)} measurements tell {label} apart", data.q[rows], pose, needed,
-                    odds, after)
+    return Proposal(f"{counted(len(picked), 'measurement')} to tell {label} apart",
+                    data.q[rows], pose, needed, odds, after)
 
 
 def wanted(start: float) -> float:
@@ -217,7 +219,7 @@ def _new_blocks(stage: Stage, a: Form, b: Form, data: Dataset) -> Blocks | None:
         match = [f for f in found.forms if (f.kind, f.on, f.shared, f.slot) == (
             form.kind, form.on, form.shared, form.slot)]
         if not match:
-            return summed(found.columns, found.forms, form)
+            return of_single(found.columns, found.forms, form)
         nearest = min(match, key=lambda f: f.apart(form))
         return np.asarray(found.columns[..., nearest.columns])
 
@@ -241,7 +243,8 @@ def _pick(old: Blocks, new: Blocks, value_a: Array, value_b: Array, goal: float
     picked: list[int] = []
     start, differences = _apart(ways, picked)
     figures = start
-    while len(picked) < MOST_ROWS and _least(figures, start) < goal:
+    while len(picked) < FEWEST_ROWS or (
+            len(picked) < MOST_ROWS and _least(figures, start) < goal):
         best = _next_row(differences[int(np.argmin(np.subtract(figures, start)))], picked)
         if best is None:
             break

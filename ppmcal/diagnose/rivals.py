@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.diagnose.forms import Form
+from ppmcal.diagnose.forms import Form, united
 from ppmcal.diagnose.search import (
     Search,
     bic,
@@ -33,13 +33,13 @@ DOUBTED = 23.0
 
 @dataclass(frozen=True)
 class Rival:
-    """A form (or the first of a few on several actuators) that could take another's place.
+    """A form that could take another's place.
 
     ``angle``: between their columns, seen past geometry and the other effects, rad; ``odds``:
     how much likelier the chosen one is, e^(BIC difference/2).
     """
 
-    form: int
+    form: Form
     angle: float
     odds: float
 
@@ -68,7 +68,8 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
             continue
         if own_log_p(search, [*trial, effect], effect) > (
                 search.name if doubt else np.log(ADDS_NOTHING)):
-            best[first.family] = Rival(rival[0], _angle(search, others, effect, rival),
+            best[first.family] = Rival(united([search.forms[i] for i in rival]),
+                                       _angle(search, others, effect, rival),
                                        float(np.exp(min(worse / 2.0, 50.0))))
     return list(best.values())
 

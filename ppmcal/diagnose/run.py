@@ -33,6 +33,7 @@ from ppmcal.holdout import split
 from ppmcal.identify import identify
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem
+from ppmcal.words import counted
 
 Bools = NDArray[np.bool_]
 Say = Callable[[str], None]
@@ -209,7 +210,7 @@ def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...
             out.append(NamedEffect(
                 form.kind, added.on, added.parameters, probability(value), value,
                 stage.search.gram.survival(form.columns),
-                (*(stage.forms[r.form].label for r in others), *(f.label for f in alike)),
+                (*(r.form.label for r in others), *(f.label for f in alike)),
                 (*(r.odds for r in others), *(np.nan for _ in alike))))
     return tuple(out)
 
@@ -258,7 +259,7 @@ def _proposal(stage: Stage, alternatives: Alternatives, verdict: str, seed: int)
     for i, (others, _) in alternatives.items() if verdict != "unnamed" else ():
         if others and not stage.forms[i].slot:
             likeliest = min(others, key=lambda r: r.odds)
-            return propose(stage, i, likeliest.form, likeliest.odds, seed)
+            return propose(stage, stage.forms[i], likeliest.form, likeliest.odds, seed)
     if verdict in ("named-set", "partial") and any(a for _, a in alternatives.values()):
         return nothing("measure again with a known payload (column payload): give under a "
                        "weight that was not recorded looks much like this", joints)
@@ -279,8 +280,8 @@ def _findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedE
                        "residuals.csv for each reason")
         back = sorted(set(old) - set(reasons))
         if back:
-            out.append(f"{data.name}: {len(back)} rows that looked like outliers are explained "
-                       "by the effects and back in use")
+            out.append(f"{data.name}: {counted(len(back), 'row')} at first taken for outliers, "
+                       "explained by the effects and back in use")
     if left.excess >= 3.5:
         out.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
                    "unrecorded, or a sigma that is too small")

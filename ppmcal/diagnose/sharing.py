@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import gammaln
 
-from ppmcal.diagnose.forms import Form
+from ppmcal.diagnose.forms import Form, united
 from ppmcal.diagnose.search import (
     BETTER,
     Choice,
@@ -94,7 +94,7 @@ def _together(search: Search, parts: Sequence[Form]) -> tuple[Search, int]:
     wanted = {a for part in parts for a in part.on}
     for i, form in enumerate(search.forms):
         if form.kind == parts[0].kind and form.shared and set(form.on) == wanted and (
-                form.constants == parts[0].constants or "low" in form.constants):
+                form.alike(parts[0])):
             return search, i
     total = search.gram.right.size
     size = parts[0].size
@@ -140,7 +140,9 @@ def find(search: Search, form: Form) -> tuple[Search, int | None]:
     if match:
         return search, min(match, key=lambda i: form.apart(search.forms[i]))
     parts = [f for f in search.forms if f.family == form.family and len(f.on) == 1
-             and f.on[0] in form.on and (f.constants == form.constants or "low" in f.constants)]
-    if form.shared and len(parts) == len(form.on):
+             and f.on[0] in form.on and f.alike(form)]
+    if len(parts) != len(form.on):
+        return search, None
+    if form.shared:
         return _together(search, parts)
-    return search, None
+    return replace(search, forms=(*search.forms, united(parts))), len(search.forms)

@@ -159,15 +159,16 @@ def form_columns(stage: Stage, form: Form) -> Array:
     """Return a form's whitened columns (n, k)."""
     if max(form.columns) < stage.columns.shape[1]:
         return stage.columns[:, form.columns]
-    return summed(stage.columns, stage.forms, form)
+    return of_single(stage.columns, stage.forms, form)
 
 
-def summed(columns: Array, forms: Sequence[Form], form: Form) -> Array:
-    """Return the columns (..., k) of a form in which a few actuators share values.
+def of_single(columns: Array, forms: Sequence[Form], form: Form) -> Array:
+    """Return the columns (..., k) of a form on a few actuators from those of each alone.
 
     Raises:
         KeyError: an actuator has no form of its own.
     """
     own = {f.on[0]: f for f in forms if f.kind == form.kind and len(f.on) == 1
-           and f.constants == form.constants}
-    return np.asarray(np.sum([columns[..., own[a].columns] for a in form.on], axis=0))
+           and f.alike(form)}
+    each = [columns[..., own[a].columns] for a in form.on]
+    return np.sum(each, axis=0) if form.shared else np.concatenate(each, axis=-1)

@@ -11,6 +11,7 @@ from ppmcal.dataset import Unknown
 from ppmcal.observation import NUMBERS
 from ppmcal.plan.accuracy import PAYS, reaching
 from ppmcal.plan.result import Plan
+from ppmcal.words import counted
 
 Array = NDArray[np.float64]
 FEWEST = 2
@@ -136,7 +137,8 @@ def settings(plan: Plan) -> list[str]:
             values, counts = np.unique(plan.columns[name] - (
                 273.15 if name == "temperature" else 0.0), return_counts=True)
             out.append(f"{name.capitalize()}: " + ", ".join(
-                f"{c} rows at {v:.6g} {unit}" for v, c in zip(values, counts, strict=True)) + ".")
+                f"{counted(int(c), 'row')} at {v:.6g} {unit}"
+                for v, c in zip(values, counts, strict=True)) + ".")
     return out
 
 

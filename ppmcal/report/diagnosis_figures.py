@@ -28,11 +28,11 @@ from ppmcal.report.diagnosis_words import (
     gap_closed,
     left_out,
     odds_to,
-    shorter,
     story,
     together,
 )
 from ppmcal.report.numbers import number, sig
+from ppmcal.words import shorter
 
 Record = Mapping[str, Any]
 

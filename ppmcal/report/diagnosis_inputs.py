@@ -16,9 +16,9 @@ from ppmcal.report.diagnosis_words import (
     effect_name,
     finer,
     left_out,
-    where,
 )
 from ppmcal.report.numbers import number
+from ppmcal.words import where
 
 Array = NDArray[np.float64]
 Record = Mapping[str, Any]

@@ -18,12 +18,12 @@ from ppmcal.report.diagnosis_words import (
     in_unit,
     odds_to,
     rivals,
-    where,
 )
 from ppmcal.report.figures import residual_figures
 from ppmcal.report.numbers import count, number, probability, sig
 from ppmcal.report.tables import Cell, amount, bullets, dotted, paragraph, table, words
 from ppmcal.report.text import finding_text
+from ppmcal.words import where
 
 Record = Mapping[str, Any]
 

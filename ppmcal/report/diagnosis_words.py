@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from ppmcal.report.numbers import count, number, sig, to_sigma, whole, with_unit
+from ppmcal.words import shorter, where
 
 VERDICTS = {
     "none": "Nothing is missing that these data could show.",
@@ -77,13 +78,6 @@ def rivals(record: Mapping[str, Any], effect: Mapping[str, Any]) -> list[str]:
     return [shorter(str(n), actuators(record)) for n in names]
 
 
-def shorter(label: str, total: int) -> str:
-    """Return a label in which a list of all actuators is one word."""
-    kind, _, place = label.partition(" on ")
-    names = place.split(", ") if place else []
-    return f"{kind} on {where(names, total)}" if names else kind
-
-
 def story(record: Mapping[str, Any], part: str) -> list[Mapping[str, Any]]:
     """Return one list of the story, [] where there is none."""
     found = record.get("story")
@@ -100,13 +94,6 @@ def actuators(record: Mapping[str, Any]) -> int:
     """Return the number of actuators, 0 where the record does not say."""
     story = record.get("story")
     return len((story or {}).get("actuators") or [])
-
-
-def where(on: Sequence[Any], total: int) -> str:
-    """Return ``leg1, leg2`` or ``all 6 actuators``; empty for the whole machine."""
-    if total > 1 and len(on) == total:
-        return f"all {total} actuators"
-    return ", ".join(str(a) for a in on)
 
 
 def effect_name(record: Mapping[str, Any], entry: Mapping[str, Any]) -> str:

@@ -1,0 +1,25 @@
+"""Words for messages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+
+def counted(count: int, what: str) -> str:
+    """Return ``1 row``, ``2 rows``."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def where(on: Sequence[Any], total: int) -> str:
+    """Return ``leg1, leg2`` or ``all 6 actuators``; empty for the whole machine."""
+    if total > 1 and len(on) == total:
+        return f"all {total} actuators"
+    return ", ".join(str(a) for a in on)
+
+
+def shorter(label: str, total: int) -> str:
+    """Return a label, ``gain on leg1, leg2``, in which a list of all actuators is one word."""
+    kind, _, place = label.partition(" on ")
+    names = place.split(", ") if place else []
+    return f"{kind} on {where(names, total)}" if names else kind
