@@ -16,7 +16,6 @@ from ppmcal.diagnose.search import (
     doubtful,
     own_log_p,
     possible,
-    scan,
 )
 
 Array = NDArray[np.float64]
@@ -47,8 +46,7 @@ class Rival:
 def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
     """Return the best rival of each other family that these data cannot tell from ``effect``."""
     others = [i for i in chosen if i != effect]
-    rest = search.gram.given(columns_of(search, others))
-    values = scan(rest, search.forms)
+    values = search.values(others)
     now, doubt = bic(search, chosen), doubtful(search, chosen, effect)
     form = search.forms[effect]
     taken = {search.forms[i].family for i in chosen}

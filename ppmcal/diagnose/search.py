@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,28 @@ class Search:
     name: float
     smallest: Array
 
+    @cached_property
+    def hypotheses(self) -> int:
+        """How many there are, the constants of a grid not counted."""
+        return len({(f.family, f.on, f.shared) for f in self.forms})
+
+    @cached_property
+    def _groups(self) -> list[Group]:
+        return by_size(self.forms)
+
+    @cached_property
+    def _found(self) -> dict[tuple[int, ...], Array]:
+        return {}
+
+    def values(self, chosen: Sequence[int] = ()) -> Array:
+        """Return the log p of every form (F,) with the forms ``chosen`` in the model."""
+        key = tuple(sorted(chosen))
+        if key not in self._found:
+            rest = self.gram.given(columns_of(self, key))
+            self._found[key] = _scanned(rest, self._groups, len(self.forms))
+            self._found[key].setflags(write=False)
+        return self._found[key]
+
     def calibrated(self, value: float) -> float:
         """Return how often noise alone shows a log p as small as ``value`` somewhere."""
         return float((np.sum(self.smallest <= value) + 1) / (self.smallest.size + 1))
@@ -63,13 +86,26 @@ class Choice:
     bic: float
 
 
+Group = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Forms with as many columns: their indices (f,) and columns (f, k)."""
+
+
+def by_size(forms: Sequence[Form]) -> list[Group]:
+    """Return the forms in groups of equal size."""
+    sizes = [f.size for f in forms]
+    groups = ([i for i, n in enumerate(sizes) if n == size] for size in dict.fromkeys(sizes))
+    return [(np.array(g), np.array([forms[i].columns for i in g])) for g in groups]
+
+
 def scan(gram: Gram, forms: Sequence[Form]) -> Array:
     """Return the log p of every form (F,), the model's columns being projected out already."""
-    out = np.zeros(len(forms))
-    for size in {f.size for f in forms}:
-        which = [i for i, f in enumerate(forms) if f.size == size]
-        groups = np.array([forms[i].columns for i in which])
-        square, rank = gram.explained(groups)
+    return _scanned(gram, by_size(forms), len(forms))
+
+
+def _scanned(gram: Gram, groups: Sequence[Group], count: int) -> Array:
+    out = np.zeros(count)
+    for which, columns in groups:
+        square, rank = gram.explained(columns)
         out[which] = log_p(square, gram.square, rank, gram.freedom)
     return out
 
@@ -77,11 +113,9 @@ def scan(gram: Gram, forms: Sequence[Form]) -> Array:
 def null_scan(gram: Gram, forms: Sequence[Form]) -> Array:
     """Return the smallest log p over all forms for each draw of noise (B,)."""
     smallest = np.zeros(gram.null.shape[1])
-    for size in {f.size for f in forms}:
-        which = [i for i, f in enumerate(forms) if f.size == size]
-        for begin in range(0, len(which), 256):
-            groups = np.array([forms[i].columns for i in which[begin:begin + 256]])
-            square, rank = gram.explained(groups, null=True)
+    for _, columns in by_size(forms):
+        for begin in range(0, len(columns), 256):
+            square, rank = gram.explained(columns[begin:begin + 256], null=True)
             values = log_p(square, gram.null_square, rank[:, None], gram.freedom)
             smallest = np.minimum(smallest, values.min(axis=0))
     return smallest
@@ -104,7 +138,7 @@ def choose(search: Search) -> list[Choice]:
     only chooses between effects.
     """
     level = search.name
-    values = scan(search.gram, search.forms)
+    values = search.values()
     starts: list[int] = []
     for i in np.argsort(values, kind="stable"):
         if values[i] > level or len(starts) == STARTS:
@@ -135,8 +169,7 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
     left = search.gram.left(columns)
     n = search.gram.freedom
     searched = sum(search.forms[i].searched for i in chosen)
-    hypotheses = len({(f.family, f.on, f.shared) for f in search.forms})
-    k = len(chosen)
+    hypotheses, k = search.hypotheses, len(chosen)
     looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
     anonymous = sum(1 for i in chosen if search.forms[i].anonymous)
     looked += sum(search.forms[i].choices for i in chosen)
@@ -189,7 +222,7 @@ def _grown(search: Search, chosen: list[int], level: float) -> list[int]:
 
 
 def _added(search: Search, chosen: Sequence[int], level: float) -> int | None:
-    values = scan(search.gram.given(columns_of(search, chosen)), search.forms)
+    values = search.values(chosen)
     for i in np.argsort(values, kind="stable"):
         if values[i] > level:
             return None
@@ -238,8 +271,7 @@ def _best_exchange(search: Search, chosen: Sequence[int], level: float) -> list[
     best: tuple[float, list[int]] | None = None
     for form in chosen:
         others = [j for j in chosen if j != form]
-        rest = search.gram.given(columns_of(search, others))
-        values = scan(rest, search.forms)
+        values = search.values(others)
         for i in np.argsort(values, kind="stable")[:12]:
             trial = [*others, int(i)]
             if int(i) in chosen or values[i] > level or not possible(search, trial):

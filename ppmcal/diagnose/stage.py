@@ -14,7 +14,7 @@ from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.forms import Form, Library
 from ppmcal.diagnose.gram import build_gram
 from ppmcal.diagnose.noise import PureError, estimate, pure_error
-from ppmcal.diagnose.search import Search, choose, prepare, scan
+from ppmcal.diagnose.search import Search, choose, prepare
 from ppmcal.diagnose.sharing import held, settled
 from ppmcal.diagnose.system import (
     INVISIBLE,
@@ -140,10 +140,11 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     gram = build_gram(basis, columns, residual, system.count,
                       simulated(noise, system, basis, left, 0 if like else draws, rng))
     search = prepare(gram, found.forms, like)
+    start = search.values()
     search, chosen = settled(search, choose(search))
     search, chosen = held(search, chosen, hold)
-    return Stage(system, found, noise, basis, residual, columns, search, chosen,
-                 scan(gram, found.forms), pure_error(system))
+    return Stage(system, found, noise, basis, residual, columns, search, chosen, start,
+                 pure_error(system))
 
 
 def explained(stage: Stage) -> tuple[Array, Array]:
