@@ -177,6 +177,10 @@ def _actuator_legend(draw: Bars, after: bool) -> None:
     draw.y += 27.0
 
 
+LONG_ODDS = 150.0
+"""Beyond these an alternative is in the set only for what it can imitate."""
+
+
 def confusion(record: Record) -> Picture | None:
     """Return for each named effect what could take its place, and how likely that is."""
     groups = []
@@ -204,10 +208,12 @@ def confusion(record: Record) -> Picture | None:
             draw.y += 30.0
     draw.axis(ratio_ticks(high), "odds for the named effect against the alternative")
     file = (record.get("next_measurements") or {}).get("file")
+    long = any(o > LONG_ODDS for _, pairs in groups for _, o in pairs)
     return Picture(
         "alternatives", "What these data cannot tell apart",
         "Odds from the fit and the number of parameters; a short bar: the data hardly prefer the "
-        "named effect.",
+        "named effect." + long * (" A long one: the alternative fits as well and has more "
+                                  "parameters, which does not rule it out."),
         "; ".join(f"{n}: " + ", ".join(f"{odds_to(v)} to 1 against {a}" for a, v in pairs)
                   for n, pairs in groups) + ".", tuple(draw.parts), draw.y,
         note=f"Measurements that tell them apart are in {file}." if file else "")
