@@ -18,7 +18,8 @@ import os
 import sys
 import time
 import zlib
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -47,6 +48,8 @@ NOISES = {"plain": {}, "ar 0.6": {"ar": 0.6}, "t4": {"tails": "t4"},
           "actuator": {"actuator": (3e-6, 1e-5)}, "row sigmas": {"row_sigmas": True}}
 POSES = 90
 SMALLEST, LARGEST = 0.05, 3.0
+MOST_DRAWS = 3
+"""A cell is given up after so many draws for each campaign that is wanted."""
 
 
 @dataclass(frozen=True)
@@ -99,33 +102,35 @@ class Outcome:
     seconds: float
 
 
-def jobs(count: int, seed: int) -> Iterator[Job]:
-    """Yield all campaigns, cell by cell in turns, so that a short study sees every cell."""
-    def job(cell: str, n: int, noise: str, kinds: str, machine: str, where: str, eta: float) -> Job:
+def jobs(draws: Mapping[str, int], seed: int) -> Iterator[Job]:
+    """Yield campaigns, so many draws of each cell, in turns: a short study sees every cell."""
+    for n in range(max(draws.values(), default=0)):
+        yield from (j for j in draw(n, seed) if n < draws.get(j.cell, 0))
+
+
+def draw(n: int, seed: int) -> Iterator[Job]:
+    """Yield the n-th campaign of every cell."""
+    def job(cell: str, noise: str, kinds: str, machine: str, where: str, eta: float) -> Job:
         own = zlib.crc32(f"{seed}|{cell}|{n}".encode()) % 2**31
         return Job(cell, machine, own, noise, kinds, where, eta)
 
-    for n in range(count):
-        rng = np.random.default_rng([seed, n])
-        for c, noise in enumerate(NOISES):
-            yield job(f"none, {noise}", n, noise, "", MACHINES[(n + c) % len(MACHINES)], "", 0.0)
-        names = sorted({k for m in MACHINES for k in applicable(m)} - set(UNKNOWN))
-        for kind in names:
-            able = [m for m in MACHINES if kind in applicable(m)]
-            eta = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
-            where = ("all", "one", "some")[n % 3]
-            yield job(f"one, {kind}", n, "plain", kind, able[int(rng.integers(len(able)))], where,
-                      eta)
-        for size, cell in ((2, "two"), (3, "three")):
-            machine = MACHINES[int(rng.integers(len(MACHINES)))]
-            pool = [k for k in applicable(machine) if k not in UNKNOWN and k != "geometry"]
-            chosen = rng.permutation(pool)[:size]
-            yield job(cell, n, "plain", "+".join(chosen), machine, "",
-                      float(rng.uniform(0.5, 2.0)))
-        for kind in UNKNOWN:
-            able = [m for m in MACHINES if kind in applicable(m)]
-            yield job(f"unknown, {kind}", n, "plain", kind, able[int(rng.integers(len(able)))], "",
-                      1.0)
+    rng = np.random.default_rng([seed, n])
+    for c, noise in enumerate(NOISES):
+        yield job(f"none, {noise}", noise, "", MACHINES[(n + c) % len(MACHINES)], "", 0.0)
+    names = sorted({k for m in MACHINES for k in applicable(m)} - set(UNKNOWN))
+    for kind in names:
+        able = [m for m in MACHINES if kind in applicable(m)]
+        eta = float(np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST))))
+        where = ("all", "one", "some")[n % 3]
+        yield job(f"one, {kind}", "plain", kind, able[int(rng.integers(len(able)))], where, eta)
+    for size, cell in ((2, "two"), (3, "three")):
+        machine = MACHINES[int(rng.integers(len(MACHINES)))]
+        pool = [k for k in applicable(machine) if k not in UNKNOWN and k != "geometry"]
+        chosen = rng.permutation(pool)[:size]
+        yield job(cell, "plain", "+".join(chosen), machine, "", float(rng.uniform(0.5, 2.0)))
+    for kind in UNKNOWN:
+        able = [m for m in MACHINES if kind in applicable(m)]
+        yield job(f"unknown, {kind}", "plain", kind, able[int(rng.integers(len(able)))], "", 1.0)
 
 
 def run(job: Job) -> Outcome | None:
@@ -219,9 +224,19 @@ def told(found: Hidden, result: Diagnosis, seed: int) -> str:
     return "" if gap is None or gap.closed is None else f"{gap.closed:.4f}"
 
 
-def work(path: Path, todo: list[Job], minutes: float, cores: int) -> None:
-    """Run what is not in the file yet, until the time is over."""
-    end = time.monotonic() + 60.0 * minutes if minutes else None
+def more(path: Path, draws: dict[str, int], count: int) -> dict[str, int]:
+    """Return how many draws each cell needs for ``count`` campaigns, from how many it has.
+
+    Not every draw makes a campaign: an effect may not act on the machine, or geometry may
+    swallow it whole.
+    """
+    have = Counter(r["cell"] for r in read(path))
+    return {cell: min(n + max(0, -(-(count - have[cell]) * n // max(have[cell], 1))),
+                      MOST_DRAWS * count) for cell, n in draws.items()}
+
+
+def work(path: Path, todo: list[Job], end: float | None, cores: int) -> bool:
+    """Run campaigns until the time is over; return whether all were run."""
     names = [f.name for f in fields(Outcome)]
     with path.open("a", newline="", encoding="utf-8") as file, multiprocessing.Pool(cores) as pool:
         writer = csv.writer(file)
@@ -235,7 +250,8 @@ def work(path: Path, todo: list[Job], minutes: float, cores: int) -> None:
                 print(f"\r{n} of {len(todo)} campaigns", end="", file=sys.stderr)
             if end is not None and time.monotonic() > end:
                 pool.terminate()
-                break
+                return False
+    return True
 
 
 def main() -> None:
@@ -252,10 +268,14 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "study.csv"
     if not given.summary:
+        end = time.monotonic() + 60.0 * given.minutes if given.minutes else None
         done = {f"{r['cell']}|{r['machine']}|{r['seed']}" for r in read(path)}
-        todo = [j for j in jobs(given.count, given.seed)
-                if j.cell.startswith(given.cell) and j.key not in done]
-        work(path, todo, given.minutes, given.cores)
+        draws = {j.cell: given.count for j in draw(0, given.seed) if j.cell.startswith(given.cell)}
+        while todo := [j for j in jobs(draws, given.seed) if j.key not in done]:
+            if not work(path, todo, end, given.cores):
+                break
+            done |= {j.key for j in todo}
+            draws = more(path, draws, given.count)
     from study_summary import table
 
     text = table(read(path))
