@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -185,6 +186,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=60, help="named sets wanted")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--minutes", type=float, default=0.0, help="stop after this time")
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
     rng = np.random.default_rng(given.seed)
@@ -195,12 +197,13 @@ def main() -> None:
         jobs.append((able[int(rng.integers(len(able)))], kind, 10_000 * given.seed + n,
                      float(np.exp(rng.uniform(np.log(0.2), np.log(2.0))))))
     cases: list[Case] = []
+    end = time.monotonic() + 60.0 * given.minutes if given.minutes else float("inf")
     with multiprocessing.Pool(given.cores) as pool:
         for case in pool.imap_unordered(one, jobs):
             if case is not None:
                 cases.append(case)
                 print(case, flush=True)
-            if len(cases) == given.count:
+            if len(cases) == given.count or time.monotonic() > end:
                 pool.terminate()
                 break
     print(table(cases))
