@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ppmcal.diagnose.forms import Untestable
     from ppmcal.diagnose.result import Diagnosis, NamedEffect
 
+
 @click.command("diagnose")
 @click.argument("mech", type=FILE)
 @click.argument("data", type=FILE, nargs=-1, required=True)

@@ -35,6 +35,8 @@ ANONYMOUS = 6.0
 """BIC that an anonymous shape must make up for before it is preferred to a kind."""
 SWALLOWED, MOSTLY = 0.2, 0.75
 """See :func:`doubtful`."""
+Group = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Forms with as many columns: their indices (f,) and columns (f, k)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +86,6 @@ class Choice:
 
     chosen: tuple[int, ...]
     bic: float
-
-
-Group = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""Forms with as many columns: their indices (f,) and columns (f, k)."""
 
 
 def by_size(forms: Sequence[Form]) -> list[Group]:

@@ -93,8 +93,8 @@ def _together(search: Search, parts: Sequence[Form]) -> tuple[Search, int]:
     """Return the form in which several actuators share one value, added where it is new."""
     wanted = {a for part in parts for a in part.on}
     for i, form in enumerate(search.forms):
-        if form.kind == parts[0].kind and form.shared and set(form.on) == wanted and (
-                form.alike(parts[0])):
+        if form.kind == parts[0].kind and form.shared and set(form.on) == wanted \
+                and form.alike(parts[0]):
             return search, i
     total = search.gram.right.size
     size = parts[0].size

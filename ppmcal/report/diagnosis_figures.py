@@ -192,7 +192,7 @@ def confusion(record: Record) -> Picture | None:
             groups.append((effect_name(record, e), sorted(pairs, key=lambda p: p[1])))
     if not groups:
         return None
-    high = max([150.0] + [min(o, 1e6) for _, pairs in groups for _, o in pairs])
+    high = max([LONG_ODDS] + [min(o, 1e6) for _, pairs in groups for _, o in pairs])
     left = 2.0 * EDGE
     draw = Bars(log_scale(0.5, high, left, svg.WIDTH - 80.0), left, svg.WIDTH - 80.0)
     total = actuators(record)
