@@ -22,12 +22,14 @@ from ppmcal.scalars import start_scalar
 
 Array = NDArray[np.float64]
 
-BLUNDER = 10.0
-"""Rows that miss by more than this many medians must not decide where a fit starts."""
+SUSPECT, BLUNDER = 5.0, 10.0
+"""A row that misses by so many medians makes the start a robust one; one that then misses by so
+many does not decide where a fit starts."""
 SEARCHED, REFINED, SEARCH_ROWS = 300, 5, 60
 """Frame rotations tried, those refined, and the rows that decide."""
-SUBSET, TRIALS = 6, 60
-"""Rows per trial alignment and number of trials when there are such rows."""
+SUBSET, TRIALS, CONCENTRATED, DECIDING = 6, 60, 5, 2000
+"""Rows per trial alignment, number of trials, rounds in which the nearer half decides, and rows
+that judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares)."""
 
 
 def start_station(data: Dataset, pose: Array, actuators: int, motion: str) -> Station:
@@ -52,15 +54,26 @@ def start_station(data: Dataset, pose: Array, actuators: int, motion: str) -> St
         raise BadInput(f"only {rows.size} usable rows: an unknown frame or target needs at least 3",
                        data.source, "Measure more poses")
     plain = _aligned(data, pose, position, rows, station, planar)
-    away = _misses(data, pose, position, rows, plain, motion)
-    if np.max(away) <= BLUNDER * np.median(away) or rows.size < 2 * SUBSET:
+    if rows.size < 2 * SUBSET:
+        return plain
+    some = rows[np.linspace(0, rows.size - 1, min(rows.size, DECIDING)).astype(int)]
+
+    def misses(of: NDArray[np.int64], at: Station) -> Array:
+        return _misses(data, pose, position, of, at, motion)
+
+    away = misses(some, plain)
+    if np.max(away) <= SUSPECT * np.median(away):
         return plain
     rng = np.random.default_rng(0)
-    trials = [_aligned(data, pose, position, rng.choice(rows, SUBSET, replace=False), station,
+    trials = [_aligned(data, pose, position, rng.choice(some, SUBSET, replace=False), station,
                        planar) for _ in range(TRIALS)]
-    misses = [_misses(data, pose, position, rows, t, motion) for t in trials]
-    best = misses[int(np.argmin([np.median(m) for m in misses]))]
-    return _aligned(data, pose, position, rows[best <= BLUNDER * np.median(best)], station, planar)
+    best = min([plain, *trials], key=lambda t: float(np.median(misses(some, t))))
+    for _ in range(CONCENTRATED):
+        # least trimmed squares: the nearer half decides, again and again
+        away = misses(some, best)
+        best = _aligned(data, pose, position, some[away <= np.median(away)], station, planar)
+    away = misses(rows, best)
+    return _aligned(data, pose, position, rows[away <= BLUNDER * np.median(away)], station, planar)
 
 
 def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],

@@ -225,12 +225,19 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         out.append(f"the residuals are {noise.sigma_ratio:.2f} times the stated noise "
                    f"(p = {noise.chi2_p:.2g}): something is missing in the model, or sigma is too "
                    f"small; all uncertainties are scaled by {inflation:.2f}")
+    if noise.overstated:
+        out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the stated noise: sigma "
+                   "is too large, in a wrong unit perhaps, and these data count too little against "
+                   "the tolerances; correct it, or use --sigma estimated")
     far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
                  if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance))
     if far and -far[0][0] > IMPLAUSIBLE:
         words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])
         out.append(f"farther from the drawing than {IMPLAUSIBLE:.0f} of their tolerances: {words}"
                    "; the drawing, the units or the data are wrong there")
-    if not fit.converged:
+    if fit.stopped:
+        out.append(f"the fit was stopped {fit.stopped}: what these data see weakly is still near "
+                   "its nominal value, which the intervals do not count")
+    elif not fit.converged:
         out.append(f"the fit had not converged after {fit.iterations} iterations")
     return tuple(out)

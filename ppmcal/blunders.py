@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ppmcal.fit import Fit, prediction_covariance
 from ppmcal.observation import NUMBERS, SCALARS, coordinates, measured_pose, shown
-from ppmcal.zeros import Shift, outliers, zeros
+from ppmcal.zeros import Shift, zeros
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,8 @@ UNCHECKED = 0.1
 """A row keeps less than this part of its own error in its residual: none would be seen."""
 SHIFTS = 4.0
 """A left-out row is said to change a parameter where it would by so many sigmas."""
+FIRST_ORDER = 100.0
+"""And by fewer tolerances than these."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ def blunders(fit: Fit) -> Blunders:
 
 def _left_out(fit: Fit) -> Iterator[Blunder]:
     motion = fit.problem.mechanism.motion
-    for rows in fit.problem.rows(fit.state, False, outliers(fit)):
+    for rows in fit.problem.rows(fit.state, False, fit.outliers):
         data = fit.problem.datasets[rows.dataset]
         places = coordinates(data, motion)
         worst = np.argmax(np.abs(rows.residual), axis=1)
@@ -90,7 +92,7 @@ def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
     """Return parameters that the left-out rows would change, to first order."""
     count = len(fit.problem.free)
     gain, right = np.zeros_like(covariance), np.zeros(len(covariance))
-    for rows in fit.problem.rows(fit.state, True, outliers(fit)):
+    for rows in fit.problem.rows(fit.state, True, fit.outliers):
         flat = rows.jacobian.reshape(-1, len(covariance))
         gain += flat.T @ flat
         right += flat.T @ rows.residual.reshape(-1)
@@ -98,7 +100,8 @@ def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     out = {}
     for c in np.argsort(-np.abs(step[:count]) / sigma[:count]).tolist():
-        if abs(step[c]) > SHIFTS * sigma[c]:
+        # beyond that a first-order figure says nothing
+        if SHIFTS * sigma[c] < abs(step[c]) < FIRST_ORDER * fit.scale[c]:
             p = fit.problem.free[c]
             now = float(fit.state.g[p])
             out[fit.problem.mechanism.names[p]] = (now, now + float(step[c]))

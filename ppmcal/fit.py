@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import svd
+from ppmcal.arrays import known, svd
 from ppmcal.linear import SOLVE_TOLERANCE, Reduced
 from ppmcal.problem import Problem, State
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+ITERATIONS = 60
+OUTLIER = "outlier"
+"""How the reason begins for which such a row is left out."""
 
 
 @dataclass(frozen=True)
@@ -21,12 +25,18 @@ class Options:
 
     ``method``: ``prior``, ``flat`` (no prior), ``gcv`` (prior scale by generalised
     cross-validation) or ``damped`` ([PPM] section 4.5, with ``damping`` its 0.9).
+    ``iterations``: at most so many; default 60, of the damped scheme 6000.
     """
 
     method: str = "prior"
     damping: float = 0.9
     robust: bool = True
-    iterations: int = 60
+    iterations: int | None = None
+
+    @property
+    def most(self) -> int:
+        """Iterations of Gauss-Newton at most."""
+        return self.iterations or ITERATIONS
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,7 @@ class Fit:
         iterations, converged: of the loop.
         noise_factor: robust scale of the residuals over the stated noise, at least 1.
         prior_scale: factor on the tolerances that generalised cross-validation chose.
+        stopped: where a fit was ended on purpose before it had converged, in words.
         reasons: why rows were left out, by data set: row index -> reason.
     """
 
@@ -55,7 +66,18 @@ class Fit:
     converged: bool
     noise_factor: float = 1.0
     prior_scale: float = 1.0
+    stopped: str = ""
     reasons: tuple[dict[int, str], ...] = ()
+
+    @property
+    def outliers(self) -> list[Bools]:
+        """Which rows with a pose were left out as outliers, by data set (N,)."""
+        out = []
+        for pose, keep, reasons in zip(self.state.poses, self.keep, self.reasons, strict=True):
+            mask = np.zeros_like(keep)
+            mask[[n for n, reason in reasons.items() if reason.startswith(OUTLIER)]] = True
+            out.append(mask & known(pose) & ~keep)
+        return out
 
 
 def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bools]:

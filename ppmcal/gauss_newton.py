@@ -22,6 +22,9 @@ ROUGH = 1e-3
 """A re-weighted fit is good enough when a step would gain less than this part."""
 ROUND_OFF = 1e-13
 """Or the step is below this part of the parameters' scale."""
+AT_THE_NOISE = 0.01
+"""What a step may still promise of chi-squared where a fit has used up its iterations: the
+predictions of all rows together would move by a tenth of the noise."""
 
 
 def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -32,7 +35,7 @@ def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: A
     With ``weigh`` rows are re-weighted in each iteration, and a rough minimum is enough: it
     is only where the final fit starts.
     """
-    damping = 0.0
+    damping, decrease = 0.0, float("inf")
     unit = column_scale(problem)
     for count in range(1, iterations + 1):
         weights = weigh(state) if weigh else None
@@ -47,7 +50,7 @@ def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: A
             if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:
                 # too small to be judged by the cost: a last plain step only polishes
                 end = problem.moved(state, step) if damping == 0.0 else state
-                return end, reduced, count, True
+                return (end if solved(end, keep) else state), reduced, count, True
             trial = problem.moved(state, step)
             after = cost(problem, trial, keep, prior, weights)
             if after >= before and damping == 0.0:
@@ -59,7 +62,13 @@ def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: A
             damping = max(10.0 * damping, SMALLEST_DAMPING)
             if damping > 1.0:
                 return state, reduced, count, bool(decrease < 1e-6 * max(before, 1.0))
-    return state, reduce_rows(problem, state, keep, None), iterations, False
+    # creeping along a valley: what is left to gain is no more than a tenth of the noise
+    return state, reduce_rows(problem, state, keep, None), iterations, decrease < AT_THE_NOISE
+
+
+def solved(state: State, keep: Sequence[Bools]) -> bool:
+    """Whether every row in use has a pose."""
+    return all(bool(np.isfinite(p[k]).all()) for p, k in zip(state.poses, keep, strict=True))
 
 
 def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior: Array,
@@ -69,7 +78,7 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     Where frame and geometry turn together the data see nothing at first order and a very
     steep wall at second order; one straight step runs into the wall, the next one off it.
     """
-    if any(not np.isfinite(p[k]).all() for p, k in zip(trial.poses, keep, strict=True)):
+    if not solved(trial, keep):
         return trial, float("inf")
     reduced = reduce_rows(problem, trial, keep, weights)
     trial = problem.moved(trial, small_problem(problem, trial, reduced, prior).step()[0])

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from ppmcal.arrays import known
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.fit import Fit, Options, prediction_covariance
+from ppmcal.fit import OUTLIER, Fit, Options, prediction_covariance
 from ppmcal.gauss_newton import Progress, gauss_newton
 from ppmcal.linear import column_scale, parameter_scale, prior_weights, reduce_rows
+from ppmcal.misfit import gross_errors
 from ppmcal.observation import coordinates, shown
 from ppmcal.problem import Problem, State
 from ppmcal.regularise import damped, gcv_scale
@@ -55,8 +56,12 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
     state = start or problem.start()
     keep, reasons = _usable(problem, state)
     _enough(problem, keep)
-    state = replace(state, poses=tuple(np.where(k[:, None], p, np.nan) for p, k in
-                                       zip(state.poses, keep, strict=True)))
+    suspects = [np.zeros_like(k) for k in keep]
+    if options.robust and options.method != "damped" and not near:
+        suspects = gross_errors(problem, state, keep)
+        keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
+    unused = state.poses
+    state = _only(state, keep)
     if options.method == "damped":
         state = start_off_zero(problem, state, keep)
         return damped(problem, state, keep, reasons, options, progress)
@@ -65,13 +70,25 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
         first = identify(thinned, options, progress, few)
         state = problem.solve(State(first.state.g, first.state.stations, state.poses))
         keep, later = _usable(problem, state)
+        keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
         reasons = [{**new, **old} for new, old in zip(later, reasons, strict=True)]
     else:
         state = _near(problem, state, keep, prior, options, progress, near)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)
+    if options.robust:
+        fit = _without_outliers(fit, suspects, unused, options, progress)
     if options.method == "gcv":
+        # gross errors would pass for a machine that is farther off than it is
         fit = _cross_validated(fit, options, progress)
-    return _without_outliers(fit, options, progress) if options.robust else fit
+        if options.robust:
+            fit = _without_outliers(fit, fit.outliers, fit.state.poses, options, progress)
+    return fit
+
+
+def _only(state: State, keep: Sequence[Bools]) -> State:
+    """Return the state without poses of the rows that are not in use, which cost time."""
+    return replace(state, poses=tuple(np.where(k[:, None], p, np.nan) for p, k in
+                                      zip(state.poses, keep, strict=True)))
 
 
 def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Problem, State]:
@@ -105,7 +122,7 @@ def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, o
 
     if not near:
         state = _approach(problem, state, keep, prior, weigh, progress)
-    return gauss_newton(problem, state, keep, prior, options.iterations, weigh, progress)[0]
+    return gauss_newton(problem, state, keep, prior, options.most, weigh, progress)[0]
 
 
 def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -130,7 +147,7 @@ def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
 def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequence[dict[int, str]],
          prior: Array, options: Options, progress: Progress | None, scale: float = 1.0) -> Fit:
     state, reduced, count, converged = gauss_newton(problem, state, keep, prior,
-                                                    options.iterations, None, progress)
+                                                    options.most, None, progress)
     return Fit(problem, state, reduced, prior, column_scale(problem), tuple(keep),
                count, converged, prior_scale=scale, reasons=tuple(reasons))
 
@@ -192,12 +209,17 @@ def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: 
     return np.asarray(norms < 1e-9 * max(float(norms.max(initial=0.0)), 1e-300), dtype=bool)
 
 
-def _without_outliers(fit: Fit, options: Options, progress: Progress | None) -> Fit:
-    """Leave out rows that do not belong, worst first, refitting after each round."""
+def _without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
+                      options: Options, progress: Progress | None) -> Fit:
+    """Leave out rows that do not belong, worst first, refitting after each round.
+
+    ``suspects`` (N,) by data set are out already and are judged with the others at the end;
+    ``poses``: where to look for theirs.
+    """
     keep = [k.copy() for k in fit.keep]
     reasons = [dict(r) for r in fit.reasons]
-    total = sum(int(k.sum()) for k in keep)
-    dropped: set[tuple[int, int]] = set()
+    dropped = {(i, int(n)) for i, s in enumerate(suspects) for n in np.flatnonzero(s)}
+    total = sum(int(k.sum()) for k in keep) + len(dropped)
     factor = 1.0
     for _ in range(total):
         found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
@@ -210,7 +232,18 @@ def _without_outliers(fit: Fit, options: Options, progress: Progress | None) -> 
             dropped.add((i, n))
         fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options, progress,
                    fit.prior_scale)
+    if any(s.any() for s in suspects):
+        fit = replace(fit, state=_found_again(fit, suspects, poses))
     return _readmit(fit, keep, reasons, dropped, factor, options, progress)
+
+
+def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:
+    """Return the fit's state with the poses of the suspects, where they have one."""
+    there = replace(fit.state, poses=tuple(np.where(s[:, None], p, np.nan) for s, p in
+                                           zip(suspects, poses, strict=True)))
+    found = fit.problem.solve(there).poses
+    return replace(fit.state, poses=tuple(np.where(s[:, None], new, old) for s, new, old in
+                                          zip(suspects, found, fit.state.poses, strict=True)))
 
 
 def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
@@ -221,12 +254,14 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
         found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
         total = sum(int(k.sum()) for k in keep) + len(dropped)
         p = found.p_values(factor)
-        back = [(i, n) for i, n in sorted(dropped) if p[i][n] * total >= REJECT]
+        solved = [known(pose) for pose in fit.state.poses]
+        back = [(i, n) for i, n in sorted(dropped) if solved[i][n] and p[i][n] * total >= REJECT]
         for i, n in back:
             keep[i][n] = True
         for i, n in sorted(dropped - set(back)):
             away = np.sqrt(found.square[i][n] / max(found.size[i][n], 1.0)) / factor
-            reasons[i][n] = f"outlier: {away:.1f} times the noise"
+            reasons[i][n] = (f"{OUTLIER}: {away:.1f} times the noise" if solved[i][n]
+                             else "no pose at these joint values")
         if back:
             fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options, progress,
                        fit.prior_scale)

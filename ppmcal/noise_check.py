@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtr, chdtrc
 
 from ppmcal.fit import Fit, directions, prediction_covariance
 from ppmcal.linear import prior_square
@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 FAILED_NOISE = 1e-3
-"""The noise check fails below this p-value."""
+"""The noise check fails below this p-value, on either side."""
+OVERSTATED = 0.5
+"""A stated noise is too large to be harmless where residuals are below this part of it."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,12 @@ class Noise:
     def failed(self) -> bool:
         """Whether the residuals are larger than the stated noise can explain."""
         return self.chi2_p < FAILED_NOISE and self.sigma_ratio > 1.0
+
+    @property
+    def overstated(self) -> bool:
+        """Whether the residuals are far smaller than the stated noise would make them."""
+        chance = chdtr(self.degrees, self.chi2) if self.degrees > 0 else 1.0
+        return bool(chance < FAILED_NOISE and self.sigma_ratio < OVERSTATED)
 
     @property
     def inflation(self) -> float:

@@ -28,6 +28,7 @@ from ppmcal.earlier import Earlier
 from ppmcal.effects import Shift
 from ppmcal.equilibrium import platform_pose, reach, settle
 from ppmcal.influence import Response, conditions_of, shifted
+from ppmcal.inverse import solve_blocks
 from ppmcal.layout import Open, lay_out
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, View, noise, view, whitener
@@ -242,7 +243,7 @@ class Problem:
             turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
             by_pose = np.concatenate([by_pose[..., :3],
                                       by_pose[..., 3:] @ cga.rotation_matrix(turn)], axis=-1)
-        return -np.swapaxes(np.linalg.solve(
+        return -np.swapaxes(solve_blocks(
             np.swapaxes(closure.pose_matrix(pose, lines), -1, -2),
             np.swapaxes(by_pose[..., self.mechanism.dof], -1, -2)), -1, -2)
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from ppmcal.arrays import svd
 from ppmcal.dataset import Dataset
@@ -15,9 +16,15 @@ from ppmcal.gauss_newton import Progress
 from ppmcal.linear import column_scale, reduce_rows, small_problem
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE
+from ppmcal.words import counted
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+DAMPED_ITERATIONS, SOON = 6000, 60
+"""Iterations of the damped scheme at most, and how many more are worth their time once the
+residuals are no more than the noise."""
+LIKE_NOISE = 0.05
+"""Residuals are no more than the noise where chance gives a larger chi-squared this often."""
 
 
 def gcv_scale(fit: Fit, base: Array) -> float:
@@ -63,14 +70,19 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
     A damping, centred anew in each iteration, not a prior: where it ends depends on the
     units and on when it stops. It is called converged when the undamped step that is left
     would move the predictions by less than a tenth of the noise, all rows together.
+
+    It ends sooner after ``options.iterations``, or where the residuals are no more than the
+    noise and convergence is far off (Morozov's discrepancy principle): going on would fit
+    noise. :attr:`Fit.stopped` says so.
     """
     unit = replace(problem, datasets=tuple(unit_noise(d) for d in problem.datasets))
     count = len(problem.free)
     none = np.zeros(len(problem.columns))
-    converged = False
+    converged, stopped = False, ""
+    limit = options.iterations or DAMPED_ITERATIONS
     reduced, plain = reduce_rows(problem, state, keep), reduce_rows(unit, state, keep)
     iteration, away = 0, float("inf")
-    for iteration in range(1, 100 * options.iterations + 1):
+    for iteration in range(1, limit + 1):
         matrix = plain.triangle.T @ plain.triangle
         matrix[:count, :count] += options.damping * np.eye(count)
         step = np.asarray(np.linalg.lstsq(matrix, plain.triangle.T @ plain.right, rcond=1e-15)[0],
@@ -81,20 +93,25 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
             progress(iteration, reduced.square)
         left, _ = small_problem(unit, state, plain, none).step()
         away, before = float(np.sum((reduced.triangle @ left) ** 2)), away
-        if iteration >= 20 and _hopeless(away, before, options.iterations):
-            break
         if away < 0.01:
             converged = True
             break
+        if chdtrc(reduced.count, reduced.square) > LIKE_NOISE and _hopeless(away, before, SOON):
+            stopped = f"at the noise, after {counted(iteration, 'iteration')}"
+            break
+        if not options.iterations and iteration >= 20 and _hopeless(away, before, limit):
+            break
+    if options.iterations and not (converged or stopped):
+        stopped = f"after {counted(iteration, 'iteration')}, as asked"
     return Fit(problem, state, reduced, none, column_scale(problem), tuple(keep),
-               iteration, converged, reasons=tuple(reasons))
+               iteration, converged, stopped=stopped, reasons=tuple(reasons))
 
 
 def _hopeless(away: float, before: float, iterations: int) -> bool:
-    """Whether the scheme contracts too slowly to arrive in 100 times ``iterations``."""
+    """Whether the scheme contracts too slowly to arrive in so many more iterations."""
     if away >= before:
         return True
-    return bool(np.log(away / 0.01) / np.log(before / away) > 100 * iterations)
+    return bool(np.log(away / 0.01) / np.log(before / away) > iterations)
 
 
 def unit_noise(data: Dataset) -> Dataset:

@@ -41,8 +41,8 @@ class Distances:
 
     def p_values(self, factor: float) -> list[Array]:
         """Return the chance of a larger distance, by data set (N,); 1 where unknown."""
-        return [np.where(np.isfinite(d) & (m > 0), chdtrc(np.maximum(m, 1), np.where(
-            np.isfinite(d), d, 0.0) / factor**2), 1.0)
+        return [np.where(~np.isnan(d) & (m > 0), chdtrc(np.maximum(m, 1), np.nan_to_num(
+            d, nan=0.0, posinf=np.inf) / factor**2), 1.0)
             for d, m in zip(self.square, self.size, strict=True)]
 
 
@@ -64,10 +64,13 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
             used = np.ones(r.shape[0]) if keep is None else np.where(
                 keep[rows.dataset][rows.index], 1.0, -1.0)
             spread = np.eye(r.shape[1]) - used[:, None, None] * hat
+            singular = ~np.isfinite(spread).all(axis=(1, 2))
+            spread[singular] = np.eye(r.shape[1])
             # a row that alone fixes a parameter has no residual to judge
             weak = np.linalg.eigvalsh(spread)[:, 0] < 1e-3
             spread[weak] = np.eye(r.shape[1])
             d2 = np.sum(r * np.linalg.solve(spread, r[..., None])[..., 0], axis=1)
+            d2[singular] = np.inf
         square[rows.dataset][rows.index] = d2
         size[rows.dataset][rows.index] = rows.observed.sum(axis=1)
     return Distances(tuple(square), tuple(size))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.arrays import known, thinned
+from ppmcal.arrays import thinned
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit
 from ppmcal.problem import Problem
@@ -39,16 +39,6 @@ class Shift:
     value: float
     sigma: float
     p_value: float
-
-
-def outliers(fit: Fit) -> list[Bools]:
-    """Return the rows that were left out as outliers, by data set (N,)."""
-    out = []
-    for pose, keep, reasons in zip(fit.state.poses, fit.keep, fit.reasons, strict=True):
-        some = np.zeros_like(keep)
-        some[[n for n, reason in reasons.items() if reason.startswith("outlier")]] = True
-        out.append(some & known(pose) & ~keep)
-    return out
 
 
 def zeros(fit: Fit) -> Iterator[Shift]:
@@ -108,7 +98,7 @@ def _sessions(problem: Problem) -> list[tuple[str, Ints]]:
 def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Ints]]) -> list[Bools]:
     """Return the rows for the test: those used, and all of a session that was mostly left out."""
     whole = np.concatenate(list(fit.keep))
-    out = np.concatenate(outliers(fit))
+    out = np.concatenate(fit.outliers)
     for _, rows in sessions:
         if out[rows].mean() > MANY_OUT:
             whole[rows] |= out[rows]

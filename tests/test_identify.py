@@ -389,7 +389,7 @@ def test_joint_noise_is_carried_to_the_pose() -> None:
 
 # --- other ways to regularise --------------------------------------------------------------------
 
-def damped(made: Run, damping: float, iterations: int = 60) -> Fit:
+def damped(made: Run, damping: float, iterations: int | None = None) -> Fit:
     return identify(made.problem, Options("damped", damping, robust=False, iterations=iterations))
 
 

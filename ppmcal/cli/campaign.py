@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ppmcal.dataset import Dataset
     from ppmcal.mechanism import Mechanism
+    from ppmcal.problem import Problem
 
 
 def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
@@ -55,6 +56,19 @@ def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]
 
     datasets = read_campaign(list(paths), mechanism)
     return tuple(with_joints(mechanism, d) for d in datasets)
+
+
+def refuse_misread(problem: Problem, show: Callable[[str], None]) -> None:
+    """Refuse measurements that are not of this machine, with what looks wrong about the files.
+
+    Raises:
+        NoResult: neither tolerances nor another geometry explain them.
+    """
+    from ppmcal import misfit
+    from ppmcal.files import unit_findings
+
+    show("comparing the measurements with the nominal machine")
+    misfit.refuse_misread(problem, unit_findings(problem.mechanism, problem.datasets))
 
 
 def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:

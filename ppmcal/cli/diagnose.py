@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ppmcal.cli.campaign import load
+from ppmcal.cli.campaign import load, refuse_misread
 from ppmcal.cli.common import (
     FILE,
     Console,
@@ -73,6 +73,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     seed = 0 if seed is None else seed
     problem = Problem(mechanism, datasets, mechanism.free)
     with console.progress("Diagnosing") as show:
+        refuse_misread(problem, show)
         result = diagnose(problem, Options(holdout, seed, draws, kinds or None), show)
     inputs = [*mechanism.inputs, *(str(t) for t in data),
               *(str(t.with_suffix(".yaml")) for t in data)]

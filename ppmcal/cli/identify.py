@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ppmcal.cli.campaign import load, readable, started
+from ppmcal.cli.campaign import load, readable, refuse_misread, started
 from ppmcal.cli.common import (
     FILE,
     Console,
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
               show_default=True, help="flat: no prior at all.")
 @click.option("--damping", type=click.FloatRange(min=0.0, min_open=True), default=0.9,
               show_default=True, help="The damping of --method damped.")
+@click.option("--iterations", type=click.IntRange(1, 100000), default=None,
+              help="Stop after so many and write what was reached  [default: 60, damped: 6000, "
+              "and no result without convergence].")
 @click.option("--free", "patterns", multiple=True, metavar="PATTERN",
               help="Parameters that may change, in place of the file's; 'none' for frames only.")
 @click.option("--holdout", default="0.2", show_default=True, metavar="FRACTION|CSV",
@@ -58,9 +61,9 @@ if TYPE_CHECKING:
 @quiet_option
 @json_option
 def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: str,
-            damping: float, patterns: tuple[str, ...], holdout: str, sigma: str,
-            start: Path | None, keep: bool, keep_outliers: bool, seed: int | None, quiet: bool,
-            as_json: bool) -> None:
+            damping: float, iterations: int | None, patterns: tuple[str, ...], holdout: str,
+            sigma: str, start: Path | None, keep: bool, keep_outliers: bool, seed: int | None,
+            quiet: bool, as_json: bool) -> None:
     """Identify the geometry of MECH from the measurements DATA (CSV files).
 
     Writes identified.yaml (a mechanism file), parameters.csv, residuals.csv and
@@ -99,12 +102,13 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     if before is not None:
         refuse_twice(before, source)
     chosen = "flat" if prior == "flat" else method
-    options = Options(chosen, damping, not keep_outliers and method != "damped")
+    options = Options(chosen, damping, not keep_outliers and method != "damped", iterations)
     problem = Problem(mechanism, datasets, mechanism.free,
                       earlier=before.data() if before else None)
     if prior == "flat":
         _refuse_lost(problem, mech)
     with console.progress("Fitting") as show:
+        refuse_misread(problem, show)
         fit, odd = _fitted(problem, options, sigma, console, show)
         result = report(fit, options, fraction, seed, other)
     if before is not None:
@@ -154,7 +158,7 @@ def _fitted(problem: Problem, options: Options, sigma: str, console: Console,
             odd = [f"{d.name}: residuals are {f:.3g} times the stated noise: something is missing "
                    "in the model, or sigma is too small; this file counts that much less"
                    for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]
-    _refuse_unconverged(fit, options.method)
+    _refuse_unconverged(fit, options)
     return fit, odd
 
 
@@ -186,13 +190,27 @@ def _holdout(text: str, mechanism: Mechanism) -> tuple[tuple[Dataset, ...], floa
     return (), fraction
 
 
-def _refuse_unconverged(fit: Any, method: str) -> None:
-    from ppmcal.errors import NoResult
+def _refuse_unconverged(fit: Fit, options: Options) -> None:
+    """Refuse a fit that is neither at its minimum nor at the noise, unless asked to stop there.
 
-    if not fit.converged and method == "damped":
-        rms = (fit.reduced.square / max(fit.reduced.count, 1)) ** 0.5
-        raise NoResult(f"the damped scheme is too slow for these parameters: after "
-                       f"{fit.iterations} iterations residuals were at {rms:.3g} times the noise "
-                       "and it was still moving", "--method damped",
-                       "Use a smaller --damping, fewer free parameters, or the prior "
-                       "(--method prior)")
+    Raises:
+        NoResult: with how far it got.
+    """
+    from ppmcal.errors import NoResult
+    from ppmcal.noise_check import noise_check
+
+    if fit.converged or fit.stopped or options.iterations:
+        return
+    rms = (fit.reduced.square / max(fit.reduced.count, 1)) ** 0.5
+    reached = (f"after {fit.iterations} iterations residuals were at {rms:.3g} times the noise and "
+               "it was still moving")
+    if options.method == "damped":
+        raise NoResult(f"the damped scheme is too slow for these parameters: {reached}",
+                       "--method damped",
+                       "Use a smaller --damping, fewer free parameters, --iterations to stop "
+                       "where you want, or the prior (--method prior)")
+    if noise_check(fit).failed:
+        raise NoResult(f"the fit did not converge: {reached}",
+                       ", ".join(d.source for d in fit.problem.datasets),
+                       "Run check on machine and data: units, order of columns, poses that tell "
+                       "the parameters apart; or free fewer parameters, or try more --iterations")

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ppmcal.noise_check import FAILED_NOISE, OVERSTATED
 from ppmcal.report import compare_section, export_section
 from ppmcal.report.data import Comparison, Identified, ReportData, Rows
 from ppmcal.report.diagnosis_words import verdict_of
 from ppmcal.report.numbers import count, listed, number, probability, sig, whole, with_unit
 from ppmcal.report.told_section import moved_zeros
-
-FAILED_NOISE = 1e-3
-"""The noise check fails below this p-value (and above 1 minus it)."""
 
 
 def figure(one: Identified, stage: str, kind: str) -> Mapping[str, Any]:
@@ -44,7 +42,7 @@ def noise_verdict(noise: Mapping[str, Any]) -> tuple[str, bool]:
                 f"({tail}): something is missing in the model, or sigma is too small"), False
     if ratio is not None and (ratio < 0.7 or (p is not None and p > 1.0 - FAILED_NOISE)):
         return (f"what remains is smaller than the stated noise ({tail}): "
-                "sigma looks too large"), True
+                "sigma looks too large"), ratio >= OVERSTATED
     return f"what remains agrees with the stated noise ({tail})", True
 
 
