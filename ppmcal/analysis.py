@@ -227,8 +227,9 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    f"small; all uncertainties are scaled by {inflation:.2f}")
     if noise.overstated:
         out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the stated noise: sigma "
-                   "is too large, in a wrong unit perhaps, and these data count too little against "
-                   "the tolerances; correct it, or use --sigma estimated")
+                   "is too large, in a wrong unit perhaps, so intervals are too wide"
+                   + (" and the data count too little against the tolerances" if fit.prior.any()
+                      else "") + "; correct it, or use --sigma estimated")
     far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
                  if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance))
     if far and -far[0][0] > IMPLAUSIBLE:

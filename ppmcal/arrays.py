@@ -49,3 +49,21 @@ def thinned(keep: Sequence[Bools], most: int) -> list[Bools]:
         mask[rows[np.linspace(0, rows.size - 1, count).astype(int)]] = True
         out.append(mask)
     return out
+
+
+def ways(q: Array) -> Array:
+    """Return the direction from the row before (N, k), +-1; a joint at rest keeps its last.
+
+    nan until a joint has moved for the first time; values that are missing are passed over.
+
+    >>> ways(np.array([[1.0], [2.0], [np.nan], [2.0], [1.5]])).ravel().tolist()
+    [nan, 1.0, 1.0, 1.0, -1.0]
+    """
+    out = np.full_like(q, np.nan)
+    last, at = np.full(q.shape[1], np.nan), np.full(q.shape[1], np.nan)
+    for row, values in enumerate(q):
+        move = np.sign(values - at)
+        last = np.where((move == 0.0) | np.isnan(move), last, move)
+        at = np.where(np.isnan(values), at, values)
+        out[row] = last
+    return out

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import ways
+
 Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665
@@ -69,21 +71,6 @@ def conditions(columns: Mapping[str, Array], actuators: Sequence[str], gravity: 
         wrench[:, :3] += weight[:, None] * gravity
     temperature = columns.get("temperature", blank) - REFERENCE_TEMPERATURE
     return Conditions(approach, velocity, temperature, wrench, columns.get("time", blank))
-
-
-def ways(q: Array) -> Array:
-    """Return the direction from the row before (N, k), +-1; a joint at rest keeps its last.
-
-    nan until a joint has moved for the first time.
-    """
-    moves = np.sign(np.diff(q, axis=0, prepend=q[:1]))
-    out = np.full_like(q, np.nan)
-    last = np.full(q.shape[1], np.nan)
-    for row in range(q.shape[0]):
-        move = moves[row]
-        last = np.where((move == 0.0) | np.isnan(move), last, move)
-        out[row] = last
-    return out
 
 
 def with_platform_directions(found: Conditions, by_axis: Array, drive: Array) -> Conditions:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import ways
+
 Array = NDArray[np.float64]
 
 KINDS = ("pose", "position", "plane", "distance")
@@ -53,6 +55,10 @@ class Dataset:
         homing: ``shared`` or ``per-file``; inside the program also ``alone``: open even in the
             first file.
         approach: ``columns``, ``sequence`` or ``unknown``.
+        visited: direction of approach of each joint (N, k), +1 or -1, nan where unknown; None:
+            as columns and ``approach`` say. What follows from the order of the rows is kept here
+            when rows are taken out.
+        unusable: why a row must not be used, "" where it may, by row; None: all may.
         findings: warnings that reading gave, each naming the row or column.
         dropped: rows of the CSV that hold nothing usable: (row number, reason).
         extra: what only one kind of instrument has.
@@ -80,6 +86,8 @@ class Dataset:
     target_rotation: Unknown
     homing: str = "shared"
     approach: str = "unknown"
+    visited: Array | None = None
+    unusable: tuple[str, ...] | None = None
     findings: tuple[str, ...] = ()
     dropped: tuple[tuple[int, str], ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
@@ -108,9 +116,10 @@ class Dataset:
 
     def take(self, keep: NDArray[np.int64] | NDArray[np.bool_]) -> Dataset:
         """Return the data set with only the rows ``keep`` (indices or mask)."""
-        sessions = self.sessions
-        if sessions is not None:
-            sessions = tuple(np.asarray(sessions, dtype=object)[keep])
+        sessions, unusable = (
+            None if words is None else tuple(np.asarray(words, dtype=object)[keep])
+            for words in (self.sessions, self.unusable))
+        visited = self.directions()
         return replace(
             self, rows=self.rows[keep], q=self.q[keep],
             commanded=None if self.commanded is None else self.commanded[keep],
@@ -118,4 +127,11 @@ class Dataset:
             to_q=None if self.to_q is None else self.to_q[keep],
             sigma_position=self.sigma_position[keep], sigma_rotation=self.sigma_rotation[keep],
             sigma_value=self.sigma_value[keep], groups=self.groups[keep],
-            columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions)
+            columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
+            visited=None if visited is None else visited[keep], unusable=unusable)
+
+    def directions(self) -> Array | None:
+        """Return the directions of approach that the order of the rows gives (N, k), or None."""
+        if self.visited is None and self.approach == "sequence":
+            return ways(self.q)
+        return self.visited

@@ -162,12 +162,13 @@ def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int,
         parts = list(coordinates(data, motion))
         measured = shown(data)[:, parts]
         seen = np.isfinite(measured).any(axis=1)
+        own: dict[int, str] = {n: r for n, r in enumerate(data.unusable or ()) if r}
         keep.append(solved & seen)
-        own: dict[int, str] = {}
+        keep[-1][list(own)] = False
         for rows, reason in ((~joints, "joint values missing"),
                              (joints & ~solved, "no pose at these joint values"),
                              (solved & ~seen, "nothing measured")):
-            own.update({int(n): reason for n in np.flatnonzero(rows)})
+            own.update({int(n): reason for n in np.flatnonzero(rows) if int(n) not in own})
         reasons.append(own)
     return keep, reasons
 

@@ -32,8 +32,10 @@ SETTLED = 1e-12
 
 def conditions_of(mechanism: Mechanism, data: Dataset) -> Conditions:
     """Return the conditions of a data set's rows."""
-    found = conditions(data.columns, mechanism.actuators, mechanism.gravity, data.q,
-                       data.approach == "sequence")
+    found = conditions(data.columns, mechanism.actuators, mechanism.gravity, data.q)
+    visited = data.directions()
+    if visited is not None:
+        return replace(found, approach=visited)
     axes = [f"dir_{c}" for c in "xyz"]
     if not any(a in data.columns for a in axes):
         return found

@@ -411,8 +411,8 @@ def gap_of(monkeypatch: pytest.MonkeyPatch, before: Array, after: Array, noise: 
     """Return the gap of white errors (poses, rows, values)."""
     poses, rows, values = before.shape
 
-    def made(errors: Array) -> gaps._Rows:
-        return gaps._Rows(np.sum(errors**2, axis=2).reshape(-1), np.full(poses * rows, variance),
+    def made(errors: Array) -> gaps.Errors:
+        return gaps.Errors(np.sum(errors**2, axis=2).reshape(-1), np.full(poses * rows, variance),
                           np.full(poses * rows, float(values)), np.repeat(np.arange(poses), rows))
 
     queue = [made(before), made(after)]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincc
+from scipy.special import chdtrc, gammaincc
 
 from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.noise import PureError
@@ -28,6 +28,8 @@ ENOUGH_REPEATS = 30
 """Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""
 LEAST_SKEW = 0.05
 """The gamma distribution is as good as normal then."""
+TWICE = 2.0
+"""Residuals of so many times the noise are not noise, however much they scatter."""
 TOO_MUCH = 3.5
 """Residuals exceed the noise where their mean square does so by this many sigmas."""
 
@@ -50,11 +52,18 @@ class Remainder:
     follows: str
     p_value: float
     by_input: dict[str, float]
+    freedom: int = 0
+
+    @property
+    def far_above(self) -> bool:
+        """Whether few values are left, but far above the noise: their own scatter hides it."""
+        chance = chdtrc(max(self.freedom, 1), self.freedom * self.ratio**2)
+        return self.ratio > TWICE and bool(chance < LEVEL)
 
     @property
     def adequate(self) -> bool:
         """Whether nothing is left to explain."""
-        return self.p_value >= LEVEL and self.excess < TOO_MUCH
+        return self.p_value >= LEVEL and self.excess < TOO_MUCH and not self.far_above
 
 
 def remainder(stage: Stage, seed: int) -> Remainder:
@@ -63,7 +72,7 @@ def remainder(stage: Stage, seed: int) -> Remainder:
     freedom = max(stage.system.count - basis.shape[1], 1)
     ratio, excess, reference, source = _against_noise(stage, left, freedom)
     by_input, p, follows = kernel_test(stage, basis, left, seed)
-    return Remainder(ratio, excess, reference, source, follows, p, by_input)
+    return Remainder(ratio, excess, reference, source, follows, p, by_input, freedom)
 
 
 def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, float, float, str]:

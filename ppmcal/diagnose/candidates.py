@@ -53,13 +53,14 @@ class _Kinds(Collector):
             return
         low = tuple(0.0 if s.reciprocal else s.low for s in specs)
         high = tuple(s.high for s in specs)
+        usual = tuple(self._usual(s) for s in specs)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         searched = int(kind.name in ("periodic", "tilt"))
         turns = self._stroke() / constants["period"] if "period" in constants else 0.0
         names = tuple(s.name for s in specs)
         if not kind.per_actuator:
             where = self._columns(kind, on, values, specs)
-            self.forms.append(Form(kind.name, (), True, names, low, high, where, shown,
+            self.forms.append(Form(kind.name, (), True, names, low, high, where, usual, shown,
                                    searched=searched, turns=turns))
             return
         own: dict[int, tuple[int, ...]] = {}
@@ -68,20 +69,30 @@ class _Kinds(Collector):
             ends = self._ends(int(a)) if "low" in constants else {}
             own[int(a)] = self._columns(kind, one, values | ends, specs)
             self.forms.append(Form(kind.name, (self.actuators[a],), True, names, low, high,
-                                   own[int(a)], shown | ends, searched=searched, turns=turns))
+                                   own[int(a)], usual, shown | ends, searched=searched,
+                                   turns=turns))
         same = len(set(self.turning[on].tolist())) == 1
         if len(own) > 1 and same:
             where = self._columns(kind, on, values, specs) if "low" in constants else tuple(
                 self.add(np.sum([self.columns[c] for c in cs], axis=0))
                 for cs in zip(*own.values(), strict=True))
             on_names = tuple(self.actuators[a] for a in own)
-            self.forms.append(Form(kind.name, on_names, True, names, low, high, where, shown,
+            self.forms.append(Form(kind.name, on_names, True, names, low, high, where, usual, shown,
                                    searched=searched, turns=turns))
             self.forms.append(Form(
                 kind.name, on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
-                high * len(own), tuple(c for cs in own.values() for c in cs), shown,
+                high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
+                shown,
                 searched=searched, turns=turns))
+
+    def _usual(self, spec: EffectParameter) -> tuple[float, float]:
+        """Return the range of a parameter's coefficient in machines, SI."""
+        low, high = spec.usual
+        if spec.reciprocal:
+            return 1.0 / high, 1.0 / low
+        scale = self._stroke() if spec.of_stroke else 1.0
+        return scale * low, scale * high
 
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc
 
 from ppmcal.arrays import thinned
 from ppmcal.diagnose.forms import Form
@@ -17,7 +18,7 @@ from ppmcal.diagnose.gram import log_p
 from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.refit import with_mechanism
 from ppmcal.diagnose.result import Found
-from ppmcal.diagnose.stage import named_only, without
+from ppmcal.diagnose.stage import NOT_LINEAR, named_only, without
 from ppmcal.diagnose.system import (
     INVISIBLE,
     MOST_ROWS,
@@ -26,10 +27,15 @@ from ppmcal.diagnose.system import (
     range_basis,
     unit_columns,
 )
-from ppmcal.fit import Fit
+from ppmcal.effects import find_effect
+from ppmcal.fit import Fit, posterior
 from ppmcal.fit import Options as FitOptions
 
 Bools = NDArray[np.bool_]
+SURE, MOSTLY_KNOWN = 0.01, 0.5
+"""A size is known where chance gives it this rarely if there is nothing; of several, so many."""
+APART = 1e-3
+"""Periods of one hypothesis are not the same where chance takes them so far apart this rarely."""
 
 
 def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit | None]:
@@ -43,6 +49,8 @@ def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit |
     while found.added:
         fit = with_mechanism(whole, found.after.problem.mechanism, options)
         values = own_values(fit, found.added, found.last.noise, thinned(fit.keep, MOST_ROWS))
+        values = {key: max(value, _known_size(fit, found.added, key), _outside(fit, found, key))
+                  for key, value in values.items()}
         weakest = max(values, key=lambda key: values[key])
         if values[weakest] <= found.first.search.name:
             return found, fit
@@ -66,6 +74,73 @@ Key = tuple[str, tuple[str, ...]]
 
 def _key(form: Form) -> Key:
     return form.family, form.on
+
+
+def _columns(fit: Fit, added: Sequence[Added], key: Key) -> list[int]:
+    """Return the columns of the parameters that were added for a form."""
+    names = fit.problem.mechanism.names
+    own = {n for a in added if _key(a.form) == key for n in a.parameters}
+    return [c for c, p in enumerate(fit.problem.free) if names[p] in own]
+
+
+def _known_size(fit: Fit, added: Sequence[Added], key: Key) -> float:
+    """Return the log p of an effect's size against zero, with all that geometry may do instead.
+
+    The linear test counts as geometry what one tolerance can do; a fit may do more, and then the
+    size of an effect is not known, however well it explains the rows. Of values for each actuator
+    most have to be known.
+    """
+    mine = [a for a in added if _key(a.form) == key]
+    each = np.array([_against_zero(fit, _columns(fit, [a], key)) for a in mine])
+    if np.mean(each < np.log(SURE)) < MOSTLY_KNOWN:
+        return 0.0
+    return _against_zero(fit, _columns(fit, mine, key)) if len(mine) > 1 else float(each[0])
+
+
+def _against_zero(fit: Fit, columns: Sequence[int]) -> float:
+    """Return the log p of the linear parameters among some columns of a fit being all 0."""
+    mechanism = fit.problem.mechanism
+    linear = [c for c in columns
+              if not mechanism.parameters[fit.problem.free[c]].name.endswith(NOT_LINEAR)]
+    if not linear or not any(mechanism.parameters[fit.problem.free[c]].size for c in linear):
+        return -np.inf  # a slot of the geometry
+    parameters = [mechanism.parameters[fit.problem.free[c]] for c in linear]
+    g = np.array([fit.state.g[fit.problem.free[c]] for c in linear])
+    # a stiffness is judged by its inverse, in which the effect is linear
+    inverse = np.array([p.reciprocal for p in parameters])
+    value = np.where(inverse, 1.0 / g, g)
+    slope = np.where(inverse, -1.0 / g**2, 1.0)
+    covariance = posterior(fit)[np.ix_(linear, linear)] * np.outer(slope, slope)
+    if not np.isfinite(covariance).all():
+        return 0.0
+    # residuals above the stated noise make everything less certain
+    ratio = max(1.0, fit.reduced.square / max(fit.reduced.count - fit.scale.size, 1))
+    square = float(value @ np.linalg.pinv(covariance, hermitian=True) @ value) / ratio
+    return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
+
+
+def _outside(fit: Fit, found: Found, key: Key) -> float:
+    """Return 0 where what is not linear, a period, is none of a machine, else -inf.
+
+    It has to be in the range that machines have, and one hypothesis on several joints, which are
+    made alike, has one period.
+    """
+    names = fit.problem.mechanism.names
+    columns = [c for c in _columns(fit, found.added, key)
+               if names[fit.problem.free[c]].endswith(NOT_LINEAR)]
+    if not columns:
+        return -np.inf
+    travel = np.concatenate([p.setting.travel for p in found.last.system.parts])
+    parameters = find_effect(key[0]).parameters(fit.problem.mechanism.motion)
+    spec = next(s for s in parameters if f".{s.name}" in NOT_LINEAR)
+    scale = float(np.ptp(travel, axis=0).max()) if spec.of_stroke else 1.0
+    values = np.array([fit.state.g[fit.problem.free[c]] for c in columns])
+    if np.any(values < spec.usual[0] * scale) or np.any(values > spec.usual[1] * scale):
+        return 0.0
+    variance = np.diagonal(posterior(fit))[columns]
+    mean = np.sum(values / variance) / np.sum(1.0 / variance)
+    apart = float(np.sum((values - mean) ** 2 / variance))
+    return 0.0 if len(values) > 1 and chdtrc(len(values) - 1, apart) < APART else -np.inf
 
 
 def own_values(fit: Fit, added: Sequence[Added], noise: Whitening, keep: Sequence[Bools]

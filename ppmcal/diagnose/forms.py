@@ -32,6 +32,7 @@ class Form:
         turns: periods per stroke of a periodic error.
         choices: logarithm of the number of sets of actuators that it was chosen from.
         low, high: physical range of each column's coefficient.
+        usual: the range in which machines have it, by column; empty: any.
         columns: where its columns are in the library.
     """
 
@@ -42,6 +43,7 @@ class Form:
     low: tuple[float, ...]
     high: tuple[float, ...]
     columns: tuple[int, ...]
+    usual: tuple[tuple[float, float], ...] = ()
     constants: dict[str, float] = field(default_factory=dict)
     slot: str = ""
     anonymous: bool = False
@@ -87,7 +89,7 @@ def united(forms: Sequence[Form]) -> Form:
         forms[0], on=tuple(a for f in forms for a in f.on), shared=False,
         names=tuple(f"{f.on[0]}:{n}" for f in forms for n in f.names),
         low=sum((f.low for f in forms), ()), high=sum((f.high for f in forms), ()),
-        columns=sum((f.columns for f in forms), ()))
+        columns=sum((f.columns for f in forms), ()), usual=sum((f.usual for f in forms), ()))
 
 
 @dataclass(frozen=True)

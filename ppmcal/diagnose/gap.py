@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri
 
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, prediction_covariance
@@ -44,7 +44,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class Errors:
     """Per row: squared white error, variance from the parameters, values, pose label."""
 
     square: Array
@@ -53,7 +53,7 @@ class _Rows:
     group: Ints
 
 
-def _errors(fit: Fit, held: Sequence[Dataset]) -> _Rows:
+def _errors(fit: Fit, held: Sequence[Dataset]) -> Errors:
     about = tuple(o.about for o in fit.problem.opens)
     problem = replace(fit.problem, datasets=tuple(held), pivots=about)
     state = fresh_state(problem, fit.state)
@@ -66,7 +66,7 @@ def _errors(fit: Fit, held: Sequence[Dataset]) -> _Rows:
         groups = problem.datasets[rows.dataset].groups[rows.index].astype(float)
         parts[3].append(groups * len(held) + rows.dataset)
     square, variance, count, label = (np.concatenate(p) for p in parts)
-    return _Rows(square, variance, count, np.asarray(label, dtype=np.int64))
+    return Errors(square, variance, count, np.asarray(label, dtype=np.int64))
 
 
 def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, seed: int
@@ -83,8 +83,23 @@ def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, 
     old, new = _errors(before, held), _errors(after, held)
     if old.square.size != new.square.size or new.square.size == 0:
         return None
-    good = chdtrc(np.maximum(new.count, 1.0), new.square / (noise**2 + new.variance / np.maximum(
-        new.count, 1.0))) * new.square.size >= REJECT
+    return gap_of(old, new, noise, seed)
+
+
+def gap_of(old: Errors, new: Errors, noise: float, seed: int) -> Gap:
+    """Return the gap of the same rows predicted without and with the effects.
+
+    Args:
+        old: errors without the effects.
+        new: errors with them.
+        noise: over the stated one.
+        seed: of the bootstrap.
+    """
+    count = np.maximum(new.count, 1.0)
+    away = new.square / (noise**2 + new.variance / count)
+    # a gross error is far from the others; where half of the rows are far, the model is wrong
+    scale = max(1.0, float(np.median(away / chdtri(count, 0.5))))
+    good = chdtrc(count, away / scale) * new.square.size >= REJECT
     if not good.any():
         good = np.ones_like(good)
     labels, group = np.unique(new.group[good], return_inverse=True)

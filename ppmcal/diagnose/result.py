@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ppmcal.analysis import Identification
 from ppmcal.diagnose.adequacy import Remainder
+from ppmcal.diagnose.blocks import BlockGap
 from ppmcal.diagnose.forms import Form, Untestable
 from ppmcal.diagnose.gap import Gap
 from ppmcal.diagnose.localise import Place
@@ -90,6 +91,7 @@ class Diagnosis:
         found: fits and tests on the training rows.
         proposal: what to measure next.
         findings: what the user must look at.
+        blocks: the gap where stretches of time, temperature or load are left out in turn.
     """
 
     verdict: str
@@ -108,3 +110,4 @@ class Diagnosis:
     found: Found
     proposal: Proposal
     findings: tuple[str, ...]
+    blocks: tuple[BlockGap, ...] = ()

@@ -10,30 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.analysis import report
-from ppmcal.arrays import known
 from ppmcal.dataset import Dataset
 from ppmcal.diagnose import tables
 from ppmcal.diagnose.adequacy import ENOUGH_REPEATS, Remainder, remainder
+from ppmcal.diagnose.blocks import block_gaps
 from ppmcal.diagnose.confirm import confirm, nothing_named
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gap import Gap, measure_gap
 from ppmcal.diagnose.gram import probability
+from ppmcal.diagnose.left_out import left_out
 from ppmcal.diagnose.localise import localise
 from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.nextup import Proposal, nothing, propose
+from ppmcal.diagnose.recorded import usable, with_whole_rows
 from ppmcal.diagnose.refit import of_rows, with_mechanism
 from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect
 from ppmcal.diagnose.rivals import Rival, rivals
-from ppmcal.diagnose.search import own_log_p
+from ppmcal.diagnose.search import implausible, own_log_p
 from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
 from ppmcal.diagnose.unrecorded import look_alikes
+from ppmcal.diagnose.verdict import decide, findings, implausible_words, refuse_unconverged
 from ppmcal.fit import Fit
 from ppmcal.fit import Options as FitOptions
 from ppmcal.holdout import split
 from ppmcal.identify import identify
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem
-from ppmcal.words import counted
 
 Bools = NDArray[np.bool_]
 Say = Callable[[str], None]
@@ -66,13 +68,15 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     options = options or Options()
     say = say or (lambda text: None)
     say("fitting geometry")
-    whole = identify(problem, options.fit)
+    whole = identify(with_whole_rows(problem), options.fit)
+    refuse_unconverged(whole)
     training, held = _split(whole, options)
     found = _find(training, options, say)
     say("confirming in all rows")
     found, final = confirm(found, whole, options.fit)
     gap = _gap(found, held, options)
-    if gap is not None and gap.worse:
+    odd = implausible(found.first.search, found.last.chosen)
+    if odd is not None or (gap is not None and gap.worse):
         found, final = nothing_named(found), None
         gap = _gap(found, held, options)
     say("judging what is left")
@@ -81,7 +85,15 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         replace(found.first, chosen=()), options.seed)
     others = _alternatives(found.last)
     effects = _effects(found, others)
-    verdict = _verdict(found, left, start, effects)
+    out = left_out(final or whole)
+    if out.follows:
+        left = replace(left, follows=f"rows that {out.follows}", p_value=min(
+            out.p_value, left.p_value))
+    blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
+    verdict = decide(found, left, start, effects, out, blocks)
+    told = findings(whole, final or whole, left, effects, gap, out, blocks)
+    if odd is not None:
+        told.append(implausible_words(found, odd))
     named = bool(effects) and verdict != "unnamed"
     if final is None or not named:
         final = whole
@@ -92,7 +104,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         found.first.library.untestable, tables.swallowed(whole, final), whole,
         report(final, options.fit, 0.0, options.seed), found,
         _proposal(found.last, others, verdict, options.seed),
-        _findings(whole, final, left, effects, gap))
+        tuple(told), blocks)
 
 
 def _left(stage: Stage, seed: int) -> Remainder:
@@ -133,7 +145,7 @@ def _split(whole: Fit, options: Options) -> tuple[Fit, tuple[Dataset, ...]]:
                  for o, d in zip(out, problem.datasets, strict=True))
     if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
         return whole, ()
-    held = tuple(d.take(o) for d, o in zip(problem.datasets, out, strict=True))
+    held = tuple(d.take(o & usable(d)) for d, o in zip(problem.datasets, out, strict=True))
     return of_rows(whole, [~o for o in out], options.fit), held
 
 
@@ -152,7 +164,7 @@ def _find(before: Fit, options: Options, say: Say) -> Found:
     if out <= MANY_OUT * sum(k.size for k in before.keep):
         return found
     say("testing effects with the outliers")
-    everything = [known(p) for p in before.state.poses]
+    everything = [k | o for k, o in zip(before.keep, before.outliers, strict=True)]
     second = run_stage(training, before.state, everything, options.seed,
                        options.kinds, options.draws)
     other = _settled(before, second, options, say)
@@ -225,32 +237,13 @@ def _of(form: Form, added: Sequence[Added]) -> list[Added]:
 def _gap(found: Found, held: Sequence[Dataset], options: Options) -> Gap | None:
     if not held:
         return None
+    return measure_gap(found.before, found.after, held, _noise(found), options.seed)
+
+
+def _noise(found: Found) -> float:
+    """Return the noise over the stated one: that of repeats where there are enough."""
     pure = found.first.pure
-    noise = pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
-    return measure_gap(found.before, found.after, held, noise, options.seed)
-
-
-def _verdict(found: Found, left: Remainder, start: Remainder,
-             effects: Sequence[NamedEffect]) -> str:
-    """Return the verdict of diagnosis.md, step 11."""
-    search = found.first.search
-    smallest = float(found.first.log_p.min(initial=0.0))
-    if not effects:
-        # far beyond chance, but no physical value fits
-        if not left.adequate or smallest < search.name - FAR:
-            return "unnamed"
-        return "weak" if smallest < search.detect else "none"
-    if not left.adequate:
-        explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
-        little = explained < MOSTLY and (left.p_value < FOLLOWS or left.source == "repeats")
-        return "unnamed" if little else "partial"
-    return "named-set" if any(e.alternatives for e in effects) else "named"
-
-
-FAR = 10.0
-MOSTLY, FOLLOWS = 0.5, 0.05
-"""Effects that explain less than this of what exceeds the noise, while the rest follows
-something with this p, are no more than an imitation."""
+    return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
 
 
 def _proposal(stage: Stage, alternatives: Alternatives, verdict: str, seed: int) -> Proposal:
@@ -268,29 +261,3 @@ def _proposal(stage: Stage, alternatives: Alternatives, verdict: str, seed: int)
                     "named": "what was found is settled"}.get(
                         verdict, "record more of what might matter (load, temperature, time)"),
                    joints)
-
-
-def _findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEffect],
-              gap: Gap | None) -> tuple[str, ...]:
-    out = [f for d in after.problem.datasets for f in d.findings]
-    for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
-                                  strict=True):
-        if reasons:
-            out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
-                       "residuals.csv for each reason")
-        back = sorted(set(old) - set(reasons))
-        if back:
-            out.append(f"{data.name}: {counted(len(back), 'row')} at first taken for outliers, "
-                       "explained by the effects and back in use")
-    if left.excess >= 3.5:
-        out.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
-                   "unrecorded, or a sigma that is too small")
-    weak = [e.kind for e in effects if e.survival < 0.2]
-    if weak:
-        out.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
-                   "testable), so its size is uncertain")
-    if effects and gap is not None and not gap.confirmed:
-        out.append("the held-out poses do not confirm the improvement: too few, or too small")
-    if not after.converged:
-        out.append(f"the fit had not converged after {after.iterations} iterations")
-    return tuple(out)

@@ -175,8 +175,11 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
                  + (len(columns) + searched) * np.log(n) + 2.0 * looked)
 
 
-def possible(search: Search, chosen: Sequence[int]) -> bool:
-    """Whether all coefficients of the chosen forms are physical, and their waves too."""
+def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
+    """Whether all coefficients of the chosen forms are physical, and their waves too.
+
+    ``usual``: they have to be in the range of machines too, not only to have a meaning.
+    """
     if not _apart([search.forms[i] for i in chosen if search.forms[i].turns]):
         return False
     columns = columns_of(search, chosen)
@@ -188,10 +191,35 @@ def possible(search: Search, chosen: Sequence[int]) -> bool:
         at = [place[c] for c in form.columns]
         if form.size == 1:
             slack = np.where(np.isin(np.arange(len(columns)), at), 0.0, slack)
-        if np.any(value[at] < np.array(form.low) - slack[at]) or np.any(
-                value[at] > np.array(form.high) + slack[at]):
+        ranges: list[tuple[Sequence[float], Sequence[float]]] = [(form.low, form.high)]
+        if usual and form.usual:
+            ranges.append(([r[0] for r in form.usual], [r[1] for r in form.usual]))
+        if any(np.any(value[at] < np.array(low) - slack[at])
+               or np.any(value[at] > np.array(high) + slack[at]) for low, high in ranges):
             return False
     return True
+
+
+def fitted_values(search: Search, form: int) -> list[float]:
+    """Return the coefficients of one form alone, SI."""
+    return [float(v) for v in search.gram.fit(columns_of(search, [form]))[0]]
+
+
+def implausible(search: Search, chosen: Sequence[int]) -> int | None:
+    """Return a form that explains more than what was chosen, but of a size that machines have not.
+
+    Something else is wrong then, a unit perhaps, and what was chosen in its place imitates it.
+    """
+    values = search.values()
+    now = bic(search, chosen)
+    for i in np.argsort(values, kind="stable")[:STARTS]:
+        form = search.forms[i]
+        if values[i] > search.name or form.anonymous or int(i) in chosen:
+            continue
+        if possible(search, [int(i)], False) and not possible(search, [int(i)]) and (
+                bic(search, [int(i)]) < now):
+            return int(i)
+    return None
 
 
 def _apart(waves: Sequence[Form]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ppmcal.effects.kind import (
+    STROKE,
     Bools,
     EffectKind,
     EffectParameter,
@@ -24,5 +25,6 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 BACKLASH = register(EffectKind(
     "backlash", "du = s width/2, s the direction of approach", "ISO 230-2, reversal value",
-    fixed_list(EffectParameter("width", "joint", None, low=0.0)), ("dir",), _terms,
+    fixed_list(EffectParameter("width", "joint", None, low=0.0, usual=(0.0, 0.05),
+                               of_stroke=True, why=STROKE)), ("dir",), _terms,
     worked=Worked({"width": 2e-5}, {"approach": -1.0}, -1e-5)))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.effects.kind import (
+    STROKE,
     Bools,
     EffectKind,
     EffectParameter,
@@ -27,6 +28,7 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 CLEARANCE = register(EffectKind(
     "clearance", "du = sign(f) width/2, f the actuator's load",
     "joint clearance under load, as in stiffness analyses of parallel machines",
-    fixed_list(EffectParameter("width", "joint", None, low=0.0)), ("load",), _terms,
+    fixed_list(EffectParameter("width", "joint", None, low=0.0, usual=(0.0, 0.05),
+                               of_stroke=True, why=STROKE)), ("load",), _terms,
     uses_load=True,
     worked=Worked({"width": 2e-5}, {"load": -30.0}, -1e-5)))

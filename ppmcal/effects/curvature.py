@@ -8,6 +8,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ppmcal.effects.kind import (
+    STROKE,
     Bools,
     EffectKind,
     EffectParameter,
@@ -36,7 +37,8 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 CURVATURE = register(EffectKind(
     "curvature", "du = p2 P2(s) + p3 P3(s) + p4 P4(s), s over the stroke",
     "ISO 230-2, smooth part of the positioning deviation; Legendre polynomials",
-    fixed_list(*(EffectParameter(f"p{n}", "joint") for n in (2, 3, 4)),
+    fixed_list(*(EffectParameter(f"p{n}", "joint", usual=(-0.05, 0.05), of_stroke=True, why=STROKE)
+                 for n in (2, 3, 4)),
                *(EffectParameter(n, "joint", np.nan, constant=True) for n in ("low", "high"))),
     (), _terms,
     worked=Worked({"p2": 1e-4, "p3": 0.0, "p4": 0.0, "low": 0.0, "high": 1.0},

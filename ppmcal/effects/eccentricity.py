@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.effects.kind import (
+    STROKE,
     Bools,
     EffectKind,
     EffectParameter,
@@ -29,7 +30,8 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 ECCENTRICITY = register(EffectKind(
     "eccentricity", "du = cos cos q + sin sin q + cos2 cos 2q + sin2 sin 2q",
     "encoder eccentricity and tilt of the disc (first and second harmonic)",
-    fixed_list(*(EffectParameter(n, "joint") for n in ("cos", "sin", "cos2", "sin2"))),
+    fixed_list(*(EffectParameter(n, "joint", usual=(-0.05, 0.05), of_stroke=True, why=STROKE)
+                 for n in ("cos", "sin", "cos2", "sin2"))),
     (), _terms, joints="turning",
     worked=Worked({"cos": 1e-4, "sin": 2e-4, "cos2": 3e-4, "sin2": 0.0},
                   {"travel": np.pi / 2.0}, -1e-4)))

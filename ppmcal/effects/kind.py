@@ -138,9 +138,11 @@ class EffectParameter:
 
     ``quantity``: ``length``, ``angle``, ``joint`` (whichever the actuator has), ``load``
     (its force in N or moment in N m), or a quotient such as ``joint/load``; ``1`` is a
-    pure number. ``default`` None: the file must give it. ``low``, ``high``: the physical
-    range, SI. ``size``: a change that counts, SI. ``constant``: never fitted.
-    ``reciprocal``: the effect is linear in its inverse, in which a fit takes its steps.
+    pure number. ``default`` None: the file must give it. ``low``, ``high``: the range in which
+    it has a meaning, SI. ``usual``: the range in which machines have it, SI, or, with
+    ``of_stroke``, in parts of the joint's stroke: a value outside is not named as this effect
+    (``why``: where the range is from). ``size``: a change that counts, SI. ``constant``: never
+    fitted. ``reciprocal``: the effect is linear in its inverse, in which a fit takes its steps.
     """
 
     name: str
@@ -148,9 +150,15 @@ class EffectParameter:
     default: float | None = 0.0
     low: float = -np.inf
     high: float = np.inf
+    usual: tuple[float, float] = (-np.inf, np.inf)
+    of_stroke: bool = False
+    why: str = ""
     size: float = 1e-5
     constant: bool = False
     reciprocal: bool = False
+
+
+STROKE = "ISO 230-2: errors of a drive are small parts of its stroke"
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.effects.kind import (
+    STROKE,
     Bools,
     EffectKind,
     EffectParameter,
@@ -32,6 +33,9 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 PERIODIC = register(EffectKind(
     "periodic", "du = cos cos(2 pi q/period) + sin sin(2 pi q/period)",
     "ISO 230-2, periodic positioning deviation (screw pitch, encoder)",
-    fixed_list(EffectParameter("cos", "joint"), EffectParameter("sin", "joint"),
-               EffectParameter("period", "joint", None, low=1e-9)), (), _terms,
+    fixed_list(*(EffectParameter(n, "joint", usual=(-0.05, 0.05), of_stroke=True, why=STROKE)
+                 for n in ("cos", "sin")),
+               EffectParameter("period", "joint", None, low=1e-9, usual=(0.0, 1.0),
+                               of_stroke=True, why="what has no whole period in the stroke is "
+                               "not seen to repeat")), (), _terms,
     worked=Worked({"cos": 2e-5, "sin": 1e-5, "period": 0.4}, {"travel": 0.1}, 1e-5)))

@@ -28,5 +28,7 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 SENSOR_SCALE = register(EffectKind(
     "sensor_scale", "measured position = (1 + scale) true position",
     "scale of a camera or tracker (VDI/VDE 2634)",
-    fixed_list(EffectParameter("scale", "1", low=-0.1, high=0.1, size=1e-5)), (), _terms,
+    fixed_list(EffectParameter("scale", "1", low=-0.1, high=0.1,
+                               usual=(-0.05, 0.05), why="ISO 10360-10 trackers are within 1e-5, "
+                               "uncalibrated cameras within some percent", size=1e-5)), (), _terms,
     per_actuator=False, worked=Worked({"scale": 1e-4}, {}, 1e-4)))

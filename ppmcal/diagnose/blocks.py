@@ -1,0 +1,129 @@
+"""The gap on whole stretches of time and whole conditions, each left out in turn.
+
+Held-out poses lie between others that were measured at the same time and temperature: an effect
+of time or heat that is wrong predicts them all the same. A block is predicted by what the fit
+would be without it, to first order: with the normal matrix A of all rows and prior, and the
+block's rows J and residuals r,
+
+    r_out = r + J (A - J^T J)^-1 J^T r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.conditions import Conditions
+from ppmcal.diagnose.gap import Errors, Gap, gap_of
+from ppmcal.diagnose.left_out import thirds
+from ppmcal.fit import Fit
+from ppmcal.problem import Problem
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+LEVELS = 3
+"""A load of at most so many levels is left out level by level, if it has as many."""
+SEEN = 1e-10
+"""Directions below this part of the strongest are not known without the block."""
+PREDICTS = 0.5
+"""Effects that surely close less than this part of a block's gap do not predict it."""
+
+
+@dataclass(frozen=True)
+class BlockGap:
+    """The gap when all rows of one third of ``by`` are left out in turn."""
+
+    by: str
+    gap: Gap
+
+    @property
+    def fails(self) -> bool:
+        """Whether the effects surely do not predict what was left out."""
+        return self.gap.interval is not None and self.gap.interval[1] < PREDICTS
+
+
+def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockGap, ...]:
+    """Return the gap over stretches of time, temperature and load, where these vary.
+
+    Args:
+        before: the fit of all rows without the effects.
+        after: the fit with them.
+        noise: over the stated one.
+        seed: of the bootstrap.
+    """
+    keep = [a & b for a, b in zip(before.keep, after.keep, strict=True)]
+    out = []
+    for by, folds in schemes(after.problem):
+        pairs = [(_left_out(before, fold, keep), _left_out(after, fold, keep)) for fold in folds]
+        pairs = [(old, new) for old, new in pairs if old.square.size == new.square.size > 0]
+        if len(pairs) == len(folds):
+            old, new = (_joined([p[k] for p in pairs]) for k in (0, 1))
+            out.append(BlockGap(by, gap_of(old, new, noise, seed)))
+    return tuple(out)
+
+
+def schemes(problem: Problem) -> Iterator[tuple[str, list[list[Bools]]]]:
+    """Yield what rows are left out by, and the blocks: a mask (N,) by data set for each."""
+    order = [np.arange(len(d), dtype=float) for d in problem.datasets]
+    yield "time", _blocks(order)
+    heat = [c.temperature for c in problem.conditions]
+    if _varies(heat):
+        yield "temperature", _blocks([np.concatenate(heat)], heat)
+    load = [_load(c) for c in problem.conditions]
+    if _varies(load) and np.unique(np.round(np.concatenate(load), 9)).size >= LEVELS:
+        yield "load", _blocks([np.concatenate(load)], load)
+
+
+def _load(rows: Conditions) -> Array:
+    return np.asarray(np.linalg.norm(rows.wrench, axis=1))
+
+
+def _varies(values: Sequence[Array]) -> bool:
+    one = np.concatenate(values)
+    return bool(np.isfinite(one).all() and np.ptp(one) > 1e-9 * max(np.abs(one).max(), 1e-300))
+
+
+def _blocks(values: Sequence[Array], split: Sequence[Array] | None = None) -> list[list[Bools]]:
+    """Return the thirds of values by data set; those of all together are ``split`` again."""
+    parts = [thirds(v) for v in values]
+    if split is None:
+        return [list(p) for p in zip(*parts, strict=True)]
+    ends = np.cumsum([len(v) for v in split])[:-1]
+    return [np.split(mask, ends) for mask in parts[0]]
+
+
+def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> Errors:
+    """Return the errors of a block's rows as the fit without them predicts them."""
+    own = [f & k for f, k in zip(fold, keep, strict=True)]
+    rows = list(fit.problem.rows(fit.state, True, own))
+    width = fit.scale.size
+    flat = [r.jacobian.reshape(-1, width) * fit.scale for r in rows]
+    triangle = fit.reduced.triangle * fit.scale
+    normal = triangle.T @ triangle + np.diag((fit.prior * fit.scale) ** 2)
+    right = np.zeros(width)
+    for j, r in zip(flat, rows, strict=True):
+        normal -= j.T @ j
+        right += j.T @ r.residual.reshape(-1)
+    w, v = np.linalg.eigh(normal)
+    use = w > SEEN * max(float(w[-1]), 1e-300)
+    inverse = (v[:, use] / w[use]) @ v[:, use].T
+    step = inverse @ right
+    parts: list[list[Array]] = [[], [], [], []]
+    for j, r in zip(flat, rows, strict=True):
+        residual = r.residual + (j @ step).reshape(r.residual.shape)
+        shaped = j.reshape(*r.residual.shape, width)
+        parts[0].append(np.sum(residual**2, axis=1))
+        parts[1].append(np.einsum("nmc,cd,nmd->n", shaped, inverse, shaped))
+        parts[2].append(r.observed.sum(axis=1).astype(float))
+        groups = fit.problem.datasets[r.dataset].groups[r.index].astype(float)
+        parts[3].append(groups * len(keep) + r.dataset)
+    square, variance, count, label = (np.concatenate(p) if p else np.zeros(0) for p in parts)
+    return Errors(square, variance, count, label.astype(np.int64))
+
+
+def _joined(parts: Sequence[Errors]) -> Errors:
+    return Errors(*(np.concatenate([getattr(p, name) for p in parts])
+                    for name in ("square", "variance", "count", "group")))

@@ -1,0 +1,129 @@
+"""Rows that were left out: more of them than gross errors explain, or with a pattern.
+
+A gross error hits any row. If the rows that the fit has thrown out are nearly all the first at
+their pose, or all came from one side, it was no gross error that they have in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+from scipy.stats import hypergeom
+
+from ppmcal.conditions import Conditions
+from ppmcal.dataset import Dataset
+from ppmcal.fit import Fit
+from ppmcal.mechanism import Mechanism
+from ppmcal.problem import Problem
+from ppmcal.words import counted
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+GROSS_SHARE = 0.1
+"""Gross errors may be this part of the rows; more is a finding,"""
+LEVEL = 0.01
+"""where chance would give as many, or as clear a pattern over all that are tried, this rarely."""
+FEWEST = 4
+"""Fewer rows have no pattern."""
+THIRDS = 3
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Rows that a fit left out as outliers.
+
+    Attributes:
+        count, rows: how many, and of how many.
+        too_many: whether gross errors do not explain so many.
+        follows: what they have in common, "" if nothing; ``share`` of them have it.
+        p_value: chance of as clear a pattern, over all that were tried.
+    """
+
+    count: int
+    rows: int
+    too_many: bool
+    follows: str
+    share: float
+    p_value: float
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether these were not gross errors only."""
+        return self.too_many or bool(self.follows)
+
+    @property
+    def sentence(self) -> str:
+        """What there is to say of them, "" if nothing."""
+        rows = f"{counted(self.count, 'row')} of {self.rows} left out as outliers"
+        if self.follows:
+            return (f"{rows}: {self.share:.0%} of them {self.follows} (p = {self.p_value:.1g}); "
+                    "gross errors have no such pattern, so the model misses something there")
+        return f"{rows}: more than gross errors explain" if self.too_many else ""
+
+
+def left_out(fit: Fit) -> LeftOut:
+    """Return what the rows that a fit left out have in common."""
+    gone = fit.outliers
+    used = [k | g for k, g in zip(fit.keep, gone, strict=True)]
+    count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
+    too_many = count > 0 and bool(bdtrc(count - 1, rows, GROSS_SHARE) < LEVEL)
+    best, tried, share, follows = 1.0, 0, 0.0, ""
+    if FEWEST <= count < rows:
+        for words, masks in _patterns(fit.problem):
+            inside = sum(int((m & u).sum()) for m, u in zip(masks, used, strict=True))
+            hits = sum(int((m & g).sum()) for m, g in zip(masks, gone, strict=True))
+            if not 0 < inside < rows:
+                continue
+            tried += 1
+            p = float(hypergeom.sf(hits - 1, rows, inside, count))
+            if p < best:
+                best, share, follows = p, hits / count, words
+    best = min(1.0, best * max(tried, 1))
+    return LeftOut(count, rows, too_many, follows if best < LEVEL else "", share, best)
+
+
+def _patterns(problem: Problem) -> Iterator[tuple[str, list[Bools]]]:
+    """Yield what rows may have in common, in words, and which rows have it, by data set (N,)."""
+    many = len(problem.datasets) > 1
+    for i, data in enumerate(problem.datasets):
+        where = f" in {data.name}" if many else ""
+        for words, mask in _of_one(problem.mechanism, data, problem.conditions[i]):
+            masks = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
+            masks[i] = mask
+            yield words + where, masks
+        if many:
+            yield f"are in {data.name}", [np.full(len(d), d is data) for d in problem.datasets]
+
+
+def _of_one(mechanism: Mechanism, data: Dataset, rows: Conditions) -> Iterator[tuple[str, Bools]]:
+    n = len(data)
+    first = np.concatenate([[True], data.groups[1:] != data.groups[:-1]])
+    yield "are the first row at their pose", first
+    for a, name in enumerate(mechanism.actuators):
+        for sign, word in ((1.0, "+"), (-1.0, "-")):
+            yield f"were approached with {name} moving {word}", rows.approach[:, a] == sign
+    move = np.abs(np.diff(data.q, axis=0, prepend=data.q[:1]))
+    for a, name in enumerate(mechanism.actuators):
+        yield f"come after the longest moves of {name}", thirds(move[:, a])[-1]
+    order = np.arange(n, dtype=float)
+    low = ("lowest", "middle", "highest")
+    for values, what, parts in (
+            (order, "of the rows, in their order", ("first", "middle", "last")),
+            (rows.temperature, "by temperature", low),
+            (np.linalg.norm(rows.wrench, axis=1), "by load", low)):
+        for mask, part in zip(thirds(values), parts, strict=True):
+            yield f"are in the {part} third {what}", mask
+
+
+def thirds(values: Array) -> list[Bools]:
+    """Return which rows are in each third of the values (N,); nobody where they are unknown."""
+    known = np.isfinite(values)
+    if not known.any():
+        return [np.zeros(values.size, dtype=bool)] * THIRDS
+    edges = np.quantile(values[known], np.linspace(0.0, 1.0, THIRDS + 1)[1:-1])
+    place = np.searchsorted(edges, np.where(known, values, np.nan), side="left")
+    return [known & (place == k) for k in range(THIRDS)]

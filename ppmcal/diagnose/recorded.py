@@ -1,0 +1,92 @@
+"""Rows as a search needs them: what effects may depend on is recorded in every row, or in none.
+
+A search cannot compare a row with others where a temperature or a direction of approach is
+missing. Where it is missing in few rows, these are left out (the first of a sequence, before a
+joint has moved); where in many, the column is not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.arrays import known
+from ppmcal.conditions import WRENCH, Conditions
+from ppmcal.dataset import Dataset
+from ppmcal.mechanism import Mechanism
+from ppmcal.problem import Problem
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+ENOUGH = 0.8
+"""A column counts as recorded where this part of the rows has it."""
+
+
+def with_whole_rows(problem: Problem) -> Problem:
+    """Return the problem in which every column that may matter is recorded in all usable rows.
+
+    Rows without are marked unusable, with the reason; columns that most rows lack are emptied,
+    with a finding.
+    """
+    datasets = tuple(_whole(problem.mechanism, d, c)
+                     for d, c in zip(problem.datasets, problem.conditions, strict=True))
+    if all(a is b for a, b in zip(datasets, problem.datasets, strict=True)):
+        return problem
+    return replace(problem, datasets=datasets, given=None)
+
+
+def usable(data: Dataset) -> Bools:
+    """Return which rows may be used (N,)."""
+    return np.array([not r for r in data.unusable or [""] * len(data)], dtype=bool)
+
+
+def _whole(mechanism: Mechanism, data: Dataset, rows: Conditions) -> Dataset:
+    reasons = list(data.unusable or [""] * len(data))
+    columns, findings = dict(data.columns), list(data.findings)
+    approach, changed = rows.approach.copy(), False
+    needed = _needed(mechanism)
+    for names, recorded in _recorded(mechanism, rows):
+        have = int(recorded.sum())
+        if have in (0, len(data)):
+            continue
+        changed = True
+        if have >= ENOUGH * len(data) or needed & set(names):
+            for n in np.flatnonzero(~recorded):
+                reasons[n] = reasons[n] or f"{names[0]} is not known here"
+            continue
+        findings.append(f"{data.name}: {names[0]} is known in {have} of {len(data)} rows only: "
+                        "not used")
+        for name in names:
+            if name in columns:
+                columns[name] = np.full(len(data), np.nan)
+            if name.startswith("dir_"):
+                approach[:, mechanism.actuators.index(name.removeprefix("dir_"))] = np.nan
+    if not changed:
+        return data
+    return replace(data, columns=columns, findings=tuple(findings), unusable=tuple(reasons),
+                   visited=approach)
+
+
+def _recorded(mechanism: Mechanism, rows: Conditions) -> Iterator[tuple[tuple[str, ...], Bools]]:
+    """Yield the columns of each quantity and which rows have it (N,)."""
+    for a, name in enumerate(mechanism.actuators):
+        yield (f"dir_{name}",), np.isfinite(rows.approach[:, a])
+        yield (f"vel_{name}",), np.isfinite(rows.velocity[:, a])
+    yield ("temperature",), np.isfinite(rows.temperature)
+    yield ("payload", *WRENCH), known(rows.wrench)
+    yield ("time",), np.isfinite(rows.time)
+
+
+def _needed(mechanism: Mechanism) -> set[str]:
+    """Return the columns that effects of the machine depend on already."""
+    out: set[str] = set()
+    for effect in mechanism.effects:
+        for need in effect.kind.needs:
+            if need in ("dir", "vel"):
+                out |= {f"{need}_{a}" for a in mechanism.actuators}
+            else:
+                out.add("payload" if need in ("load", "wrench") else need)
+    return out

@@ -1,0 +1,123 @@
+"""The verdict of diagnosis.md, step 11, what to look at, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ppmcal.diagnose.adequacy import TOO_MUCH, Remainder
+from ppmcal.diagnose.blocks import BlockGap
+from ppmcal.diagnose.gap import Gap
+from ppmcal.diagnose.left_out import LeftOut
+from ppmcal.diagnose.result import Found, NamedEffect
+from ppmcal.diagnose.search import fitted_values
+from ppmcal.effects import find_effect
+from ppmcal.errors import NoResult
+from ppmcal.fit import Fit
+from ppmcal.noise_check import OVERSTATED
+from ppmcal.words import counted
+
+FAR = 10.0
+MOSTLY, FOLLOWS = 0.5, 0.05
+"""Effects that explain less than this of what exceeds the noise, while the rest follows
+something with this p, are no more than an imitation."""
+
+
+def refuse_unconverged(fit: Fit) -> None:
+    """Refuse a diagnosis that would be built on a fit which is not at its minimum.
+
+    Raises:
+        NoResult: with how far it got.
+    """
+    if fit.converged:
+        return
+    rms = (fit.reduced.square / max(fit.reduced.count, 1)) ** 0.5
+    raise NoResult(
+        f"the fit of the geometry did not converge: after {fit.iterations} iterations residuals "
+        f"were at {rms:.3g} times the noise and it was still moving, so no effect can be told from "
+        "geometry", ", ".join(d.source for d in fit.problem.datasets),
+        "These poses hardly tell the parameters apart: measure poses that differ in every "
+        "coordinate, or free fewer parameters (--free)")
+
+
+def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[NamedEffect],
+           out: LeftOut, blocks: Sequence[BlockGap]) -> str:
+    """Return the verdict.
+
+    Args:
+        found: fits and tests on the training rows.
+        left: what the named effects leave.
+        start: what geometry alone leaves.
+        effects: what was named.
+        out: the rows that were left out.
+        blocks: the gap on stretches of time and conditions.
+    """
+    search = found.first.search
+    smallest = float(found.first.log_p.min(initial=0.0))
+    adequate = left.adequate and not out.suspicious
+    if not effects:
+        # far beyond chance, but no physical value fits
+        if not adequate or smallest < search.name - FAR:
+            return "unnamed"
+        return "weak" if smallest < search.detect else "none"
+    if not left.adequate:
+        explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
+        little = explained < MOSTLY and (left.p_value < FOLLOWS or left.source == "repeats")
+        return "unnamed" if little else "partial"
+    if out.suspicious or any(b.fails for b in blocks):
+        return "partial"
+    return "named-set" if any(e.alternatives for e in effects) else "named"
+
+
+def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEffect],
+             gap: Gap | None, out: LeftOut, blocks: Sequence[BlockGap]) -> list[str]:
+    """Return what the user must look at."""
+    told = [f for d in after.problem.datasets for f in d.findings]
+    for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
+                                  strict=True):
+        if reasons:
+            told.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
+                        "residuals.csv for each reason")
+        back = sorted(set(old) - set(reasons))
+        if back:
+            told.append(f"{data.name}: {counted(len(back), 'row')} at first taken for outliers, "
+                        "explained by the effects and back in use")
+    if out.sentence:
+        told.append(out.sentence)
+    if left.excess >= TOO_MUCH or left.far_above:
+        told.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
+                    "unrecorded, or a sigma that is too small")
+    if left.ratio < OVERSTATED:
+        told.append(f"residuals are only {left.ratio:.3g} times the {left.source} noise: sigma is "
+                    "too large, in a wrong unit perhaps; correct it, it decides what geometry is "
+                    "held to")
+    weak = [e.kind for e in effects if e.survival < 0.2]
+    if weak:
+        told.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
+                    "testable), so its size is uncertain")
+    if effects and gap is not None and not gap.confirmed:
+        told.append("the held-out poses do not confirm the improvement: too few, or too small")
+    told += [f"left out by {b.by} (a third at a time), only {b.gap.closed or 0.0:.0%} of the gap "
+             "is closed: what was named does not predict there" for b in blocks if b.fails]
+    if not after.converged:
+        told.append(f"the fit had not converged after {after.iterations} iterations")
+    return told
+
+
+def implausible_words(found: Found, index: int) -> str:
+    """Return what a size outside the range of machines says about the data."""
+    form = found.first.search.forms[index]
+    values = fitted_values(found.first.search, index)
+    motion = found.before.problem.mechanism.motion
+    specs = {s.name: s for s in find_effect(form.kind).parameters(motion)}
+    told = []
+    for name, value, (low, high) in zip(form.names, values, form.usual, strict=True):
+        if low <= value <= high:
+            continue
+        spec = specs[name.split(":")[-1]]
+        if spec.reciprocal:
+            value, low, high = 1.0 / value, 1.0 / high, 1.0 / low
+        told.append(f"{name.replace(':', ' ')} {value:.3g}, beyond {low:.2g} to {high:.2g} "
+                    f"(SI; {spec.why})")
+    column = " or ".join(find_effect(form.kind).needs) or "the joint columns and rotations"
+    return (f"{form.label} would explain most, but with {'; '.join(told[:2])}: no machine has "
+            f"that; check the unit of {column}. Nothing is named in its place")
