@@ -164,7 +164,7 @@ class TruthRow:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Simulated truth against what was identified; ``note`` says what to bear in mind."""
+    """Simulated truth against what was identified; ``note`` says what is left out."""
 
     truth: str
     identified: str
