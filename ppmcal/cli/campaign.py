@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,6 +56,20 @@ def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]
 
     datasets = read_campaign(list(paths), mechanism)
     return tuple(with_joints(mechanism, d) for d in datasets)
+
+
+@contextmanager
+def unit_findings_told(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Iterator[list[str]]:
+    """Yield what `check` says of units and limits; a fit that fails inside says it too."""
+    from ppmcal.errors import PpmcalError
+    from ppmcal.files import unit_findings
+
+    found = unit_findings(mechanism, datasets)
+    try:
+        yield found
+    except PpmcalError as error:
+        mend = " ".join([*found, error.mend]).strip()
+        raise type(error)(error.what, error.where, mend) from None
 
 
 def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
