@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,7 +41,16 @@ def base_station(actuators: int) -> Station:
     return Station(cga.identity_motor(), np.zeros(3), np.zeros(3), np.zeros(actuators))
 
 
-def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = None) -> Inverse:
+def tool_station(actuators: int, tool: Array) -> Station:
+    """Return the station that sees, in the base frame, a frame at ``tool`` (3,), m.
+
+    The point is fixed in platform axes, and the frame's axes are the platform's.
+    """
+    return replace(base_station(actuators), target=np.asarray(tool, dtype=float))
+
+
+def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = None,
+                    station: Station | None = None) -> Inverse:
     """Return joint values of poses of which only some coordinates are wanted.
 
     Args:
@@ -47,9 +58,14 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
         coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
             name all coordinates of the motion or as many as there are actuators.
         rows: conditions that effects depend on; the joint values make up for the effects.
+        station: what sees these coordinates, default the platform's own frame in base axes.
+
+    Returns:
+        joint values, and the platform's own poses.
     """
     coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
-    found = _inverse_named(model, coordinates)
+    station = station or base_station(len(model.mechanism.actuators))
+    found = _inverse_named(model, station, coordinates)
     if not model.mechanism.effects:
         return found
     rows = rows or unknown_conditions(*found.q.shape)
@@ -58,8 +74,9 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
         now = shifted(model, rows, found.q, pose)
         usable = row_known(now.shift, len(asked))
         before = found.q
-        found = _inverse_named(now, np.where(usable[:, None], asked, np.nan), ~usable)
-        miss = _missed(model.mechanism, coordinates, platform_pose(found.pose, now.shift))
+        found = _inverse_named(now, station, np.where(usable[:, None], asked, np.nan), ~usable)
+        miss = _missed(model.mechanism, station, coordinates,
+                       platform_pose(found.pose, now.shift))
         asked = asked + miss
         pose = found.pose
         change = np.abs(found.q - before)
@@ -69,9 +86,9 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
     return Inverse(found.q, platform_pose(found.pose, now.shift), found.reason)
 
 
-def _missed(mechanism: Mechanism, wanted: Array, real: Array) -> Array:
+def _missed(mechanism: Mechanism, station: Station, wanted: Array, real: Array) -> Array:
     """Return wanted coordinates (N, 6) less those of real poses; 0 where left open or unknown."""
-    vector = pose_vector(real)
+    vector = measured_pose(station, real)
     angle = np.linalg.norm(vector[:, 3:], axis=1, keepdims=True)
     # beyond half a turn the same rotation has a second vector; take the one that was asked for
     whole = np.where(angle > 0.0, 1.0 - 2.0 * np.pi / np.where(angle > 0.0, angle, 1.0), 1.0)
@@ -83,14 +100,14 @@ def _missed(mechanism: Mechanism, wanted: Array, real: Array) -> Array:
     return miss
 
 
-def _inverse_named(model: Model, coordinates: Array,
+def _inverse_named(model: Model, station: Station, coordinates: Array,
                    lacking: NDArray[np.bool_] | None = None) -> Inverse:
     """Inverse kinematics of full or partial poses, without regard to platform twists.
 
     ``lacking`` marks rows whose conditions are not known.
     """
     mechanism = model.mechanism
-    full, failed = wanted_poses(model, base_station(len(mechanism.actuators)), coordinates)
+    full, failed = wanted_poses(model, station, coordinates)
     if lacking is not None:
         failed = [LACKING if lack else f for f, lack in zip(failed, lacking, strict=True)]
     ready = np.array([not f for f in failed], dtype=bool)
