@@ -21,6 +21,8 @@ steps that are small enough for one mode to be where the velocities lead.
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -162,7 +164,7 @@ def _centres(closure: Closure, phi: Array) -> Array:
     else:
         first, planes = bodies[:, :0], bodies
     points = []
-    for i, j in zip(*np.triu_indices(planes.shape[1], 1), strict=True):
+    for i, j in combinations(range(planes.shape[1]), 2):
         points.append(flat_point(cga.meet(planes[:, i], planes[:, j], PLANE_OF_MOTION)))
     if circles.size:
         for i in range(planes.shape[1]):
