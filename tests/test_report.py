@@ -210,6 +210,23 @@ def test_truth_is_compared_with_its_own_identification_alone(everything: list[Pa
     assert "belongs to none" not in to_html(data)
 
 
+def test_truth_of_measurements_simulated_again_is_compared(tmp_path: Path) -> None:
+    """Another machine's arithmetic changes last digits, and with them the check sum."""
+    sim, used = write_simulation(tmp_path / "sim"), tmp_path / "run.csv"
+    text = (sim / "measurements.csv").read_text().splitlines()
+    first = text[1].split(",")
+    for change, same in ((1e-14, True), (1e-6, False)):
+        own = [repr(float(first[0]) * (1.0 + change)), *first[1:]]
+        used.write_text("\n".join([text[0], ",".join(own), *text[2:]]) + "\n")
+        sha = hashlib.sha256(used.read_bytes()).hexdigest()
+        fit = write_fit(tmp_path / f"fit{same}", identification(inputs={str(used): sha}))
+        data = collect([sim, fit])
+        assert bool(data.comparisons) == same
+        assert ("belongs to none" in to_html(data)) != same
+    used.write_text(used.read_text() + "\n")
+    assert not collect([sim, tmp_path / "fitTrue"]).comparisons
+
+
 def test_truth_of_a_ratio_is_compared_in_the_units_of_the_fit() -> None:
     ratio = {"name": "leg1.ratio", "error": 2e-5, "sigma": 1e-5, "unit": "m/unit"}
     truth = {"errors": {"leg1.ratio": 0.02}, "units": {"length": "mm", "angle": "deg"}}
