@@ -21,8 +21,8 @@ from ppmcal.forward import Forward, conditioning, forward
 from ppmcal.inverse import home_state, solve_rows
 from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, measured_pose
-from ppmcal.targets import LACKING, inverse_partial, pose_motor, pose_vector, tool_station
+from ppmcal.observation import measured_pose
+from ppmcal.targets import LACKING, Named, inverse_partial, pose_motor, pose_vector
 
 Array = NDArray[np.float64]
 
@@ -51,14 +51,14 @@ class Table:
 
 
 def inverse_table(model: Model, coordinates: Array, rows: Conditions | None = None,
-                  tool: Array | None = None) -> Table:
+                  named: Named | None = None) -> Table:
     """Return joint values of poses (N, 6), nan = open coordinate, as a path in row order.
 
-    ``rows``: the conditions that the machine's effects depend on. The poses are those of the
-    point ``tool`` (3,), m, in platform axes (default: the platform origin); those of the table
-    returned are the platform's own.
+    ``rows``: the conditions that the machine's effects depend on. ``named``: which point's poses
+    they are and how their rotations are written (default: the platform origin's, as rotation
+    vectors); the poses of the table returned are the platform's own, as rotation vectors.
     """
-    found = inverse_partial(model, coordinates, rows, _station(model, tool))
+    found = inverse_partial(model, coordinates, rows, named)
     status = ["ok" if r else "unreachable" for r in found.reached]
     return _judged(model, found.q, found.pose, status, list(found.reason))
 
@@ -67,13 +67,9 @@ def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
     """Return where the tool point (3,), m in platform axes, is: poses (N, 6) of platform ones."""
     out = np.full_like(pose, np.nan)
     good = known(pose)
-    out[good] = measured_pose(tool_station(len(model.mechanism.actuators), tool),
+    out[good] = measured_pose(Named(tool).station(len(model.mechanism.actuators)),
                               pose_motor(pose[good]))
     return out
-
-
-def _station(model: Model, tool: Array | None) -> Station | None:
-    return None if tool is None else tool_station(len(model.mechanism.actuators), tool)
 
 
 def forward_table(model: Model, q: Array, rows: Conditions | None = None,
@@ -99,16 +95,16 @@ def forward_table(model: Model, q: Array, rows: Conditions | None = None,
 
 
 def velocity_table(model: Model, coordinates: Array, twist: Array,
-                   conditions: Conditions | None = None, tool: Array | None = None) -> Table:
+                   conditions: Conditions | None = None, named: Named | None = None) -> Table:
     """Return joint rates of poses moving with ``twist`` (N, 6) vx, vy, vz, wx, wy, wz.
 
     A twist + Jq rate = 0 ([IK] eq. 32 and 49). A machine with fewer actuators than pose
     coordinates takes as many velocity components as it has actuators, the others nan; they
     follow from the closure. Effects (``conditions``) change the joints, not the rates. Poses and
-    velocities are those of the point ``tool`` (3,), m, in platform axes, as in
-    :func:`inverse_table`.
+    velocities are those of the point that ``named`` says, as in :func:`inverse_table`; the
+    twist's second half is the angular velocity in base axes, however rotations are written.
     """
-    table = inverse_table(model, coordinates, conditions, tool)
+    table = inverse_table(model, coordinates, conditions, named)
     rows = np.flatnonzero([s == "ok" for s in table.status])
     rate = np.full_like(table.q, np.nan)
     status, reason = list(table.status), list(table.reason)
@@ -117,8 +113,9 @@ def velocity_table(model: Model, coordinates: Array, twist: Array,
         closure = model.closure(table.q[rows])
         lines = closure.lines(pose)
         a, jq = closure.pose_matrix(pose, lines), closure.joint_matrix(pose, lines)
-        if tool is not None:
-            a = a @ _origin_twist(pose, tool)[:, model.mechanism.dof][..., model.mechanism.dof]
+        if named is not None:
+            dof = model.mechanism.dof
+            a = a @ _origin_twist(pose, named.tool)[:, dof][..., dof]
         given = twist[rows][:, model.mechanism.dof]
         for pattern in np.unique(np.isnan(given), axis=0):
             mine = np.flatnonzero((np.isnan(given) == pattern).all(axis=1))

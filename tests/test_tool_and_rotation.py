@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 from ppmcal.closure import Model
 from ppmcal.conditions import conditions
 from ppmcal.errors import BadInput
-from ppmcal.files.rotation_text import ORDERS, check_convention, from_euler, to_euler, to_quaternion
+from ppmcal.files.rotation_text import check_convention
 from ppmcal.inverse import home_state
 from ppmcal.kinematics import forward_table, inverse_table, tool_poses, velocity_table
-from ppmcal.targets import pose_motor, pose_vector
+from ppmcal.rotations import ORDERS, euler_rates, from_euler, to_euler, to_quaternion
+from ppmcal.targets import Named, pose_motor, pose_vector
 
 TOOL = {"planar": np.array([0.031, -0.047, 0.0])}
 SPATIAL_TOOL = np.array([0.021, -0.034, -0.09])
@@ -46,7 +47,7 @@ def test_poses_of_the_tool_there_and_back(name):
     seen = tool_poses(model, forward_table(model, q).pose, tool)
     np.testing.assert_allclose(seen, carried(pose, tool), rtol=0, atol=1e-12)
     assert np.abs(seen - pose_vector(pose)).max() > 0.01
-    table = inverse_table(model, seen, tool=tool)
+    table = inverse_table(model, seen, named=Named(tool))
     assert table.status == ("ok",) * 6
     np.testing.assert_allclose(table.q, q, rtol=0, atol=1e-10)
     np.testing.assert_allclose(table.pose, pose_vector(pose), rtol=0, atol=1e-10)
@@ -60,10 +61,10 @@ def test_open_coordinates_are_those_of_the_tool(name):
     q, pose = machines.spread(model, 6)
     wanted = carried(pose, tool)
     wanted[:, open_] = np.nan
-    table = inverse_table(model, wanted, tool=tool)
+    table = inverse_table(model, wanted, named=Named(tool))
     assert table.status == ("ok",) * 6
     np.testing.assert_allclose(table.q, q, rtol=0, atol=1e-9)
-    full = inverse_table(model, carried(pose, tool), tool=tool)
+    full = inverse_table(model, carried(pose, tool), named=Named(tool))
     np.testing.assert_allclose(full.q, q, rtol=0, atol=1e-9)
     bare = inverse_table(model, wanted)
     assert not np.allclose(bare.q, q, atol=1e-6)
@@ -81,7 +82,7 @@ def test_velocities_of_the_tool_are_derivatives(name):
     if name in SHORT:
         twist[:, list(SHORT[name][1])] = np.nan
     at = carried(pose, tool)
-    table = velocity_table(model, at, twist, tool=tool)
+    table = velocity_table(model, at, twist, named=Named(tool))
     assert table.status == ("ok",) * 5
     np.testing.assert_allclose(table.rate, rate, rtol=0, atol=1e-7 * np.abs(rate).max())
     if not name.startswith("delta"):  # a delta does not turn: all its points move alike
@@ -99,12 +100,12 @@ def test_the_tool_of_a_machine_with_effects():
                       np.zeros((2, 6)))
     wanted = np.tile(carried(mechanism.home[None], SPATIAL_TOOL), (2, 1))
     wanted[1] += [0.01, -0.02, 0.0, 0.05, 0.0, 0.02]
-    table = inverse_table(model, wanted, load, SPATIAL_TOOL)
+    table = inverse_table(model, wanted, load, Named(SPATIAL_TOOL))
     assert table.status == ("ok", "ok")
     back = forward_table(model, table.q, load)
     np.testing.assert_allclose(tool_poses(model, back.pose, SPATIAL_TOOL), wanted, rtol=0,
                                atol=1e-9)
-    rigid = inverse_table(Model(machines.plain("U(P)S")), wanted, tool=SPATIAL_TOOL)
+    rigid = inverse_table(Model(machines.plain("U(P)S")), wanted, named=Named(SPATIAL_TOOL))
     assert np.abs(rigid.q - table.q).max() > 1e-5
 
 
@@ -141,6 +142,47 @@ def test_gimbal_lock_is_told_and_loses_nothing(order):
     turns = Rotation.from_rotvec(from_euler(angles, f"euler-{order}")).inv() * Rotation.from_rotvec(
         vector)
     assert turns.magnitude().max() < 1e-7
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_rates_of_euler_angles_are_derivatives(order):
+    angles, h = np.array([[0.3, 1.1, -0.7], [-2.0, 0.4, 2.5]]), 1e-5
+    for i in range(3):
+        after, before = (Rotation.from_rotvec(from_euler(
+            angles + s * h * np.eye(3)[i], f"euler-{order}")) for s in (1.0, -1.0))
+        np.testing.assert_allclose(euler_rates(angles, f"euler-{order}")[:, :, i],
+                                   (after * before.inv()).as_rotvec() / (2.0 * h), atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [o for o in ORDERS if o[0] != o[2]])
+def test_single_euler_angles_can_be_left_open(order):
+    """Of a tripod that names z and two angles, with a tool; the third follows."""
+    mechanism = machines.plain("R(P)S")
+    model, named = Model(mechanism), Named(SPATIAL_TOOL, f"euler-{order}")
+    q, pose = machines.spread(model, 5)
+    seen = carried(pose, SPATIAL_TOOL)
+    wanted = np.concatenate([seen[:, :3], to_euler(seen[:, 3:], named.rotation)[0]], axis=1)
+    full = inverse_table(model, wanted, named=named)
+    np.testing.assert_allclose(full.q, q, rtol=0, atol=1e-9)
+    wanted[:, [0, 1, 3 + order.lower().index("z")]] = np.nan
+    table = inverse_table(model, wanted, named=named)
+    assert table.status == ("ok",) * 5
+    np.testing.assert_allclose(table.q, q, rtol=0, atol=1e-9)
+
+
+def test_the_parasitic_turn_of_a_tripod():
+    """[IK]: tan gamma = sin a sin b / (cos a + cos b) with R = Rz(gamma) Ry(b) Rx(a)."""
+    tripod = machines.read_text(machines.plain_text("R(P)S", lambda i, limb: limb | {
+        "base": limb["base"] | {"point": machines._turned([85.0, 0.0, 0.0], 120.0 * i)},
+        "platform": {"point": machines._turned([51.0, 0.0, 0.0], 120.0 * i)}}))
+    a, b = np.array([0.1, -0.25]), np.array([0.2, 0.15])
+    wanted = np.full((2, 6), np.nan)
+    wanted[:, 2], wanted[:, 3], wanted[:, 4] = 0.1, a, b
+    table = inverse_table(Model(tripod), wanted, named=Named(rotation="euler-xyz"))
+    assert table.status == ("ok", "ok")
+    gamma = to_euler(table.pose[:, 3:], "euler-xyz")[0][:, 2]
+    np.testing.assert_allclose(np.tan(gamma), np.sin(a) * np.sin(b) / (np.cos(a) + np.cos(b)),
+                               rtol=1e-9)
 
 
 def test_quaternions_have_their_scalar_last_and_not_negative():
@@ -219,18 +261,21 @@ def test_gimbal_lock_is_a_note_not_a_warning(hexapod):
     assert float(row["euler_3"]) == 0.0 and float(row["euler_1"]) == pytest.approx(10.0, abs=1e-6)
 
 
-def test_open_coordinates_of_the_tool_are_filled_in(tmp_path):
+@pytest.mark.parametrize("rotation", ["rotvec", "euler-xyz"])
+def test_open_coordinates_of_the_tool_are_filled_in(tmp_path, rotation):
     (tmp_path / "m.yaml").write_text(machines.plain_text("R(P)S"))
-    names = ["x", "y", "z", "rx", "ry", "rz"]
+    names = ["x", "y", "z", *(["rx", "ry", "rz"] if rotation == "rotvec" else
+                              ["euler_1", "euler_2", "euler_3"])]
     wanted = np.array([[np.nan, np.nan, 20.0, 4.0, -3.0, np.nan]])
     write(tmp_path / "p.csv", names, wanted)
-    ppmcal("kinematics", "inverse", "m.yaml", "p.csv", "--tool", "10,5,-80", cwd=tmp_path, expect=0)
+    ppmcal("kinematics", "inverse", "m.yaml", "p.csv", "--tool", "10,5,-80", "--rotation",
+           rotation, cwd=tmp_path, expect=0)
     found = read(tmp_path / "kinematics" / "kinematics.csv", names)
     np.testing.assert_allclose(found[0, [2, 3, 4]], wanted[0, [2, 3, 4]], rtol=1e-15)
     joints = ["q_leg1", "q_leg2", "q_leg3"]
     write(tmp_path / "q.csv", joints, read(tmp_path / "kinematics" / "kinematics.csv", joints))
     ppmcal("kinematics", "forward", "m.yaml", "q.csv", "--tool", "10,5,-80", "--out", "f",
-           cwd=tmp_path, expect=0)
+           "--rotation", rotation, cwd=tmp_path, expect=0)
     np.testing.assert_allclose(read(tmp_path / "f" / "kinematics.csv", names), found, atol=1e-7)
 
 
@@ -252,7 +297,6 @@ def test_velocity_of_a_planar_tool_through_files(tmp_path):
     (["inverse", "m.yaml", "p.csv", "--tool", "1,2"], "--tool"),
     (["inverse", "m.yaml", "p.csv", "--rotation", "euler-xyy"], "Allowed: rotvec, quat, euler-"),
     (["inverse", "m.yaml", "p.csv", "--rotation", "euler-xyz"], "the column rx is not of"),
-    (["inverse", "m.yaml", "part.csv", "--rotation", "euler-xyz"], "row 1, column euler_2"),
     (["inverse", "m.yaml", "two.csv", "--rotation", "euler-xyz"], "no column euler_3"),
     (["inverse", "m.yaml", "part.csv"], "the column euler_1 is not of"),
     (["inverse", "m.yaml", "p.csv", "--dataset", "a"], "--dataset goes with forward"),

@@ -161,6 +161,7 @@ def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Con
     from ppmcal.files import read_joints, read_poses, twists
     from ppmcal.intersection import forward_by_intersection
     from ppmcal.kinematics import forward_table, inverse_table, velocity_table
+    from ppmcal.targets import Named
 
     model = Model(mechanism)
     if asked.which == "forward":
@@ -174,13 +175,14 @@ def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Con
     rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity,
                       np.zeros((len(poses.rows), len(mechanism.actuators))))
     _enough(mechanism, rows, table)
+    named = Named(np.zeros(3) if asked.tool is None else asked.tool, asked.rotation)
     if asked.which == "inverse":
-        return inverse_table(model, poses.poses, rows, asked.tool), rows
+        return inverse_table(model, poses.poses, rows, named), rows
     motion = twists(poses.extra, mechanism)
     if motion is None:
         raise BadInput("no velocity columns", str(table),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
-    return velocity_table(model, poses.poses, motion, rows, asked.tool), rows
+    return velocity_table(model, poses.poses, motion, rows, named), rows
 
 
 def _as_measured(mechanism: Mechanism, dataset: str, result: Table, rows: Conditions

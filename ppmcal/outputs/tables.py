@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ppmcal.compensate import Compensation
 from ppmcal.files import csv_text, json_text
-from ppmcal.files.rotation_text import EULER, columns_of, to_euler, to_quaternion
+from ppmcal.files.rotation_text import EULER, columns_of
 from ppmcal.kinematics import Table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.rotations import to_euler, to_quaternion
 
 Array = NDArray[np.float64]
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
@@ -61,7 +62,7 @@ class Shown:
     Attributes:
         tool: the point whose poses they are, platform axes (3,), m; None for the origin.
         pose: poses (N, 6), SI, in place of the table's; None for those.
-        rotation: a convention of :mod:`ppmcal.files.rotation_text`.
+        rotation: a convention of :mod:`ppmcal.rotations`.
         method: by which forward kinematics was solved, else empty.
     """
 
