@@ -62,7 +62,7 @@ def to_euler(vector: Array, convention: str) -> tuple[Array, Bools]:
 
 
 def euler_rates(angles: Array, convention: str) -> Array:
-    """Return E (N, 3, 3) of Euler angles (N, 3), rad: E times their rates is the angular velocity."""
+    """Return E (N, 3, 3) of Euler angles (N, 3), rad: angular velocity = E times their rates."""
     from scipy.spatial.transform import Rotation
 
     order = convention.removeprefix("euler-")
