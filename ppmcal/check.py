@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.arrays import known
-from ppmcal.closure import Model
+from ppmcal.closure import Closure, Model
 from ppmcal.compensate import named_only
 from ppmcal.dataset import Dataset
-from ppmcal.inverse import home_state
+from ppmcal.inverse import home_state, limb_roots, to_joint
 from ppmcal.kinematics import home_conditioning, inverse_table
 from ppmcal.linear import column_scale, reduce_rows
 from ppmcal.mechanism import Mechanism
@@ -28,6 +28,10 @@ Array = NDArray[np.float64]
 
 SINGULAR_HOME = 0.02
 """A finding: smallest singular value of A at home below this."""
+DEAD_POINT = 0.02
+"""A finding: a limb's transmission at home below this."""
+GOOD_TRANSMISSION = 0.5
+"""A limb above this is not asked whether its tolerances can bring it to a dead point."""
 TRIAL_POSES = 80
 
 
@@ -43,6 +47,33 @@ class LimbGap:
     def open(self) -> bool:
         """Whether the limb does not close."""
         return abs(self.gap) > self.allowed
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """How well a limb's joint moves the platform at home, and how far a dead point is.
+
+    At a dead point (serial singularity) the two roots of the limb's inverse kinematics meet:
+    an R-R limb is stretched or folded, a strut stands square to its rail.
+
+    Attributes:
+        limb: its name; kind: that of the limb.
+        value: a pure number, 0 at a dead point, 1 at best: the sine of the joint's angle from
+            it, or, for a prismatic joint, the part of its motion that goes along the strut.
+        margin: what the limb has left there before it no longer reaches home, m.
+        allowed: by how much digits and tolerances can change that, m.
+    """
+
+    limb: str
+    kind: str
+    value: float
+    margin: float
+    allowed: float
+
+    @property
+    def dead(self) -> bool:
+        """Whether the limb is at a dead point, or its tolerances can bring it there."""
+        return self.value < DEAD_POINT or self.margin < self.allowed
 
 
 @dataclass(frozen=True)
@@ -89,14 +120,17 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
                             f"{g.gap / factor:.4g} {unit}, the file's digits and tolerances "
                             f"allow {g.allowed / factor:.2g} {unit}. Check its points, lengths "
                             "and home.q.")
+    findings += _dead_points(mechanism)
     if value < SINGULAR_HOME:
         findings.append(f"the machine is close to a singularity at home: smallest singular value "
                         f"{value:.2g} (a sound machine has 0.1 to 1). Choose another home pose.")
     rank, columns = 0, 0
     unseen: tuple[str, ...] = ()
     redundant: tuple[str, ...] = ()
+    used: tuple[Dataset, ...] = ()
     if mechanism.free and value >= SINGULAR_HOME:
         used = tuple(datasets) or (trial_dataset(mechanism),)
+    if any(len(d) for d in used):
         rank, columns, unseen, redundant, lost = visibility(mechanism, used)
         if lost:
             findings.append(f"{lost} rows have no pose at their joint values: check q, its unit "
@@ -113,21 +147,8 @@ def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
     model = Model(mechanism)
     everything = tuple(range(len(mechanism.parameters)))
     closure = model.closure(mechanism.home_q, everything)
-    pose = mechanism.home[None]
-    gap = closure.lengths(pose)[0]
-    slopes = closure.error_matrix(pose, everything)[0]
-    by_joint = closure.joint_matrix(pose)[0]
-    by_pose = closure.pose_matrix(pose)[0]
-    digits = np.array([_digit(mechanism, p.quantity, p.value) for p in mechanism.parameters])
-    tau = np.array([p.tolerance if p.tolerance is not None and np.isfinite(p.tolerance)
-                    and not p.fixed else 0.0 for p in mechanism.parameters])
-    joint_digits = np.array([_digit(mechanism, q, v) for q, v in
-                             zip(mechanism.actuator_quantity, mechanism.home_q, strict=True)])
-    pose_digits = np.array([_digit(mechanism, "length" if c < 3 else "angle",
-                                   mechanism.home_pose[c]) for c in mechanism.dof])
-    allowed = (np.abs(slopes) @ digits + np.abs(by_joint) @ joint_digits
-               + np.abs(by_pose) @ pose_digits
-               + 3.0 * np.sqrt(slopes**2 @ tau**2) + 1e-9 * mechanism.reach)
+    gap = closure.lengths(mechanism.home[None])[0]
+    allowed = _allowed(closure)
     out, row = [], 0
     for limb in mechanism.limbs:
         rows = slice(row, row + limb.kind.surface.conditions)
@@ -135,6 +156,73 @@ def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
         worst = int(np.argmax(np.abs(gap[rows]) - allowed[rows]))
         out.append(LimbGap(limb.name, float(gap[rows][worst]), float(allowed[rows][worst])))
     return tuple(out)
+
+
+def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
+    """Return how well each limb's joint moves the platform at home.
+
+    Raises:
+        BadInput: the home pose cannot be reached.
+    """
+    model, pose, state = Model(mechanism), mechanism.home[None], home_state(mechanism)
+    slope = model.closure(state.q).joint_matrix(pose, drive=False)[0]
+    everything = tuple(range(len(mechanism.parameters)))
+    out, row = [], 0
+    for i, limb in enumerate(mechanism.limbs):
+        pair = limb_roots(model, i, pose)[0][0]
+        half = float(pair[1] - pair[0]) / 2.0
+        value = abs(float(slope[row, limb.actuator])) if limb.kind.actuator == "length" else abs(
+            float(np.sin(half)))
+        margin, allowed = np.inf, 0.0
+        if value < GOOD_TRANSMISSION and half > 0.0:
+            # the double root, on the side that this limb is nearer to
+            meet = float(pair[0]) + half + (np.pi if limb.kind.actuator != "length"
+                                            and np.cos(half) < 0.0 else 0.0)
+            q = state.q.copy()
+            q[limb.actuator] = to_joint(model, i, np.array([meet]))[0]
+            closure = model.closure(q, everything)
+            margin = abs(float(closure.lengths(pose)[0, row]))
+            allowed = float(_allowed(closure)[row])
+        out.append(Transmission(limb.name, limb.kind.name, value, margin, allowed))
+        row += limb.kind.surface.conditions
+    return tuple(out)
+
+
+def _dead_points(mechanism: Mechanism) -> list[str]:
+    """Return which limbs are at a dead point at home, or so near that tolerances bring them."""
+    factor, unit = mechanism.units.factor("length"), mechanism.units.length
+    out = []
+    for t in transmissions(mechanism):
+        if not t.dead:
+            continue
+        near = "" if t.value < DEAD_POINT else (
+            f" within its tolerances: it is {t.margin / factor:.2g} {unit} short of one, digits "
+            f"and tolerances allow {t.allowed / factor:.2g} {unit}")
+        out.append(f"limb '{t.limb}' ({t.kind}) is at a dead point at home{near} (serial "
+                   "singularity: stretched, folded or square to its rail, where its two inverse "
+                   f"solutions meet): transmission {t.value:.2g} (0 at the dead point, 1 at best). "
+                   "Choose a home pose away from the limb's end of reach, or check its points and "
+                   "lengths.")
+    return out
+
+
+def _allowed(closure: Closure) -> Array:
+    """Return what last digits and tolerances can do to each condition at home (d,), m.
+
+    ``closure`` must have been asked for every parameter.
+    """
+    mechanism, pose = closure.model.mechanism, closure.model.mechanism.home[None]
+    slopes = closure.error_matrix(pose, tuple(range(len(mechanism.parameters))))[0]
+    digits = np.array([_digit(mechanism, p.quantity, p.value) for p in mechanism.parameters])
+    tau = np.array([p.tolerance if p.tolerance is not None and np.isfinite(p.tolerance)
+                    and not p.fixed else 0.0 for p in mechanism.parameters])
+    joint_digits = np.array([_digit(mechanism, q, v) for q, v in
+                             zip(mechanism.actuator_quantity, mechanism.home_q, strict=True)])
+    pose_digits = np.array([_digit(mechanism, "length" if c < 3 else "angle",
+                                   mechanism.home_pose[c]) for c in mechanism.dof])
+    return np.asarray(np.abs(slopes) @ digits + np.abs(closure.joint_matrix(pose)[0]) @ joint_digits
+                      + np.abs(closure.pose_matrix(pose)[0]) @ pose_digits
+                      + 3.0 * np.sqrt(slopes**2 @ tau**2) + 1e-9 * mechanism.reach)
 
 
 def _digit(mechanism: Mechanism, quantity: str, value: float) -> float:
@@ -151,7 +239,9 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     poses[:, own] += rng.uniform(-1.0, 1.0, (TRIAL_POSES, len(own))) * spread[own]
     if len(mechanism.actuators) < mechanism.conditions:
         poses = named_only(mechanism, poses)
-    table = inverse_table(Model(replace(mechanism, effects=())), poses)
+    bare = replace(mechanism, effects=(), limits=np.tile([-np.inf, np.inf],
+                                                         (len(mechanism.actuators), 1)))
+    table = inverse_table(Model(bare), poses)
     q = table.q[np.array([s == "ok" for s in table.status])]
     data = Dataset.of_poses("poses about home", q, np.zeros((q.shape[0], 6)),
                             (1e-3 * mechanism.length_scale, 1e-3), fitted=False)

@@ -37,11 +37,13 @@ class Forward:
         pose: motors (N, 8), nan where there is none.
         converged: (N,).
         progress: how far of the way from the start each row got, 1 where converged (N,).
+        reason: why a row has no pose, where more is known than that; (N,) or empty.
     """
 
     pose: Array
     converged: Bools
     progress: Array
+    reason: tuple[str, ...] = ()
 
 
 def forward(model: Model, q: Array, start: Array | None = None, start_q: Array | None = None

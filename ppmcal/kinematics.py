@@ -1,8 +1,7 @@
 """Kinematics of tables of poses: status row by row, paths checked for singularities.
 
-Two ways to the same platform pose are kept apart on purpose: Newton on the closure
-(:mod:`ppmcal.forward`), and [PPM]'s intersection of the limbs' kinematic geometric bodies
-(:func:`intersection_pose`), which starts from the closed limbs' end points.
+Platform poses of joint values come from Newton on the closure (:mod:`ppmcal.forward`) unless
+the caller brings others (:mod:`ppmcal.intersection`).
 """
 
 from __future__ import annotations
@@ -18,10 +17,12 @@ from ppmcal.closure import Model
 from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
 from ppmcal.equilibrium import reach
-from ppmcal.forward import conditioning, forward
+from ppmcal.forward import Forward, conditioning, forward
 from ppmcal.inverse import home_state, solve_rows
+from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
-from ppmcal.targets import LACKING, inverse_partial, pose_motor, pose_vector
+from ppmcal.observation import measured_pose
+from ppmcal.targets import LACKING, Named, inverse_partial, pose_motor, pose_vector
 
 Array = NDArray[np.float64]
 
@@ -49,26 +50,41 @@ class Table:
     reason: tuple[str, ...]
 
 
-def inverse_table(model: Model, coordinates: Array, rows: Conditions | None = None) -> Table:
+def inverse_table(model: Model, coordinates: Array, rows: Conditions | None = None,
+                  named: Named | None = None) -> Table:
     """Return joint values of poses (N, 6), nan = open coordinate, as a path in row order.
 
-    ``rows``: the conditions that the machine's effects depend on.
+    ``rows``: the conditions that the machine's effects depend on. ``named``: which point's poses
+    they are and how their rotations are written (default: the platform origin's, as rotation
+    vectors); the poses of the table returned are the platform's own, as rotation vectors.
     """
-    found = inverse_partial(model, coordinates, rows)
+    found = inverse_partial(model, coordinates, rows, named)
     status = ["ok" if r else "unreachable" for r in found.reached]
     return _judged(model, found.q, found.pose, status, list(found.reason))
 
 
-def forward_table(model: Model, q: Array, rows: Conditions | None = None) -> Table:
+def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
+    """Return where the tool point (3,), m in platform axes, is: poses (N, 6) of platform ones."""
+    out = np.full_like(pose, np.nan)
+    good = known(pose)
+    out[good] = measured_pose(Named(tool).station(len(model.mechanism.actuators)),
+                              pose_motor(pose[good]))
+    return out
+
+
+def forward_table(model: Model, q: Array, rows: Conditions | None = None,
+                  found: Forward | None = None) -> Table:
     """Return the poses of joint values (N, k), in home's assembly mode, as a path.
 
-    ``rows``: the conditions that the machine's effects depend on.
+    ``rows``: the conditions that the machine's effects depend on. ``found``: the geometry's
+    poses where they are known already.
     """
-    found = forward(model, q)
+    found = found or forward(model, q)
     status = ["ok" if c else "not converged" for c in found.converged]
-    reason = ["" if c else ("joint values missing" if not np.isfinite(row).all() else
+    reason = ["" if c else ("joint values missing" if not np.isfinite(row).all() else r or
               f"no pose: the way from home ends at {p:.0%} of it (singular or out of reach)")
-              for c, p, row in zip(found.converged, found.progress, q, strict=True)]
+              for c, p, row, r in zip(found.converged, found.progress, q,
+                                      found.reason or [""] * len(q), strict=True)]
     _mark_jumps(model, q, found.pose, status, reason)
     pose = found.pose
     if model.mechanism.effects:
@@ -79,14 +95,16 @@ def forward_table(model: Model, q: Array, rows: Conditions | None = None) -> Tab
 
 
 def velocity_table(model: Model, coordinates: Array, twist: Array,
-                   conditions: Conditions | None = None) -> Table:
+                   conditions: Conditions | None = None, named: Named | None = None) -> Table:
     """Return joint rates of poses moving with ``twist`` (N, 6) vx, vy, vz, wx, wy, wz.
 
     A twist + Jq rate = 0 ([IK] eq. 32 and 49). A machine with fewer actuators than pose
     coordinates takes as many velocity components as it has actuators, the others nan; they
-    follow from the closure. Effects (``conditions``) change the joints, not the rates.
+    follow from the closure. Effects (``conditions``) change the joints, not the rates. Poses and
+    velocities are those of the point that ``named`` says, as in :func:`inverse_table`; the
+    twist's second half is the angular velocity in base axes, however rotations are written.
     """
-    table = inverse_table(model, coordinates, conditions)
+    table = inverse_table(model, coordinates, conditions, named)
     rows = np.flatnonzero([s == "ok" for s in table.status])
     rate = np.full_like(table.q, np.nan)
     status, reason = list(table.status), list(table.reason)
@@ -95,6 +113,9 @@ def velocity_table(model: Model, coordinates: Array, twist: Array,
         closure = model.closure(table.q[rows])
         lines = closure.lines(pose)
         a, jq = closure.pose_matrix(pose, lines), closure.joint_matrix(pose, lines)
+        if named is not None:
+            dof = model.mechanism.dof
+            a = a @ _origin_twist(pose, named.tool)[:, dof][..., dof]
         given = twist[rows][:, model.mechanism.dof]
         for pattern in np.unique(np.isnan(given), axis=0):
             mine = np.flatnonzero((np.isnan(given) == pattern).all(axis=1))
@@ -110,6 +131,14 @@ def velocity_table(model: Model, coordinates: Array, twist: Array,
             else:
                 rate[rows[mine]] = (np.linalg.pinv(jq[mine]) @ right[..., None])[..., 0]
     return Table(table.q, table.pose, rate, table.condition, tuple(status), tuple(reason))
+
+
+def _origin_twist(pose: Array, tool: Array) -> Array:
+    """Return (N, 6, 6) that makes the twist of the platform origin of that of the tool point."""
+    out = np.tile(np.eye(6), (len(pose), 1, 1))
+    # v = v_tool - w x r = v_tool + r x w
+    out[:, :3, 3:] = cross_matrix((cga.rotation_matrix(pose) @ tool[:, None])[..., 0])
+    return out
 
 
 def with_joints(mechanism: Mechanism, data: Dataset) -> Dataset:
@@ -189,70 +218,11 @@ def _mark_jumps(model: Model, q: Array, pose: Array, status: list[str], reason: 
             reason[n] = "the way from the row before leads to another assembly mode"
 
 
-def limb_ends(model: Model, q: Array, pose: Array) -> tuple[Array, Array]:
-    """Return where the closed limbs hold the platform: base axes and platform axes.
-
-    Each limb's passive joints are set to close it ([PPM] eq. 15). The first result is built
-    from the base side (centre, strut direction, strut length) wherever the limb ends in a
-    revolute or spherical joint; the second from the platform's own slots, or, where the
-    limb slides along the platform, from how far it has slid.
-
-    Returns:
-        two arrays (N, L, 3), m.
-    """
-    closure = model.closure(q)
-    contact = closure.contacts(pose)
-    own = cga.move_point(cga.reverse(np.atleast_2d(pose))[:, None, :], contact)
-    ends, local, row = [], [], 0
-    for body in closure.bodies:
-        point = contact[:, row]
-        if body.radius[:, 0].max() > 0.0:
-            centre = cga.coordinates(body.fixed[:, 0])
-            along = point - centre
-            along = along / np.linalg.norm(along, axis=-1, keepdims=True)
-            point = centre + body.radius[:, 0, None] * along
-        ends.append(point)
-        local.append(own[:, row])
-        row += len(body.point_moves)
-    return np.stack(ends, axis=1), np.stack(local, axis=1)
-
-
-def intersection_pose(ends: Array, local: Array) -> Array:
-    """Return platform motors (N, 8) from three limb end points, by [PPM]'s construction.
-
-    Spheres about the end points B_i with the platform's own radii b_i = |local_i| meet in a
-    point pair; its middle is the foot of the platform centre on the plane of the B_i
-    ([PPM] eq. 16-19), which is the centre itself in a planar machine. The orientation comes
-    from that plane and the edge B1 B2 (eq. 20-27).
-
-    Args:
-        ends: end points in base axes (N, 3, 3), not on one line.
-        local: the same points in platform axes (N, 3, 3).
-    """
-    radius = np.linalg.norm(local, axis=-1)
-    pair = cga.meet(*(cga.sphere(ends[:, i], radius[:, i]) for i in range(3)))
-    seen, own = _triad(ends), _triad(local)
-    rotation = seen @ np.swapaxes(own, -1, -2)
-    height = -np.sum(own[..., :, 2] * local[:, 0], axis=-1)
-    centre = cga.middle(pair) + height[:, None] * seen[..., :, 2]
-    return cga.motor_from_matrix(rotation, centre)
-
-
-def _triad(points: Array) -> Array:
-    """Orthonormal axes (N, 3, 3) from three points: edge 1-2, in-plane normal, plane normal."""
-    x = points[:, 1] - points[:, 0]
-    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    z = np.cross(x, points[:, 2] - points[:, 0])
-    z = z / np.linalg.norm(z, axis=-1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=-1)
-
-
 __all__ = [
     "SINGULAR",
     "Table",
     "forward_table",
-    "intersection_pose",
     "inverse_table",
-    "limb_ends",
+    "tool_poses",
     "velocity_table",
 ]

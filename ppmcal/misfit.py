@@ -120,12 +120,11 @@ def misfit(problem: Problem) -> Misfit:
     return Misfit(times, position, rotation, before, after, lost, rows)
 
 
-def refuse_misread(problem: Problem, hints: Sequence[str] = ()) -> Misfit:
+def refuse_misread(problem: Problem) -> Misfit:
     """Refuse measurements that are not of this machine as the files are read.
 
     Args:
         problem: machine and data.
-        hints: what else looks wrong about the files, for the message.
 
     Raises:
         NoResult: neither tolerances nor another geometry explain them.
@@ -146,7 +145,7 @@ def refuse_misread(problem: Problem, hints: Sequence[str] = ()) -> Misfit:
         "the measurements do not fit this machine: registered as well as can be, half of the "
         f"rows miss by more than {' and '.join(parts)}, {found.times:.3g} times what tolerances "
         f"and noise explain{lost}; other dimensions of the machine still leave "
-        f"{found.after:.3g} times the noise", where, " ".join([*hints, mend]))
+        f"{found.after:.3g} times the noise", where, mend)
 
 
 def _few(problem: Problem) -> Problem:

@@ -139,6 +139,17 @@ def by_resultant(closure: Closure, spheres: Bools) -> Found:
     Raises:
         NoResult: infinitely many.
     """
+    return closing(closure, _candidates(closure, rotations(closure, spheres)))
+
+
+def rotations(closure: Closure, spheres: Bools) -> Array:
+    """Return the platform rotations (n,), rad, at which F vanishes, to round-off.
+
+    Some of them may be near a real root only, and close nothing.
+
+    Raises:
+        NoResult: infinitely many poses close.
+    """
     value, size = _rows(closure, _even_angles()).resultant
     if np.max(np.abs(value)) <= NOTHING * size:
         raise NoResult("infinitely many poses close at these joint values, or those of none: the "
@@ -146,7 +157,7 @@ def by_resultant(closure: Closure, spheres: Bools) -> Found:
                        "Choose other joint values, or check the limbs' points and angles")
     angles = _roots(np.fft.fft(value) / SAMPLES)
     _finite_number(closure, angles, int(spheres.sum()))
-    return closing(closure, _candidates(closure, angles))
+    return angles
 
 
 def _roots(spectrum: NDArray[np.complex128]) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,10 +14,11 @@ from ppmcal.conditions import Conditions, unknown_conditions
 from ppmcal.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
 from ppmcal.forward import moved
 from ppmcal.influence import shifted
-from ppmcal.inverse import Inverse, home_state, inverse, solve_rows
+from ppmcal.inverse import Inverse, home_state, inverse, solve_blocks, solve_rows
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, measured_pose
+from ppmcal.rotations import euler_rates, from_euler, to_euler
 
 Array = NDArray[np.float64]
 ITERATIONS = 50
@@ -39,7 +42,31 @@ def base_station(actuators: int) -> Station:
     return Station(cga.identity_motor(), np.zeros(3), np.zeros(3), np.zeros(actuators))
 
 
-def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = None) -> Inverse:
+@dataclass(frozen=True)
+class Named:
+    """What wanted poses of a machine's own frame name.
+
+    Attributes:
+        tool: the point whose position they are, platform axes (3,), m; axes are the platform's.
+        rotation: their convention, of :mod:`ppmcal.rotations`; Euler angles stand in the places of
+            the rotation vector, so that each of them can be left open.
+    """
+
+    tool: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: str = "rotvec"
+
+    @property
+    def euler(self) -> str:
+        """The convention where it is one of Euler angles, else empty."""
+        return self.rotation if self.rotation.startswith("euler") else ""
+
+    def station(self, actuators: int) -> Station:
+        """Return the station that sees the tool's frame in base axes."""
+        return replace(base_station(actuators), target=np.asarray(self.tool, dtype=float))
+
+
+def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = None,
+                    named: Named | None = None) -> Inverse:
     """Return joint values of poses of which only some coordinates are wanted.
 
     Args:
@@ -47,9 +74,14 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
         coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
             name all coordinates of the motion or as many as there are actuators.
         rows: conditions that effects depend on; the joint values make up for the effects.
+        named: what these coordinates are, default those of the platform's own frame.
+
+    Returns:
+        joint values, and the platform's own poses.
     """
     coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
-    found = _inverse_named(model, coordinates)
+    named = named or Named()
+    found = _inverse_named(model, named, coordinates)
     if not model.mechanism.effects:
         return found
     rows = rows or unknown_conditions(*found.q.shape)
@@ -58,8 +90,9 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
         now = shifted(model, rows, found.q, pose)
         usable = row_known(now.shift, len(asked))
         before = found.q
-        found = _inverse_named(now, np.where(usable[:, None], asked, np.nan), ~usable)
-        miss = _missed(model.mechanism, coordinates, platform_pose(found.pose, now.shift))
+        found = _inverse_named(now, named, np.where(usable[:, None], asked, np.nan), ~usable)
+        miss = _missed(model.mechanism, named, coordinates,
+                       platform_pose(found.pose, now.shift))
         asked = asked + miss
         pose = found.pose
         change = np.abs(found.q - before)
@@ -69,9 +102,11 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
     return Inverse(found.q, platform_pose(found.pose, now.shift), found.reason)
 
 
-def _missed(mechanism: Mechanism, wanted: Array, real: Array) -> Array:
+def _missed(mechanism: Mechanism, named: Named, wanted: Array, real: Array) -> Array:
     """Return wanted coordinates (N, 6) less those of real poses; 0 where left open or unknown."""
-    vector = pose_vector(real)
+    vector = measured_pose(named.station(len(mechanism.actuators)), real)
+    if named.euler:
+        return _miss_of_euler(wanted, vector, named.euler)
     angle = np.linalg.norm(vector[:, 3:], axis=1, keepdims=True)
     # beyond half a turn the same rotation has a second vector; take the one that was asked for
     whole = np.where(angle > 0.0, 1.0 - 2.0 * np.pi / np.where(angle > 0.0, angle, 1.0), 1.0)
@@ -83,14 +118,22 @@ def _missed(mechanism: Mechanism, wanted: Array, real: Array) -> Array:
     return miss
 
 
-def _inverse_named(model: Model, coordinates: Array,
+def _miss_of_euler(wanted: Array, vector: Array, euler: str) -> Array:
+    """Return wanted coordinates (N, 6) less those of poses (N, 6), angles by the shorter way."""
+    miss = wanted - np.concatenate([vector[:, :3], to_euler(vector[:, 3:], euler)[0]], axis=1)
+    miss[:, 3:] -= 2.0 * np.pi * np.round(miss[:, 3:] / (2.0 * np.pi))
+    return np.asarray(np.nan_to_num(miss), dtype=float)
+
+
+def _inverse_named(model: Model, named: Named, coordinates: Array,
                    lacking: NDArray[np.bool_] | None = None) -> Inverse:
     """Inverse kinematics of full or partial poses, without regard to platform twists.
 
     ``lacking`` marks rows whose conditions are not known.
     """
     mechanism = model.mechanism
-    full, failed = wanted_poses(model, base_station(len(mechanism.actuators)), coordinates)
+    full, failed = wanted_poses(model, named.station(len(mechanism.actuators)), coordinates,
+                                named.euler)
     if lacking is not None:
         failed = [LACKING if lack else f for f, lack in zip(failed, lacking, strict=True)]
     ready = np.array([not f for f in failed], dtype=bool)
@@ -104,12 +147,14 @@ def _inverse_named(model: Model, coordinates: Array,
     return Inverse(q, pose, tuple(failed))
 
 
-def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, list[str]]:
+def wanted_poses(model: Model, station: Station, wanted: Array, euler: str = ""
+                 ) -> tuple[Array, list[str]]:
     """Return platform poses (N, 6) in the base frame for wanted measured poses (N, 6).
 
     Rows that name all coordinates are carried back in closed form. Where a machine has
     fewer actuators than coordinates and a row leaves some open, pose and joints are solved
-    together: the closure, and the named coordinates as measured.
+    together: the closure, and the named coordinates as measured. Their rotations are vectors, or
+    Euler angles of a convention ``euler``.
     """
     mechanism = model.mechanism
     dof = np.isin(np.arange(6), mechanism.dof)
@@ -124,10 +169,14 @@ def wanted_poses(model: Model, station: Station, wanted: Array) -> tuple[Array, 
     wanted = _within_reason(mechanism, station, wanted, failed)
     whole = ~open_.any(axis=1)
     if whole.any():
-        out[whole] = pose_vector(carried_back(mechanism, station, wanted[whole]))
+        given = wanted[whole]
+        if euler:
+            given = np.concatenate([given[:, :3], from_euler(given[:, 3:], euler)], axis=1)
+        out[whole] = pose_vector(carried_back(mechanism, station, given))
     part = np.flatnonzero((open_.sum(axis=1) == short) & (short > 0))
     if part.size:
-        out[part], _, solved = solve_named(model.take(part), station, wanted[part], open_[part])
+        out[part], _, solved = solve_named(model.take(part), station, wanted[part], open_[part],
+                                            euler)
         for n in part[~solved]:
             failed[n] = failed[n] or ("the open coordinates could not be solved for: "
                                       "no such pose near home")
@@ -160,8 +209,8 @@ def carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Array
     return cga.compose(cga.compose(back, pose_motor(filled)), cga.reverse(body))
 
 
-def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np.bool_]
-                ) -> tuple[Array, Array, NDArray[np.bool_]]:
+def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np.bool_],
+                euler: str = "") -> tuple[Array, Array, NDArray[np.bool_]]:
     """Newton on platform pose and joints: closure and named measured coordinates.
 
     Args:
@@ -169,6 +218,7 @@ def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np
         station: one, or one for each row.
         wanted: measured poses (N, 6).
         open_: coordinates that are not named (N, 6), as many in every row.
+        euler: convention of the wanted rotations, empty for rotation vectors.
 
     Returns:
         platform poses (N, 6), joint values (N, k), and which rows are solved (N,).
@@ -190,8 +240,11 @@ def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np
         by_pose = np.zeros((n, 6, 6))
         by_pose[:, :3, :3] = frame
         by_pose[:, :3, 3:] = -frame @ cross_matrix(arm)
-        by_pose[:, 3:, 3:] = np.linalg.inv(left_jacobian(measured[:, 3:])) @ frame
-        miss = np.take_along_axis(measured - np.nan_to_num(wanted), pick, axis=1)
+        turning, away = _turning(measured, euler), measured - np.nan_to_num(wanted)
+        if euler:
+            away = -_miss_of_euler(wanted, measured, euler)
+        by_pose[:, 3:, 3:] = turning @ frame
+        miss = np.take_along_axis(away, pick, axis=1)
         rows = np.take_along_axis(by_pose[..., mechanism.dof], pick[..., None], axis=1)
         gap = closure.gaps(pose)
         top = np.concatenate([closure.pose_matrix(pose, lines),
@@ -208,3 +261,10 @@ def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np
         move[:, mechanism.dof] = step[:, :len(mechanism.dof)]
         pose, q = moved(pose, move), q + step[:, len(mechanism.dof):]
     return pose_vector(pose), q, solved
+
+
+def _turning(measured: Array, euler: str) -> Array:
+    """Return d(rotation coordinates)/d(turn) (N, 3, 3) at measured poses (N, 6)."""
+    if not euler:
+        return np.asarray(np.linalg.inv(left_jacobian(measured[:, 3:])), dtype=float)
+    return solve_blocks(euler_rates(to_euler(measured[:, 3:], euler)[0], euler), np.eye(3)[None])

@@ -14,12 +14,11 @@ from machines import KINDS, PLANAR, Array
 from ppmcal import algebra as cga
 from ppmcal.closure import Model
 from ppmcal.forward import forward
+from ppmcal.intersection import intersection_pose, limb_ends
 from ppmcal.inverse import home_state, inverse
 from ppmcal.kinematics import (
     forward_table,
-    intersection_pose,
     inverse_table,
-    limb_ends,
     pose_motor,
     pose_vector,
     velocity_table,
@@ -510,7 +509,7 @@ def test_the_intersection_of_the_limbs_bodies_is_newtons_pose(kind: str) -> None
     for mechanism in (machines.plain(kind), machines.full(kind)):
         model = Model(mechanism)
         q, pose = machines.spread(model, 8)
-        ends, local = limb_ends(model, q, pose)
+        ends, local = limb_ends(model.closure(q), pose)
         three = [0, 2, 4] if kind == "U(P)S" else [0, 1, 2]
         found = intersection_pose(ends[:, three], local[:, three])
         assert np.abs(machines.difference(found, pose)).max() < 1e-12

@@ -190,20 +190,48 @@ def test_truth_is_compared_in_the_units_of_the_fit(everything: list[Path]) -> No
     assert c["parameters"][0]["z"] == rows["leg1.base.point.x"].z
 
 
-def test_truth_of_other_measurements_is_marked(tmp_path: Path) -> None:
+def test_truth_of_other_measurements_is_not_compared(tmp_path: Path) -> None:
     sim = write_simulation(tmp_path / "sim")
     fit = write_fit(tmp_path / "fit", identification(inputs={"other.csv": "0" * 64}))
     data = collect([sim, fit])
-    assert "may not belong together" in data.comparisons[0].note
-    assert data.identified[0].positions is None
-    assert "may not belong together" in to_html(data)
+    assert not data.comparisons and data.identified[0].positions is None
+    assert "belongs to none of the identifications shown" in to_html(data)
+    out = to_json(data)
+    assert str(sim) in out["simulations"][0]["note"]
+    assert not any("truth" in a["what"] for a in out["attention"])
+
+
+def test_truth_is_compared_with_its_own_identification_alone(everything: list[Path],
+                                                             tmp_path: Path) -> None:
+    later = write_fit(tmp_path / "later", identification(inputs={"later.csv": "1" * 64}))
+    data = collect([*everything, later])
+    assert [c.identified for c in data.comparisons] == [str(everything[1])]
+    assert to_json(data)["simulations"][0]["note"] == ""
+    assert "belongs to none" not in to_html(data)
+
+
+def test_truth_of_measurements_simulated_again_is_compared(tmp_path: Path) -> None:
+    """Another machine's arithmetic changes last digits, and with them the check sum."""
+    sim, used = write_simulation(tmp_path / "sim"), tmp_path / "run.csv"
+    text = (sim / "measurements.csv").read_text().splitlines()
+    first = text[1].split(",")
+    for change, same in ((1e-14, True), (1e-6, False)):
+        own = [repr(float(first[0]) * (1.0 + change)), *first[1:]]
+        used.write_text("\n".join([text[0], ",".join(own), *text[2:]]) + "\n")
+        sha = hashlib.sha256(used.read_bytes()).hexdigest()
+        fit = write_fit(tmp_path / f"fit{same}", identification(inputs={str(used): sha}))
+        data = collect([sim, fit])
+        assert bool(data.comparisons) == same
+        assert ("belongs to none" in to_html(data)) != same
+    used.write_text(used.read_text() + "\n")
+    assert not collect([sim, tmp_path / "fitTrue"]).comparisons
 
 
 def test_truth_of_a_ratio_is_compared_in_the_units_of_the_fit() -> None:
     ratio = {"name": "leg1.ratio", "error": 2e-5, "sigma": 1e-5, "unit": "m/unit"}
     truth = {"errors": {"leg1.ratio": 0.02}, "units": {"length": "mm", "angle": "deg"}}
-    one = Identified("fit", {}, (ratio,))
-    (c,) = compare([one], [Simulated("sim", truth, None)])
+    one = Identified("fit", {"provenance": {"inputs": {"1": "x"}}}, (ratio,))
+    (c,) = compare([one], [Simulated("sim", truth, None, "x")])
     assert c.rows[0].true == pytest.approx(2e-5)
     odd = {"errors": {"leg1.ratio": {"error": 0.02, "unit": "mm"}, "a": 1.0}}
     a = {"name": "a", "error": 1.0}
@@ -214,9 +242,12 @@ def test_truth_of_a_ratio_is_compared_in_the_units_of_the_fit() -> None:
 
 
 def test_truth_beyond_reason_makes_a_page(tmp_path: Path) -> None:
-    sim, fit = write_simulation(tmp_path / "sim"), write_fit(tmp_path / "fit", identification())
+    sim = write_simulation(tmp_path / "sim")
     (sim / "truth.json").write_text('{"errors": {"leg1.offset": -1.7e308, "leg1.lateral": 1}}')
-    read(to_html(collect([sim, fit])))
+    sha = hashlib.sha256((sim / "measurements.csv").read_bytes()).hexdigest()
+    data = collect([sim, write_fit(tmp_path / "fit", identification(inputs={"m.csv": sha}))])
+    assert data.comparisons
+    read(to_html(data))
 
 
 def test_tiny_numbers_make_a_drawing(tmp_path: Path) -> None:

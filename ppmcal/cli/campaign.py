@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ppmcal.dataset import Dataset
     from ppmcal.mechanism import Mechanism
-    from ppmcal.problem import Problem
 
 
 def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
@@ -58,17 +58,18 @@ def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]
     return tuple(with_joints(mechanism, d) for d in datasets)
 
 
-def refuse_misread(problem: Problem, show: Callable[[str], None]) -> None:
-    """Refuse measurements that are not of this machine, with what looks wrong about the files.
-
-    Raises:
-        NoResult: neither tolerances nor another geometry explain them.
-    """
-    from ppmcal import misfit
+@contextmanager
+def unit_findings_told(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Iterator[list[str]]:
+    """Yield what `check` says of units and limits; a fit that fails inside says it too."""
+    from ppmcal.errors import PpmcalError
     from ppmcal.files import unit_findings
 
-    show("comparing the measurements with the nominal machine")
-    misfit.refuse_misread(problem, unit_findings(problem.mechanism, problem.datasets))
+    found = unit_findings(mechanism, datasets)
+    try:
+        yield found
+    except PpmcalError as error:
+        mend = " ".join([*found, error.mend]).strip()
+        raise type(error)(error.what, error.where, mend) from None
 
 
 def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:

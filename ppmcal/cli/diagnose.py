@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ppmcal.cli.campaign import load, refuse_misread
+from ppmcal.cli.campaign import load, unit_findings_told
 from ppmcal.cli.common import (
     FILE,
     Console,
@@ -58,9 +58,12 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     pictures gap.svg, actuators.svg, inputs.svg, ranking.svg and, where effects cannot be told
     apart, alternatives.svg.
     """
+    from dataclasses import replace
+
     from ppmcal.diagnose.run import Options, diagnose
     from ppmcal.files import Output, provenance
     from ppmcal.files.output import plain
+    from ppmcal.misfit import refuse_misread
     from ppmcal.outputs.diagnosis import files, summary
     from ppmcal.problem import Problem
     from ppmcal.report.standalone import diagnosis_files, need_png
@@ -72,9 +75,11 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     mechanism, datasets = load(mech, data, patterns)
     seed = 0 if seed is None else seed
     problem = Problem(mechanism, datasets, mechanism.free)
-    with console.progress("Diagnosing") as show:
-        refuse_misread(problem, show)
+    with unit_findings_told(mechanism, datasets) as units, console.progress("Diagnosing") as show:
+        show("comparing the measurements with the nominal machine")
+        refuse_misread(problem)
         result = diagnose(problem, Options(holdout, seed, draws, kinds or None), show)
+    result = replace(result, findings=(*units, *result.findings))
     inputs = [*mechanism.inputs, *(str(t) for t in data),
               *(str(t.with_suffix(".yaml")) for t in data)]
     source = provenance(inputs, command_line(), seed)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ppmcal.cli.campaign import load, readable, refuse_misread, started
+from ppmcal.cli.campaign import load, readable, started, unit_findings_told
 from ppmcal.cli.common import (
     FILE,
     Console,
@@ -75,6 +75,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     from ppmcal.compare import carried_on
     from ppmcal.files import Output, provenance
     from ppmcal.fit import Options
+    from ppmcal.misfit import refuse_misread
     from ppmcal.outputs.identification import files, summary
     from ppmcal.outputs.knowledge import read_posterior, refuse_twice
     from ppmcal.problem import Problem
@@ -107,13 +108,14 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
                       earlier=before.data() if before else None)
     if prior == "flat":
         _refuse_lost(problem, mech)
-    with console.progress("Fitting") as show:
-        refuse_misread(problem, show)
+    with unit_findings_told(mechanism, datasets) as units, console.progress("Fitting") as show:
+        show("comparing the measurements with the nominal machine")
+        refuse_misread(problem)
         fit, odd = _fitted(problem, options, sigma, console, show)
         result = report(fit, options, fraction, seed, other)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
-    result = replace(result, findings=(*notes, *result.findings), earlier=before)
+    result = replace(result, findings=(*notes, *units, *result.findings), earlier=before)
     with Output(out) as output:
         for name, text in files(result, source, chosen).items():
             output.add(name, text)

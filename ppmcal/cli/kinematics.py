@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ppmcal.conditions import Conditions
     from ppmcal.kinematics import Table
     from ppmcal.mechanism import Mechanism
+    from ppmcal.outputs.tables import Shown
 
 
 @click.command("kinematics")
@@ -33,45 +34,110 @@ if TYPE_CHECKING:
 @click.argument("mech", type=FILE)
 @click.argument("table", type=FILE)
 @out_option("kinematics")
+@click.option("--tool", default=None, metavar="X,Y,Z",
+              help="Poses and velocities are those of this point in platform axes (X,Y where the "
+              "machine is planar), in the unit of MECH; its axes are the platform's  [default: "
+              "the platform origin].")
+@click.option("--rotation", default="rotvec", show_default=True, metavar="CONVENTION",
+              help="Spatial rotations in TABLE and in the results: rotvec (columns rx, ry, rz; a "
+              "quaternion is read too), quat (quat_x, quat_y, quat_z, quat_w), or euler-xyz and "
+              "the like: fixed axes in small letters, moving axes in capitals, any of the 24 "
+              "orders (euler_1, euler_2, euler_3, in the order of the letters).")
+@click.option("--method", type=click.Choice(["newton", "intersection"]), default="newton",
+              show_default=True, help="forward: newton on the closure; or, for planar machines, "
+              "the intersection of the limbs' circles and lines, as in the PPM paper.")
 @click.option("--dataset", metavar="NAME", default=None,
               help="forward: the pose as this instrument of the model file would measure it.")
 @quiet_option
 @json_option
-def command(which: str, mech: Path, table: Path, out: Path, dataset: str | None, quiet: bool,
-            as_json: bool) -> None:
-    """Kinematics of every row of TABLE (poses, joints, or poses with velocities).
+def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, rotation: str,
+            method: str, dataset: str | None, quiet: bool, as_json: bool) -> None:
+    r"""Kinematics of every row of TABLE (poses, joints, or poses with velocities).
 
     Rows are a path in their order: singularities crossed and assembly modes changed on the
-    way are marked. Writes kinematics.csv and kinematics.json.
+    way are marked. Velocities vx, vy, vz, wx, wy, wz are those of the tool point and the
+    angular velocity in base axes. Writes kinematics.csv and kinematics.json.
+
+    \b
+    ppmcal kinematics inverse 6-UPS.yaml poses.csv
+    ppmcal kinematics inverse 6-UPS.yaml poses.csv --tool 0,0,120
+    ppmcal kinematics inverse 6-UPS.yaml poses.csv --rotation euler-ZYX
+    ppmcal kinematics forward 6-UPS.yaml joints.csv --rotation quat
+    ppmcal kinematics forward 3-RPR.yaml joints.csv --method intersection
+    ppmcal kinematics velocity 3-RPR.yaml moves.csv --tool 30,-15
     """
     from ppmcal.files import Output, provenance, read_mechanism
-    from ppmcal.outputs.tables import kinematics_files
+    from ppmcal.files.rotation_text import check_convention
+    from ppmcal.outputs.tables import LOCKED, kinematics_files
 
     console = Console(quiet, as_json)
+    if which != "forward" and (dataset is not None or method != "newton"):
+        raise click.UsageError(f"{'--method' if dataset is None else '--dataset'} goes with "
+                               "forward.")
+    if dataset is not None and tool is not None:
+        raise click.UsageError("--tool and --dataset do not go together: the instrument measures "
+                               "its own target.")
     mechanism = read_mechanism(mech)
-    result, rows = _solve(which, mechanism, table)
-    seen = None
-    if dataset is not None:
-        if which != "forward":
-            raise click.UsageError("--dataset goes with forward.")
-        seen = _as_measured(mechanism, dataset, result, rows)
+    asked = _Asked(which, _point(tool, mechanism), check_convention(rotation, mechanism), method)
+    result, rows = _solve(asked, mechanism, table)
+    shown = _shown(asked, mechanism, dataset, result, rows)
     header, columns = input_columns(table)
     source = provenance([*mechanism.inputs, table], command_line(), None)
+    files, locked = kinematics_files(mechanism, result, header, columns, which, source, shown)
     with Output(out) as output:
-        for name, text in kinematics_files(mechanism, result, header, columns, which, source,
-                                           seen).items():
+        for name, text in files.items():
             output.add(name, text)
     bad = [(n + 1, s, r) for n, (s, r) in enumerate(zip(result.status, result.reason, strict=True))
            if s != "ok"]
     console.say(f"{mechanism.name}: {which} kinematics of {counted(len(result.status), 'row')}, "
                 f"{len(result.status) - len(bad)} ok.")
+    if locked:
+        console.say(f"{counted(locked, 'row')}: {LOCKED}.")
     console.warn_rows(mechanism.findings, [f"row {n}: {s}: {r}" for n, s, r in bad])
     finish(out, list(output.files), console)
     console.summary({"format": "ppmcal/kinematics/1", "rows": len(result.status),
-                     "not_ok": len(bad), "provenance": source})
+                     "not_ok": len(bad), "gimbal_lock": locked, "provenance": source})
     if bad and all(s in ("not converged", "singular") for s in result.status):
         raise click.exceptions.Exit(3)
     leave(bool(bad))
+
+
+class _Asked(NamedTuple):
+    """What is asked for; ``tool`` (3,), m, None for the platform origin."""
+
+    which: str
+    tool: NDArray[Any] | None
+    rotation: str
+    method: str
+
+
+def _point(tool: str | None, mechanism: Mechanism) -> NDArray[Any] | None:
+    """Return the tool point (3,), m; one of a planar machine is in its plane."""
+    from ppmcal.errors import BadInput
+    from ppmcal.files.point_text import read_point
+
+    if tool is None:
+        return None
+    point = read_point(tool, mechanism)
+    if mechanism.motion == "planar" and point[2] != 0.0:
+        raise BadInput("the tool of a planar machine is a point of its plane", "--tool",
+                       f"Write X,Y in {mechanism.units.length}")
+    return point
+
+
+def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: Table,
+           rows: Conditions) -> Shown:
+    """Return how the results are to be written."""
+    from ppmcal.closure import Model
+    from ppmcal.kinematics import tool_poses
+    from ppmcal.outputs.tables import Shown
+
+    pose = None
+    if dataset is not None:
+        pose = _as_measured(mechanism, dataset, result, rows)
+    elif asked.tool is not None:
+        pose = tool_poses(Model(mechanism), result.pose, asked.tool)
+    return Shown(asked.tool, pose, asked.rotation, asked.method if asked.which == "forward" else "")
 
 
 def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
@@ -86,32 +152,37 @@ def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
                        f"of {mechanism.source}")
 
 
-def _solve(which: str, mechanism: Mechanism, table: Path) -> tuple[Table, Conditions]:
+def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Conditions]:
     import numpy as np
 
     from ppmcal.closure import Model
     from ppmcal.conditions import conditions
     from ppmcal.errors import BadInput
     from ppmcal.files import read_joints, read_poses, twists
+    from ppmcal.intersection import forward_by_intersection
     from ppmcal.kinematics import forward_table, inverse_table, velocity_table
+    from ppmcal.targets import Named
 
     model = Model(mechanism)
-    if which == "forward":
+    if asked.which == "forward":
         joints = read_joints(table, mechanism)
         rows = conditions(joints.conditions, mechanism.actuators, mechanism.gravity, joints.q)
         _enough(mechanism, rows, table)
-        return forward_table(model, joints.q, rows), rows
-    poses = read_poses(table, mechanism)
+        found = (forward_by_intersection(model, joints.q) if asked.method == "intersection"
+                 else None)
+        return forward_table(model, joints.q, rows, found), rows
+    poses = read_poses(table, mechanism, asked.rotation)
     rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity,
                       np.zeros((len(poses.rows), len(mechanism.actuators))))
     _enough(mechanism, rows, table)
-    if which == "inverse":
-        return inverse_table(model, poses.poses, rows), rows
+    named = Named(np.zeros(3) if asked.tool is None else asked.tool, asked.rotation)
+    if asked.which == "inverse":
+        return inverse_table(model, poses.poses, rows, named), rows
     motion = twists(poses.extra, mechanism)
     if motion is None:
         raise BadInput("no velocity columns", str(table),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
-    return velocity_table(model, poses.poses, motion, rows), rows
+    return velocity_table(model, poses.poses, motion, rows, named), rows
 
 
 def _as_measured(mechanism: Mechanism, dataset: str, result: Table, rows: Conditions

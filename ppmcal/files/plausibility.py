@@ -1,4 +1,4 @@
-"""Are the numbers in the units that the files declare? Plain comparisons, no kinematics.
+"""Are the numbers in the units that the files declare? Plain comparisons.
 
 A wrong unit shows as a factor: 1000 (mm against m), 57.3 (deg against rad), 25.4 (in against
 mm). Each finding is one sentence that names file and place, and says how to mend it.
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ppmcal.dataset import Dataset
 from ppmcal.files.columns import row_list
 from ppmcal.files.sidecar import sidecar_path
+from ppmcal.inverse import home_state
 from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -31,13 +32,17 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> lis
     Args:
         mechanism: the machine, SI.
         datasets: its measurements, SI.
+
+    Raises:
+        BadInput: the home pose cannot be reached.
     """
-    out = _machine(mechanism)
+    outside = _home_outside(mechanism)
+    out = [*_machine(mechanism), *outside.values()]
     for data in datasets:
         out += _positions(mechanism, data)
         out += _rotations(data)
         for i, name in enumerate(mechanism.actuators):
-            out += _joint(mechanism, data, i, name)
+            out += _joint(mechanism, data, i, name, i not in outside)
         out += _swapped(mechanism, data)
     return out
 
@@ -54,6 +59,30 @@ def _machine(mechanism: Mechanism) -> list[str]:
                    "more than a whole turn; are the angles in degrees? Write `units: {angle: "
                    "deg}`.")
     return out
+
+
+def _home_outside(mechanism: Mechanism) -> dict[int, str]:
+    """Return, by joint, that home itself is outside its limits."""
+    out = {}
+    for i, (name, q, bounds, (factor, unit)) in enumerate(zip(
+            mechanism.actuators, home_state(mechanism).q.tolist(), mechanism.limits,
+            mechanism.joint_units, strict=True)):
+        if _beyond(np.array([q]), bounds)[0]:
+            limbs = [f"'{limb.name}'" for limb in mechanism.limbs if limb.actuator == i]
+            given = "home.q" if np.isfinite(mechanism.home_q[i]) else "home.pose"
+            out[i] = (f"{mechanism.source}: {given}: home is outside the limits of {name} (limb"
+                      f"{'s' * (len(limbs) > 1)} {', '.join(limbs)}): "
+                      f"{name} = {f'{q / factor:.6g} {unit}'.strip()} at home, limits "
+                      f"{f'[{bounds[0] / factor:.6g}, {bounds[1] / factor:.6g}] {unit}'.strip()}; "
+                      "check home, limits and their units.")
+    return out
+
+
+def _beyond(q: Array, bounds: tuple[float, float]) -> NDArray[np.bool_]:
+    """Which joint values (N,) are outside their limits, by more than round-off."""
+    low, high = bounds
+    slack = 1e-9 * (1.0 + abs(low) + abs(high)) if np.isfinite([low, high]).all() else 0.0
+    return np.asarray((q < low - slack) | (q > high + slack))
 
 
 def _sidecar(data: Dataset) -> str:
@@ -111,17 +140,16 @@ def _rotations(data: Dataset) -> list[str]:
     return []
 
 
-def _joint(mechanism: Mechanism, data: Dataset, index: int, name: str) -> list[str]:
-    """Compare one joint's values with its limits, its home value, and the machine's size."""
+def _joint(mechanism: Mechanism, data: Dataset, index: int, name: str, limited: bool
+           ) -> list[str]:
+    """Compare one joint's values with its limits (if they hold at home), home and the reach."""
     q = data.q[:, index]
     finite = q[np.isfinite(q)]
     if not finite.size:
         return []
     place = f"{data.source}: column q_{name}"
-    low, high = mechanism.limits[index]
-    slack = 1e-9 * (1.0 + abs(low) + abs(high)) if np.isfinite([low, high]).all() else 0.0
-    outside = np.flatnonzero((q < low - slack) | (q > high + slack))
-    if outside.size:
+    outside = np.flatnonzero(_beyond(q, mechanism.limits[index]))
+    if outside.size and limited:
         rows = row_list(data.rows[outside] - 1)
         return [f"{place}: {rows}: outside the limits of {name}; check the limits in "
                 f"{mechanism.source}, and the column's unit and order."]

@@ -13,6 +13,7 @@ from ppmcal.errors import BadInput
 from ppmcal.files import columns as cols
 from ppmcal.files.columns import further_columns, joint_factors, stacked
 from ppmcal.files.pose_text import COORDINATES, QUATERNION
+from ppmcal.files.rotation_text import EULER, under_vector_names
 from ppmcal.files.schema import hint
 from ppmcal.files.table import Table, read_table
 from ppmcal.mechanism import Mechanism
@@ -50,8 +51,12 @@ class JointTable(NamedTuple):
     conditions: Mapping[str, Array]
 
 
-def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
+def read_poses(path: str | os.PathLike[str], mechanism: Mechanism, rotation: str = "rotvec"
+               ) -> PoseTable:
     """Return the poses of a CSV: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
+
+    ``rotation`` is one of :data:`ppmcal.rotations.CONVENTIONS`; Euler angles stand in the places of
+    the rotation vector, rad.
 
     Coordinates of the machine may be left empty or out (nan): as many must be given as there
     are actuators, row by row; that is the solver's to refuse.
@@ -60,7 +65,10 @@ def read_poses(path: str | os.PathLike[str], mechanism: Mechanism) -> PoseTable:
         BadInput: no pose column at all, a coordinate that the machine does not have, or any
             fault of the CSV.
     """
-    table = read_table(path, loose=_may_be_text)
+    table = read_table(path, loose=lambda name: _may_be_text(name) and not (
+        name in EULER and rotation.startswith("euler")))
+    if mechanism.motion == "spatial":
+        table = under_vector_names(table, rotation)
     mine = (*mechanism.coordinates,
             *(QUATERNION if mechanism.motion == "spatial" else ()))
     own = [c for c in table.header if c in mine]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,13 @@ from numpy.typing import NDArray
 
 from ppmcal.compensate import Compensation
 from ppmcal.files import csv_text, json_text
+from ppmcal.files.rotation_text import EULER, columns_of
 from ppmcal.kinematics import Table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.rotations import to_euler, to_quaternion
 
 Array = NDArray[np.float64]
+LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
 
 
 def joint_columns(mechanism: Mechanism, q: Array, pattern: str) -> dict[str, Array]:
@@ -38,6 +42,8 @@ def unit_map(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
         bare = name.removeprefix("cmd_")
         if bare in POSE_COORDINATES:
             out[name] = angle if bare.startswith("r") else length
+        elif name in EULER:
+            out[name] = angle
         elif name.startswith(("q_", "rate_")):
             unit = joints.get(name.removeprefix("q_").removeprefix("rate_")
                               .removesuffix("_nominal"), "")
@@ -49,32 +55,75 @@ def unit_map(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
     return out
 
 
+@dataclass(frozen=True)
+class Shown:
+    """How the poses of kinematics.csv are written.
+
+    Attributes:
+        tool: the point whose poses they are, platform axes (3,), m; None for the origin.
+        pose: poses (N, 6), SI, in place of the table's; None for those.
+        rotation: a convention of :mod:`ppmcal.rotations`.
+        method: by which forward kinematics was solved, else empty.
+    """
+
+    tool: Array | None = None
+    pose: Array | None = None
+    rotation: str = "rotvec"
+    method: str = ""
+
+    def columns(self, mechanism: Mechanism, pose: Array) -> tuple[dict[str, Array],
+                                                                  NDArray[np.bool_]]:
+        """Return pose columns in file units, and rows whose Euler angles are not unique (N,)."""
+        own, locked = pose_columns(mechanism, pose), np.zeros(len(pose), dtype=bool)
+        if self.rotation == "rotvec":
+            return own, locked
+        own = {k: v for k, v in own.items() if not k.startswith("r")}
+        if self.rotation == "quat":
+            turned = to_quaternion(pose[:, 3:])
+        else:
+            turned, locked = to_euler(pose[:, 3:], self.rotation)
+            turned = turned / mechanism.units.factor("angle")
+        return own | dict(zip(columns_of(self.rotation), turned.T, strict=True)), locked
+
+    def record(self, mechanism: Mechanism) -> dict[str, Any]:
+        """Return what kinematics.json says of it."""
+        out: dict[str, Any] = {"rotation": self.rotation}
+        if self.tool is not None:
+            out["tool"] = {"point": self.tool / mechanism.units.factor("length"),
+                           "unit": mechanism.units.length}
+        return out | ({"method": self.method} if self.method else {})
+
+
 def kinematics_files(mechanism: Mechanism, table: Table, header: Sequence[str],
                      columns: Sequence[Any], which: str, provenance: Mapping[str, Any],
-                     pose: Array | None = None) -> dict[str, str]:
-    """Return kinematics.csv and kinematics.json. ``pose`` replaces the table's (forward)."""
+                     shown: Shown | None = None) -> tuple[dict[str, str], int]:
+    """Return kinematics.csv and kinematics.json, and how many rows are in gimbal lock."""
+    shown = shown or Shown()
+    pose, locked = shown.columns(mechanism, table.pose if shown.pose is None else shown.pose)
     added: dict[str, Any] = {}
-    if which == "inverse":
-        added |= joint_columns(mechanism, table.q, "q_{}")
-        added |= {k: v for k, v in pose_columns(mechanism, table.pose).items() if k not in header}
-    elif which == "forward":
-        added |= pose_columns(mechanism, table.pose if pose is None else pose)
+    solved = list(columns)
+    if which == "forward":
+        added |= pose
     else:
         added |= joint_columns(mechanism, table.q, "q_{}")
-        added |= joint_columns(mechanism, table.rate, "rate_{}")
-    solved = list(columns)
+        solved = _open_columns(header, columns, pose) if which == "inverse" else solved
+        locked[:] = False
     if which == "inverse":
-        solved = _open_columns(header, columns, pose_columns(mechanism, table.pose))
+        added |= {k: v for k, v in pose.items() if k not in header}
+    if which == "velocity":
+        added |= joint_columns(mechanism, table.rate, "rate_{}")
     own = dict(zip(header, solved, strict=True))
-    added |= {"condition": table.condition, "status": list(table.status),
-              "reason": list(table.reason)}
+    added |= {"condition": table.condition, "status": list(table.status), "reason": [
+        LOCKED if lock and not r else r for r, lock in zip(table.reason, locked, strict=True)]}
     # what was computed stands in place of input columns of the same name
     together = {**own, **added}
     names, data = list(together), list(together.values())
     counts = {s: table.status.count(s) for s in sorted(set(table.status))}
     meta = {"format": "ppmcal/kinematics/1", "which": which, "rows": len(table.status),
-            "status": counts, "units": unit_map(mechanism, names), "provenance": dict(provenance)}
-    return {"kinematics.csv": csv_text(names, data), "kinematics.json": json_text(meta)}
+            "status": counts, "units": unit_map(mechanism, names), **shown.record(mechanism),
+            "provenance": dict(provenance)}
+    return ({"kinematics.csv": csv_text(names, data), "kinematics.json": json_text(meta)},
+            int(locked.sum()))
 
 
 def _open_columns(header: Sequence[str], columns: Sequence[Any], found: Mapping[str, Array]

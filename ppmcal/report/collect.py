@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,8 @@ DIAGNOSIS = {
 LOOSE = {"findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE, "name": TEXT}
 TRUTH = {"units": {"*": TEXT}, "provenance": _PROVENANCE}
 
+ROUND_OFF = 1e-11
+"""Measurements are the same where they differ by less than this part of a column's largest."""
 KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.csv",
          "residuals.csv", "identified.yaml", "diagnosis.json", "effects.csv", "commands.csv",
          "commands.json", "kinematics.csv", "kinematics.json", "check.json", "poses.csv",
@@ -100,6 +103,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
         _refuse_strange(folder)
         for key, part in _parts(folder):
             found[key].append(part)
+    found["simulated"] = [_with_twins(s, found["identified"]) for s in found["simulated"]]
     identified = tuple(_with_positions(i, found["simulated"]) for i in found["identified"])
     parts = {k: tuple(v) for k, v in found.items() if k != "identified"}
     return ReportData(tuple(str(d) for d in unique), identified, **parts,
@@ -181,6 +185,40 @@ def _simulated(folder: Path) -> Simulated:
     return Simulated(str(folder), read_json(truth, TRUTH) if truth.is_file() else None,
                      read_columns(file, whole=False, wanted=_is_place) if here else None,
                      digest(file) if here else "")
+
+
+def _with_twins(one: Simulated, identified: Sequence[Identified]) -> Simulated:
+    """Find the inputs of identifications that hold the same measurements to round-off."""
+    if one.truth is None or not one.digest:
+        return one
+    file, twins = Path(one.folder) / "measurements.csv", set[str]()
+    for fit in identified:
+        inputs: dict[str, str] = (fit.record.get("provenance") or {}).get("inputs") or {}
+        twins |= {own for name, own in inputs.items()
+                  if name.endswith(".csv") and own not in ("", one.digest)
+                  and digest(Path(name)) == own and _same_numbers(file, Path(name))}
+    return replace(one, twins=tuple(sorted(twins)))
+
+
+def _same_numbers(one: Path, other: Path) -> bool:
+    """Whether two CSV files have the same columns, and numbers that differ by round-off at most."""
+    try:
+        a, b = (read_columns(p, whole=False, numeric=lambda _: False) for p in (one, other))
+    except BadInput:
+        return False
+    return a.header == b.header and a.size == b.size and all(
+        _same_column(a.words(name), b.words(name)) for name in a.header)
+
+
+def _same_column(one: Sequence[str], other: Sequence[str]) -> bool:
+    if tuple(one) == tuple(other):
+        return True
+    try:
+        a, b = (np.array([float(v or "nan") for v in column]) for column in (one, other))
+    except ValueError:
+        return False
+    largest = float(np.max(np.abs(a), initial=0.0, where=np.isfinite(a)))
+    return np.allclose(a, b, rtol=0.0, atol=ROUND_OFF * largest, equal_nan=True)
 
 
 def _is_place(column: str) -> bool:

@@ -63,12 +63,16 @@ class Identified:
 
 @dataclass(frozen=True)
 class Simulated:
-    """Output of ``simulate``; ``digest`` is the SHA-256 of its measurements.csv."""
+    """Output of ``simulate``; ``digest`` is the SHA-256 of its measurements.csv.
+
+    ``twins``: check sums of other files that hold the same measurements to round-off.
+    """
 
     folder: str
     truth: Record | None
     measurements: Columns | None
     digest: str = ""
+    twins: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,7 @@ class TruthRow:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Simulated truth against what was identified; ``note`` says what to bear in mind."""
+    """Simulated truth against what was identified; ``note`` says what is left out."""
 
     truth: str
     identified: str

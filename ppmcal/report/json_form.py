@@ -16,6 +16,7 @@ from ppmcal.report.design_section import look_at
 from ppmcal.report.page import summary, title
 from ppmcal.report.residuals import used, white
 from ppmcal.report.sections import excluded_rows
+from ppmcal.report.truth import stray_note
 
 
 def to_json(data: ReportData) -> dict[str, Any]:
@@ -35,7 +36,8 @@ def to_json(data: ReportData) -> dict[str, Any]:
         "kinematics": [_table(r) for r in data.kinematics],
         "simulations": [{"folder": s.folder, "truth": s.truth,
                          "rows": s.measurements.size if s.measurements is not None else None,
-                         "sha256": s.digest} for s in data.simulated],
+                         "sha256": s.digest, "note": stray_note(s, data.identified)}
+                        for s in data.simulated],
         "others": [{"folder": o.folder, "kind": o.kind, "record": o.record,
                     "rows": o.table.size if o.table is not None else None} for o in data.others],
         "designs": [{"folder": d.folder, "kind": d.kind, "record": d.record, "rows": d.rows,

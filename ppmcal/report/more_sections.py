@@ -133,12 +133,12 @@ def scalars(record: Mapping[str, Any]) -> str:
     return table("", ["what", "value"], pairs)
 
 
-def simulation_section(s: Simulated) -> str:
-    """Return what was simulated."""
+def simulation_section(s: Simulated, note: str = "") -> str:
+    """Return what was simulated; ``note`` is what to say of its truth."""
     rows = count(s.measurements.size, "measurement") if s.measurements is not None else "no CSV"
     seed = number((s.truth or {}).get("seed"))
     text = f"{rows} simulated in {s.folder}" + (f", seed {seed:.0f}." if seed is not None else ".")
-    return "<h2>Simulation</h2>" + paragraph(text)
+    return "<h2>Simulation</h2>" + paragraph(text) + paragraph(note)
 
 
 def truth_section(c: Comparison) -> str:

@@ -26,6 +26,7 @@ from ppmcal.report.sections import identified_section
 from ppmcal.report.style import CSS, SCRIPT
 from ppmcal.report.tables import amount, definitions, paragraph, table, words
 from ppmcal.report.text import figure, headline
+from ppmcal.report.truth import stray_note
 
 
 def to_html(data: ReportData) -> str:
@@ -46,7 +47,8 @@ def to_html(data: ReportData) -> str:
     body += [export_section(o) for o in data.exported]
     compared = {c.truth for c in data.comparisons}
     body += [truth_section(c) for c in data.comparisons]
-    body += [simulation_section(s) for s in data.simulated if s.folder not in compared]
+    body += [simulation_section(s, stray_note(s, data.identified)) for s in data.simulated
+             if s.folder not in compared]
     body.append(_provenance(data))
     return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width,initial-scale=1">'

@@ -14,28 +14,34 @@ PER_UNIT = "/unit"
 
 def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
             ) -> tuple[Comparison, ...]:
-    """Return one comparison for each identification whose measurements were simulated here.
-
-    A truth belongs to an identification that names the check sum of its measurements; a
-    single truth is also compared without one, with a note.
-    """
-    known = [s for s in simulated if s.truth is not None]
+    """Return one comparison for each identification whose measurements were simulated here."""
     out = []
     for one in identified:
-        inputs = ((one.record.get("provenance") or {}).get("inputs") or {}).values()
-        own = [s for s in known if s.digest and s.digest in inputs]
-        note = ""
-        if not own and len(known) == 1:
-            own = known
-            if inputs:
-                note = ("The identification does not name these measurements among its inputs: "
-                        "they may not belong together.")
-        for source in own:
-            rows, skipped = _rows(one, source.truth or {})
+        for source in simulated:
+            if source.truth is None or not belongs(source, one):
+                continue
+            rows, skipped = _rows(one, source.truth)
             units = f"Units do not match and are left out: {', '.join(skipped)}." * bool(skipped)
             if rows:
-                out.append(Comparison(source.folder, one.folder, rows, f"{note} {units}".strip()))
+                out.append(Comparison(source.folder, one.folder, rows, units))
     return tuple(out)
+
+
+def belongs(source: Simulated, one: Identified) -> bool:
+    """Whether the identification used these measurements: it names the check sum of a file of them.
+
+    A campaign that was simulated again elsewhere differs in its last digits: a twin.
+    """
+    inputs = ((one.record.get("provenance") or {}).get("inputs") or {}).values()
+    return any(d in inputs for d in (source.digest, *source.twins) if d)
+
+
+def stray_note(source: Simulated, identified: Sequence[Identified]) -> str:
+    """Return that a truth belongs to none of the identifications shown; empty if it does."""
+    if source.truth is None or not identified or any(belongs(source, i) for i in identified):
+        return ""
+    return (f"The truth in {source.folder} belongs to none of the identifications shown: they "
+            "used other measurements, so nothing is compared.")
 
 
 def true_errors(truth: Record) -> dict[str, tuple[float, str]]:

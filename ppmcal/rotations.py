@@ -1,0 +1,87 @@
+"""Euler angles and quaternions of rotations, in SciPy's conventions.
+
+``euler-xyz`` (small letters) turns about the fixed axes of the base, first x, then y, then z;
+``euler-XYZ`` (capitals) about the axes that turn along. All twelve orders of each are known, also
+those that name one axis twice (``euler-ZYZ``).
+"""
+
+from __future__ import annotations
+
+import warnings
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.arrays import known
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+ORDERS = tuple("".join(o) for letters in ("xyz", "XYZ") for o in product(letters, repeat=3)
+               if o[0] != o[1] != o[2])
+CONVENTIONS = ("rotvec", "quat", *(f"euler-{o}" for o in ORDERS))
+GIMBAL = 1e-6
+"""Gimbal lock: the second angle is within this, rad, of where the others turn about one axis."""
+
+
+def from_euler(angles: Array, convention: str) -> Array:
+    """Return rotation vectors (N, 3), rad, of Euler angles (N, 3), rad; nan rows stay nan."""
+    from scipy.spatial.transform import Rotation
+
+    out = np.full_like(angles, np.nan)
+    good = known(angles)
+    if good.any():
+        order = convention.removeprefix("euler-")
+        out[good] = Rotation.from_euler(order, angles[good]).as_rotvec()
+    return out
+
+
+def to_euler(vector: Array, convention: str) -> tuple[Array, Bools]:
+    """Return Euler angles (N, 3), rad, of rotation vectors (N, 3), and rows in gimbal lock (N,).
+
+    In gimbal lock only the sum or difference of the first and the third angle is known: the third
+    one is 0.
+    """
+    from scipy.spatial.transform import Rotation
+
+    out = np.full_like(vector, np.nan)
+    good = known(vector)
+    if not good.any():
+        return out, good
+    order: Any = convention.removeprefix("euler-")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Gimbal lock")
+        out[good] = Rotation.from_rotvec(vector[good]).as_euler(order)
+    proper = order[0] == order[2]
+    sine = np.abs(np.sin(out[:, 1]) if proper else np.cos(out[:, 1]))
+    with np.errstate(invalid="ignore"):
+        locked = good & (sine < GIMBAL) & (out[:, 2] == 0.0)
+    return out, locked
+
+
+def euler_rates(angles: Array, convention: str) -> Array:
+    """Return E (N, 3, 3) of Euler angles (N, 3), rad: angular velocity = E times their rates."""
+    from scipy.spatial.transform import Rotation
+
+    order = convention.removeprefix("euler-")
+    # each turn's axis is carried by those that are outside of it
+    outside = (2, 1, 0) if order.islower() else (0, 1, 2)
+    out, carried = np.zeros((len(angles), 3, 3)), Rotation.identity(len(angles))
+    for i in outside:
+        axis = np.eye(3)["xyz".index(order[i].lower())]
+        out[:, :, i] = carried.apply(axis)
+        carried = carried * Rotation.from_rotvec(angles[:, i, None] * axis)
+    return out
+
+
+def to_quaternion(vector: Array) -> Array:
+    """Return quaternions x, y, z, w (N, 4), w >= 0, of rotation vectors (N, 3); nan stays nan."""
+    from scipy.spatial.transform import Rotation
+
+    out = np.full((len(vector), 4), np.nan)
+    good = known(vector)
+    if good.any():
+        out[good] = Rotation.from_rotvec(vector[good]).as_quat(canonical=True)
+    return out
