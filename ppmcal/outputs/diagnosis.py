@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.diagnose.gram import probability
 from ppmcal.diagnose.result import Diagnosis, NamedEffect
 from ppmcal.diagnose.story import story
 from ppmcal.files import csv_text, json_text, write_mechanism
@@ -69,8 +70,8 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
                   "detect_p": float(np.exp(result.found.first.search.detect)),
                   "name_p": float(np.exp(result.found.first.search.name))},
         "localised": [{"by": p.by, "value": p.value, "rms_ratio": p.rms_ratio,
-                       "p_value": p.p_value, "rms_ratio_after": q.rms_ratio}
-                      for p, q in _paired(result)],
+                       "p_value": p.p_value, "rms_ratio_after": p.rms_ratio_after}
+                      for p in result.localised],
         "not_testable": [{"kind": u.kind, "missing": list(u.missing), "reason": u.reason}
                          for u in result.untestable],
         "swallowed": [{"name": s.name, "before": s.before / units.factor(s.quantity),
@@ -91,11 +92,6 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
         "units": {"length": units.length, "angle": units.angle},
         "provenance": dict(provenance),
     }
-
-
-def _paired(result: Diagnosis) -> list[tuple[Any, Any]]:
-    after = {(p.by, p.value): p for p in result.localised_after}
-    return [(p, after.get((p.by, p.value), p)) for p in result.localised]
 
 
 def effect_entry(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
@@ -126,19 +122,23 @@ def parameter_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, dict[
 
 
 def effects_csv(result: Diagnosis) -> str:
-    """Return effects.csv: one row per candidate, in the order of what became of it."""
+    """Return effects.csv: one row per candidate, in the order of what became of it.
+
+    ``p_value`` of what is named is that of diagnosis.json, given the others that are named;
+    ``p_value_alone`` is before anything was named, for every row.
+    """
     mechanism = result.identification.mechanism
     rows = []
     for c in result.candidates:
         smallest, unit = _detectable(mechanism, result, c)
         rows.append([c.form.family, " ".join(c.form.on),
                      "shared" if c.form.shared else "each", c.p_value, c.survival, c.status,
-                     "; ".join(c.alternatives), smallest, unit])
+                     "; ".join(c.alternatives), smallest, unit, probability(c.log_p_alone)])
     for u in result.untestable:
         rows.append([u.kind, "", "", np.nan, np.nan, "not testable",
-                     f"needs {', '.join(u.missing)}", np.nan, ""])
+                     f"needs {', '.join(u.missing)}", np.nan, "", np.nan])
     header = ["kind", "on", "form", "p_value", "survival", "status", "alternatives",
-              "detectable", "unit"]
+              "detectable", "unit", "p_value_alone"]
     return csv_text(header, [[r[i] for r in rows] for i in range(len(header))])
 
 
