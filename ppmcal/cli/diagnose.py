@@ -159,6 +159,7 @@ def _what(result: Diagnosis) -> list[str]:
         name = shorter(f"{first.kind} on {', '.join(on)}" if on else first.kind, total)
         values = "; ".join((f"{e.on[0]} " if several else "") + _values(result, e) for e in group)
         out.append(f"{name}: {values}; p = {_p(first.log_p)}.")
+        out += [text for e in group if (text := _derived(result, e, several))]
         if first.alternatives:
             others = "; ".join(shorter(a, total) for a in first.alternatives)
             out.append(f"  Cannot be told from: {others}.")
@@ -183,6 +184,20 @@ def _values(result: Diagnosis, effect: NamedEffect) -> str:
 
     return ", ".join(_value(n, v) for n, v in parameter_entries(result, effect).items()
                      if v["sigma"] is not None)
+
+
+def _derived(result: Diagnosis, effect: NamedEffect, several: bool) -> str:
+    """Return ``  amplitude 0.02 +- 0.001 mm, phase 35 +- 3 deg at mid-stroke (250 mm).``."""
+    from ppmcal.outputs.diagnosis import derived_entries
+
+    found = derived_entries(result, effect)
+    if not found:
+        return ""
+    figures = ", ".join(_value(n.removesuffix("_mid_stroke"), v)
+                        for n, v in found["derived"].items() if v["sigma"] is not None)
+    at = found["mid_stroke"]
+    on = f"{effect.on[0]} " if several else ""
+    return (f"  {on}{figures} at mid-stroke ({number(at['value'])} {at['unit']}).")
 
 
 def _value(name: str, entry: dict[str, Any]) -> str:

@@ -17,6 +17,7 @@ from ppmcal.effects.kind import (
     register,
     total,
 )
+from ppmcal.effects.wave import wave
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -34,4 +35,5 @@ PERIODIC = register(EffectKind(
     "ISO 230-2, periodic positioning deviation (screw pitch, encoder)",
     fixed_list(EffectParameter("cos", "joint"), EffectParameter("sin", "joint"),
                EffectParameter("period", "joint", None, low=1e-9)), (), _terms,
-    worked=Worked({"cos": 2e-5, "sin": 1e-5, "period": 0.4}, {"travel": 0.1}, 1e-5)))
+    worked=Worked({"cos": 2e-5, "sin": 1e-5, "period": 0.4}, {"travel": 0.1}, 1e-5),
+    derived=wave("cos", "sin", lambda v, at: 2.0 * np.pi * at / v["period"])))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.diagnose.derived import derived
 from ppmcal.diagnose.gram import probability
 from ppmcal.diagnose.result import Diagnosis, NamedEffect
 from ppmcal.diagnose.story import story
@@ -101,7 +102,8 @@ def effect_entry(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
         "parameters": parameter_entries(result, effect), "p_value": effect.p_value,
         "log10_p": effect.log_p / np.log(10.0), "survival": effect.survival,
         "alternatives": [a.split(" on ")[0] for a in effect.alternatives],
-        "alternatives_on": list(effect.alternatives), "odds": list(effect.odds)}
+        "alternatives_on": list(effect.alternatives), "odds": list(effect.odds),
+        **derived_entries(result, effect)}
 
 
 def parameter_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, dict[str, Any]]:
@@ -119,6 +121,25 @@ def parameter_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, dict[
                       "sigma": (e.sigma or 0.0) / f if known else None,
                       "unit": units.name(e.quantity)}
     return out
+
+
+def derived_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
+    """Return ``derived`` (figure -> value, sigma, unit) and where mid-stroke is, file units.
+
+    Empty for kinds of which the parameters say all.
+    """
+    found = derived(result.identification, effect.parameters)
+    if found is None:
+        return {}
+    units = result.identification.mechanism.units
+
+    def entry(value: float, quantity: str) -> dict[str, Any]:
+        return {"value": value / units.factor(quantity), "unit": units.name(quantity)}
+
+    return {"mid_stroke": entry(found.middle, found.quantity), "derived": {
+        f.name: {**entry(f.value, f.quantity),
+                 "sigma": None if f.sigma is None else f.sigma / units.factor(f.quantity)}
+        for f in found.all}}
 
 
 def effects_csv(result: Diagnosis) -> str:
