@@ -42,6 +42,7 @@ class Fit:
         iterations, converged: of the loop.
         noise_factor: robust scale of the residuals over the stated noise, at least 1.
         prior_scale: factor on the tolerances that generalised cross-validation chose.
+        noise: the rows at the end are white by this many times the stated noise.
         reasons: why rows were left out, by data set: row index -> reason.
     """
 
@@ -55,6 +56,7 @@ class Fit:
     converged: bool
     noise_factor: float = 1.0
     prior_scale: float = 1.0
+    noise: float = 1.0
     reasons: tuple[dict[int, str], ...] = ()
 
 
@@ -77,6 +79,8 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
 def prediction_covariance(fit: Fit) -> Array:
     """Return a covariance (C, C) that is right for predictions of measured rows.
 
+    Noise beyond the stated one is in the rows (:func:`ppmcal.variance.with_noise`), never in the
+    prior: a parameter is known at least as well as its tolerance says.
     Null directions do not move what the data saw, so they are left out altogether.
     """
     s, vt, seen = directions(fit)

@@ -85,12 +85,13 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     named = bool(effects) and verdict != "unnamed"
     if final is None or not named:
         final = whole
+    reported = report(final, options.fit, 0.0, options.seed)
     return Diagnosis(
         verdict, effects if named else (), tables.possible(found, effects, verdict), left, start,
         gap, _places(found, named, options.seed),
         tables.candidates(found, effects if named else ()),
-        found.first.library.untestable, tables.swallowed(whole, final), whole,
-        report(final, options.fit, 0.0, options.seed), found,
+        found.first.library.untestable, tables.swallowed(whole, final),
+        reported.fit if final is whole else whole, reported, found,
         _proposal(found.last, others, verdict, options.seed, gap),
         _findings(whole, final, left, effects, gap))
 
