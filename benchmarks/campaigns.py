@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from ppmcal.analysis import Z95, estimates, rank_of
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_mechanism, read_scenario
-from ppmcal.fit import Fit, posterior, prediction_covariance
+from ppmcal.fit import Fit, Options, posterior, prediction_covariance
 from ppmcal.holdout import fresh_state
 from ppmcal.identify import identify
 from ppmcal.mechanism import Mechanism
@@ -42,6 +42,7 @@ from ppmcal.noise_check import noise_check
 from ppmcal.problem import Problem
 from ppmcal.scenario import Circle, Random, Scenario
 from ppmcal.simulate import Campaign, simulate
+from ppmcal.variance import with_noise
 
 Array = NDArray[np.float64]
 
@@ -177,14 +178,14 @@ def run(task: tuple[str, int]) -> Outcome:
                            mechanism.free))
     seconds = time.perf_counter() - began
     noise = noise_check(fit)
-    inflation = max(1.0, noise.sigma_ratio) if noise.failed else 1.0
-    found = estimates(fit, rank_of(fit)[0], inflation)
+    fit = with_noise(fit, noise.inflation, Options())
+    found = estimates(fit, rank_of(fit)[0])
     within = [found[p].interval for p in mechanism.free]
     inside = [low <= campaign.g[p] <= high for p, (low, high) in
               zip(mechanism.free, within, strict=True)]
     plan = fresh(mechanism, scenario, campaign.g, FRESH)
     unseen = dataset(mechanism, plan, simulate(mechanism, plan, seed + 1_000_000), "a")
-    covariance = prediction_covariance(fit) * inflation**2
+    covariance = prediction_covariance(fit)
     position, rotation = fresh_errors(fit, unseen, covariance)
     count = len(mechanism.free)
     return Outcome(

@@ -40,6 +40,7 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.noise_check import noise_check
 from ppmcal.problem import Problem
 from ppmcal.residuals import residuals
+from ppmcal.variance import with_noise
 
 PARTS = 8
 TOLERANCES = {"point": 1.0, "angle": 0.5, "length": 0.3, "offset": 1.0}
@@ -212,8 +213,9 @@ def repeated(folder: Path) -> None:
             fits = [fitted(m, d[:1], "prior", False) for m, d in (
                 machine(one, "fixed"), machine({**two, "geometry_start": start}, "fixed"))]
             mechanism = fits[1].problem.mechanism.with_values(fits[1].state.g)
-            found, _ = between(mechanism, *(posterior_of(
-                f, noise_check(f).inflation, {str(n): "heights"}) for n, f in enumerate(fits)), {},
+            noisy = [with_noise(f, noise_check(f).inflation, Options()) for f in fits]
+            found, _ = between(mechanism, *(posterior_of(f, {str(n): "heights"})
+                                            for n, f in enumerate(noisy)), {},
                                np.random.default_rng(0))
             names = ", ".join(f"{c.name} {_shown(c, mechanism)}" for c in found.changes)
             print(f"{one['id']:18s} -> {two['id'][:3]}  p = {found.p_value:8.2g}  {names}")

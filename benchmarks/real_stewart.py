@@ -29,6 +29,7 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.noise_check import noise_check
 from ppmcal.problem import Problem
 from ppmcal.residuals import closure_lengths
+from ppmcal.variance import with_noise
 
 SPLITS, FOLDS = 10, 5
 SETS = {"60": "poses60_2025-02-12.csv", "108": "poses108_2025-02-13.csv"}
@@ -97,7 +98,8 @@ def across(mechanism: Mechanism, train: object, test: object, options: Options
 def retracted(fit: Fit, rig: list[float], key: str) -> None:
     """Print the retracted lengths: what the data alone know of them, and the intervals."""
     noise = noise_check(fit)
-    found = estimates(fit, rank_of(fit)[0], max(1.0, noise.sigma_ratio))
+    fit = with_noise(fit, max(1.0, noise.sigma_ratio), Options())
+    found = estimates(fit, rank_of(fit)[0])
     for e, measured in zip((e for e in found if e.name.endswith("offset")), rig, strict=True):
         low, high = (1e3 * v for v in e.interval)
         inside = "contains" if low <= measured <= high else "MISSES"

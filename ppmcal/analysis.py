@@ -27,6 +27,7 @@ from ppmcal.rank import RANK_TOLERANCE, Rank, analyse, observability
 from ppmcal.residuals import Residuals, residuals
 from ppmcal.targets import pose_vector
 from ppmcal.untold import Untold, untold
+from ppmcal.variance import with_noise
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -74,7 +75,10 @@ class Dependence:
 
 @dataclass(frozen=True)
 class Identification:
-    """Everything that identify reports."""
+    """Everything that identify reports.
+
+    ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
+    """
 
     fit: Fit
     mechanism: Mechanism
@@ -130,9 +134,9 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     return rank, len(kept), tuple(redundant)
 
 
-def estimates(fit: Fit, rank: Rank, inflation: float) -> tuple[Estimate, ...]:
+def estimates(fit: Fit, rank: Rank) -> tuple[Estimate, ...]:
     """Return all parameters of the machine with their uncertainties."""
-    variance = np.diagonal(posterior(fit)) * inflation**2
+    variance = np.diagonal(posterior(fit))
     data_sigma = from_data_alone(fit, rank)
     column = {p: c for c, p in enumerate(fit.problem.free)}
     out = []
@@ -142,7 +146,7 @@ def estimates(fit: Fit, rank: Rank, inflation: float) -> tuple[Estimate, ...]:
         if c is not None:
             sigma = float(np.sqrt(variance[c])) if np.isfinite(variance[c]) else None
             status = "identified" if c in data_sigma else "redundant"
-            from_data = data_sigma[c] * inflation if c in data_sigma else None
+            from_data = data_sigma.get(c)
         out.append(Estimate(parameter.name, parameter.quantity, parameter.per_unit,
                             parameter.nominal, float(fit.state.g[p]), sigma, from_data,
                             parameter.tolerance, status))
@@ -196,22 +200,23 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
     noise = noise_check(fit)
     inflation = noise.inflation
     rank, total, redundant = rank_of(fit)
-    found = estimates(fit, rank, inflation)
+    wrong = blunders(fit), tuple(flats(fit))
+    fit = with_noise(fit, inflation, options)
+    found = estimates(fit, rank)
     mechanism = with_estimates(fit, found)
     before = register_only(fit.problem)
     if other:
         held, note = on_other(fit, other)
     else:
         held, note = held_out(
-            fit.problem, options, holdout, seed, fit.keep) if holdout > 0 else (
+            fit.problem, options, holdout, seed, fit.keep, inflation) if holdout > 0 else (
             {}, "nothing held out")
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
-        prediction_covariance(fit) * inflation**2, inflation, residuals(fit.problem, before.state),
+        prediction_covariance(fit), inflation, residuals(fit.problem, before.state),
         registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note,
-        _findings(fit, noise, inflation, found), untold(fit), blunders(fit),
-        tuple(flats(fit)))
+        _findings(fit, noise, inflation, found), untold(fit), *wrong)
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate]
@@ -224,7 +229,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
     if noise.failed:
         out.append(f"the residuals are {noise.sigma_ratio:.2f} times the stated noise "
                    f"(p = {noise.chi2_p:.2g}): something is missing in the model, or sigma is too "
-                   f"small; all uncertainties are scaled by {inflation:.2f}")
+                   f"small; every measurement counts as {inflation:.2f} times as noisy as stated")
     if noise.overstated:
         out.append(f"the residuals are only {noise.sigma_ratio:.3g} times the stated noise: sigma "
                    "is too large, in a wrong unit perhaps, so intervals are too wide"

@@ -24,6 +24,7 @@ from ppmcal.identify import identify
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.moved import Moved, moved
 from ppmcal.noise_check import noise_check
+from ppmcal.variance import with_noise
 
 Array = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
               np.full(value.size, np.inf), old.scale)
     now.covariance[np.ix_(here, here)] = covariance[np.ix_(at, at)]
     now.unseen[here] = unseen[at]
-    now.tolerance[here] = new.tolerance[at] * new.inflation
+    now.tolerance[here] = new.tolerance[at]
     poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES) for c in POSE_COORDINATES],
                      axis=-1)
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
@@ -185,16 +186,15 @@ def _in_units(mechanism: Mechanism, old: Earlier, new: Now, change: Change) -> C
     return replace(change, value=value, sigma=sigma)
 
 
-def posterior_of(fit: Fit, inflation: float, inputs: Mapping[str, str] | None = None
-                 ) -> Posterior:
+def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior:
     """Return what a fit ended with; ``inputs``: as in :class:`ppmcal.earlier.Posterior`."""
     count, free = len(fit.problem.free), list(fit.problem.free)
     scale = fit.scale[:count]
     matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, scale)
     with np.errstate(divide="ignore"):
         tolerance = 1.0 / fit.prior[:count]
-    return Posterior(fit.problem.free, fit.state.g[free], matrix, right, tolerance, scale,
-                     inflation, inputs or {}, "")
+    return Posterior(fit.problem.free, fit.state.g[free], matrix * fit.noise, right * fit.noise,
+                     tolerance, scale, fit.noise, inputs or {}, "")
 
 
 def carried_on(fit: Fit, before: Posterior, options: Options) -> list[str]:
@@ -205,7 +205,7 @@ def carried_on(fit: Fit, before: Posterior, options: Options) -> list[str]:
         return [f"parameters that the earlier calibration had found are fixed now: "
                 f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}"]
     alone = identify(replace(fit.problem, earlier=None), options, None, fit.state, near=True)
-    new = posterior_of(alone, noise_check(alone).inflation)
+    new = posterior_of(with_noise(alone, noise_check(alone).inflation, options))
     found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
     if not found.changed:
         return []

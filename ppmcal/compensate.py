@@ -212,6 +212,31 @@ def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
     return position, rotation
 
 
+def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration | None,
+                knowledge: Knowledge, dataset: str, columns: Mapping[str, Array]
+                ) -> tuple[Array, Array]:
+    """Return standard deviations (N,) of position, m, and rotation, rad, of an identified machine.
+
+    Args:
+        mechanism: the identified machine.
+        poses: of the platform in the base frame (N, 6), nan where open.
+        registration: frame and target in which the pose is measured; None: the base frame.
+        knowledge: what the identification knows.
+        dataset: name of the data set that ``registration`` belongs to.
+        columns: what effects depend on, as in :func:`ppmcal.conditions.conditions`.
+
+    Poses that the machine does not take are nan.
+    """
+    k = len(mechanism.actuators)
+    model, base = Model(mechanism), base_station(k)
+    full, _ = wanted_poses(model, base, poses)
+    rows = conditions(columns, mechanism.actuators, mechanism.gravity, np.zeros((len(full), k)))
+    table = inverse_table(model, full, rows)
+    good = np.array([s == "ok" for s in table.status])
+    station = station_of(registration, k) if registration else base
+    return _sigma(model, station, full, table.q, good, knowledge, dataset, rows)
+
+
 def prediction_jacobian(model: Model, station: Station, full: Array, q: Array,
                         knowledge: Knowledge, dataset: str, rows: Conditions) -> Array:
     """Return d(measured pose)/d(columns) (N, m, C), columns as the identification names them.

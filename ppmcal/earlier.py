@@ -64,10 +64,12 @@ class Posterior:
     Attributes:
         places: parameters that were free (F,).
         value: the estimate (F,).
-        matrix, right: rows |matrix s - right|^2 of its data about the estimate (k, F), (k,).
+        matrix, right: rows |matrix s - right|^2 of its data about the estimate (k, F), (k,),
+            white by the stated noise.
         tolerance: the prior's standard deviation (F,), inf where there was none.
         scale: natural unit of each parameter (F,).
-        inflation: factor on all standard deviations that the noise check had asked for.
+        inflation: factor on the stated noise that the noise check had asked for; the tolerances
+            stand as they are.
         inputs: content hash -> name of the measurement tables behind it.
         source: the file.
     """
@@ -89,8 +91,9 @@ class Posterior:
 
     def covariance(self) -> tuple[Array, Array]:
         """Return the covariance (F, F), and directions (F, d) that neither data nor prior see."""
-        rows = np.concatenate([self.matrix * self.scale, np.diag(self.scale / self.tolerance)])
-        _, s, vt = np.linalg.svd(rows / self.inflation, full_matrices=True)
+        rows = np.concatenate([self.matrix * self.scale / self.inflation,
+                               np.diag(self.scale / self.tolerance)])
+        _, s, vt = np.linalg.svd(rows, full_matrices=True)
         strength = np.zeros(len(vt))
         strength[:s.size] = s
         seen = strength > SEEN

@@ -53,6 +53,7 @@ class Fit:
         noise_factor: robust scale of the residuals over the stated noise, at least 1.
         prior_scale: factor on the tolerances that generalised cross-validation chose.
         stopped: where a fit was ended on purpose before it had converged, in words.
+        noise: the rows at the end are white by this many times the stated noise.
         reasons: why rows were left out, by data set: row index -> reason.
     """
 
@@ -67,6 +68,7 @@ class Fit:
     noise_factor: float = 1.0
     prior_scale: float = 1.0
     stopped: str = ""
+    noise: float = 1.0
     reasons: tuple[dict[int, str], ...] = ()
 
     @property
@@ -99,6 +101,8 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
 def prediction_covariance(fit: Fit) -> Array:
     """Return a covariance (C, C) that is right for predictions of measured rows.
 
+    Noise beyond the stated one is in the rows (:func:`ppmcal.variance.with_noise`), never in the
+    prior: a parameter is known at least as well as its tolerance says.
     Null directions do not move what the data saw, so they are left out altogether.
     """
     s, vt, seen = directions(fit)

@@ -17,6 +17,7 @@ from ppmcal.observation import Station, coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import residuals
 from ppmcal.targets import pose_vector
+from ppmcal.variance import with_noise
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -40,10 +41,12 @@ def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools
 
 
 def held_out(problem: Problem, options: Options, fraction: float, seed: int,
-             keep: Sequence[Bools]) -> tuple[dict[str, dict[str, float]], str]:
+             keep: Sequence[Bools], noise: float = 1.0
+             ) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures on poses that a fit of the others had not seen, and how it was done.
 
-    Rows not in ``keep`` (outliers of the fit to everything) do not count in the figures.
+    Rows not in ``keep`` (outliers of the fit to everything) do not count in the figures;
+    ``noise``: factor on the stated one, as in the fit to everything.
     """
     out = split(problem.datasets, fraction, seed)
     rest = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
@@ -52,7 +55,7 @@ def held_out(problem: Problem, options: Options, fraction: float, seed: int,
         return {}, "too few poses to hold any out"
     part = replace(problem, datasets=tuple(d.take(~o) for d, o in
                                            zip(problem.datasets, out, strict=True)))
-    fit = identify(part, options)
+    fit = with_noise(identify(part, options), noise, options)
     fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
                                             zip(problem.datasets, out, strict=True)))
     state = fresh_state(fresh, fit.state)

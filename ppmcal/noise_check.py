@@ -52,7 +52,7 @@ class Noise:
 
     @property
     def inflation(self) -> float:
-        """Factor on all standard deviations: 1 unless the check failed."""
+        """Factor on the noise of all rows: 1 unless the check failed."""
         return max(1.0, self.sigma_ratio) if self.failed else 1.0
 
 

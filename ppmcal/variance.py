@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options, prediction_covariance
-from ppmcal.gauss_newton import Progress
+from ppmcal.gauss_newton import Progress, gauss_newton
 from ppmcal.identify import identify
+from ppmcal.linear import reduce_rows
 from ppmcal.problem import Problem
 
 Array = NDArray[np.float64]
@@ -67,6 +68,30 @@ def with_estimated_noise(problem: Problem, options: Options, progress: Progress 
         scaled = replace(problem, datasets=_scaled(problem.datasets, factor))
         fit = identify(scaled, options, progress, fit.state, near=True)
     return fit, factor
+
+
+def with_noise(fit: Fit, factor: float, options: Options) -> Fit:
+    """Return a fit to the same rows with their stated noise times ``factor``.
+
+    The tolerances stay what they are, so that they weigh more: values and uncertainties are the
+    posterior of rows so noisy. Scaling all uncertainties instead would make parameters less
+    certain than their tolerances, and values fitted to noise would stay. Without a prior, or with
+    one that generalised cross-validation chose by the residuals themselves, values stay.
+    """
+    if factor == 1.0:
+        return fit
+    datasets = _scaled(fit.problem.datasets, np.full(len(fit.problem.datasets), factor))
+    noisier = replace(fit.problem, datasets=datasets,
+                      pivots=tuple(o.about for o in fit.problem.opens))
+    chosen = options.method == "gcv"
+    state, converged = fit.state, fit.converged
+    if fit.prior.any() and not chosen:
+        state, _, _, converged = gauss_newton(noisier, state, fit.keep, fit.prior,
+                                              options.most)
+    return replace(fit, state=state, reduced=reduce_rows(noisier, state, fit.keep),
+                   prior=fit.prior / factor if chosen else fit.prior, noise=factor * fit.noise,
+                   prior_scale=fit.prior_scale * (factor if chosen else 1.0),
+                   converged=fit.converged and converged)
 
 
 def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:

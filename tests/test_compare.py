@@ -75,7 +75,7 @@ def fitted(mechanism: Mechanism, *data: Dataset, before: Posterior | None = None
 
 def known(fit: Fit) -> Posterior:
     """Return what a file would hold of a fit."""
-    return posterior_of(fit, 1.0, {fit.problem.datasets[0].name: "x.csv"})
+    return posterior_of(fit, {fit.problem.datasets[0].name: "x.csv"})
 
 
 def sigmas(fit: Fit) -> Array:

@@ -253,8 +253,12 @@ def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
     """Sorted, the p-values those of F tests, the named ones those that are named."""
     case = cases(verdict)
     found, ranked = case.result.found, case.story["ranking"]
-    values = [r["log10_p"] for r in ranked]
+    values = [r["log10_p_alone"] for r in ranked]
     assert values == sorted(values)
+    given = {(e["kind"], *e["on"]): e["log10_p"] for e in case.record["effects"]}
+    for r in ranked:
+        one = given[r["kind"], *r["on"]] if r["status"] == "named" else r["log10_p_alone"]
+        assert r["log10_p"] == pytest.approx(one, rel=1e-5), r
     assert 5 <= len(ranked) <= 15
     for r in ranked:
         stage = found.last if r["status"] == "named" else found.first
@@ -264,7 +268,7 @@ def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
                 and (len(f.on) < 2 or f.shared == (r["form"] == "one value"))]
         if same:
             best = min(f_test(stage, f.columns) for f in same)
-            assert r["log10_p"] == pytest.approx(best, rel=2e-3, abs=2e-3), r
+            assert r["log10_p_alone"] == pytest.approx(best, rel=2e-3, abs=2e-3), r
     named = [(r["kind"], tuple(r["on"])) for r in ranked if r["status"] == "named"]
     assert set(named) == {(e["kind"], tuple(e["on"])) for e in case.record["effects"]}
     wanted = {a for e in case.record["effects"] for a in e["alternatives_on"]}
@@ -287,7 +291,7 @@ def test_thresholds(cases: Callable[[str], Case], verdict: str) -> None:
     assert noise["name_p"] < noise["detect_p"]
     for e in case.record["effects"]:
         assert e["log10_p"] < math.log10(noise["name_p"])
-    best = case.story["ranking"][0]["log10_p"]
+    best = case.story["ranking"][0]["log10_p_alone"]
     assert (best < math.log10(noise["detect_p"])) == (verdict != "none")
 
 
@@ -381,9 +385,10 @@ def test_ranking_picture(cases: Callable[[str], Case]) -> None:
     kinds = ("r-named", "r-explained", "r-alternative", "r-other")
     lengths = bars(root, kinds)
     assert len(lengths) == len(ranked)
-    scale = lengths[0] / math.sqrt(-ranked[0]["log10_p"])
+    scale = lengths[0] / math.sqrt(-ranked[0]["log10_p_alone"])
     for length, r in zip(lengths, ranked, strict=True):
-        assert length == pytest.approx(max(scale * math.sqrt(-r["log10_p"]), 0.8), abs=0.3), r
+        wanted = max(scale * math.sqrt(-r["log10_p_alone"]), 0.8)
+        assert length == pytest.approx(wanted, abs=0.3), r
     later = {e["kind"]: -e["log10_p"] for e in case.record["effects"]}
     outlines = bars(root, ("r-more",))
     assert outlines == pytest.approx([scale * math.sqrt(later[r["kind"]]) for r in ranked
@@ -397,7 +402,8 @@ def test_ranking_picture(cases: Callable[[str], Case]) -> None:
         assert f"beyond it {text}: p < {scientific(case.record['noise'][key])}" in words
     first = ranked[0]
     assert f"{first['kind']} on all 3 actuators, {first['form']}" in words
-    assert f"{power(first['log10_p'])} → {power(-later[first['kind']])}" in words
+    alone = power(first["log10_p_alone"])
+    assert f"{power(-later[first['kind']])} ({alone} alone)" in words
     dotted = [p.get("d", "") for p in root.iter(f"{SVG}path")
               if p.get("class", "").strip() == "limit dotted"][1:]
     assert len(dotted) == len(ranked)

@@ -164,7 +164,7 @@ def test_the_papers_case(kind: str) -> None:
     if kind == "pose":
         # the passive angles cannot be had: they stay as drawn, with their tolerance as sigma
         rank, _, redundant = rank_of(fit)
-        said = {e.name: e for e in estimates(fit, rank, 1.0)}
+        said = {e.name: e for e in estimates(fit, rank)}
         names = {d.name for d in redundant}
         for i in (1, 2, 3):
             angle = said[f"leg{i}.joint1.rz"]
@@ -444,7 +444,7 @@ def test_flat_prior_has_no_bound_where_the_data_have_none() -> None:
     assert not fit.prior.any()
     rank = rank_of(fit)[0]
     variance = np.diagonal(posterior(fit))
-    for e, c in ((e, mechanism.free.index(p)) for p, e in enumerate(estimates(fit, rank, 1.0))
+    for e, c in ((e, mechanism.free.index(p)) for p, e in enumerate(estimates(fit, rank))
                  if p in mechanism.free):
         if e.status == "redundant":
             assert e.sigma is None or e.sigma_data is None
@@ -457,7 +457,7 @@ def test_flat_prior_without_redundancy_has_the_sigma_of_the_data() -> None:
                    target_known=True)
     made = run(mechanism, plan, 4)
     fit = identify(made.problem, Options("flat"))
-    for e in estimates(fit, rank_of(fit)[0], 1.0):
+    for e in estimates(fit, rank_of(fit)[0]):
         if e.status == "identified":
             assert e.sigma == pytest.approx(e.sigma_data, rel=1e-6)
     # a prior only ever adds knowledge

@@ -25,6 +25,7 @@ from ppmcal.cli.common import (
 from ppmcal.words import counted, shorter
 
 if TYPE_CHECKING:
+    from ppmcal.diagnose.blocks import BlockGap
     from ppmcal.diagnose.forms import Untestable
     from ppmcal.diagnose.result import Diagnosis, NamedEffect
 
@@ -125,6 +126,8 @@ def tell(result: Diagnosis, console: Console) -> None:
                 f" ({gap.interval[0]:.0%} to {gap.interval[1]:.0%})" if gap.interval else ""))
         console.say(f"Held-out poses ({gap.poses}): {gap.before:.2f} -> {gap.after:.2f} times the "
                     f"noise, {closed}.")
+    for line in _worst_block(result.blocks):
+        console.say(line)
     if result.swallowed:
         worst = result.swallowed[0]
         console.say(f"Geometry had swallowed part of it: "
@@ -135,6 +138,18 @@ def tell(result: Diagnosis, console: Console) -> None:
     console.say(f"Next: {result.proposal.reason}."
                 + (" See next.csv." if result.proposal.rows else ""))
     console.warn(result.findings)
+
+
+def _worst_block(blocks: Sequence[BlockGap]) -> list[str]:
+    """Return how much of the gap is closed where that is least, a third being left out."""
+    judged = [(b.gap.closed, b) for b in blocks if b.gap.closed is not None and b.gap.interval]
+    if not judged:
+        return []
+    closed, worst = min(judged, key=lambda pair: pair[0])
+    low, high = worst.gap.interval or (closed, closed)
+    by = ", ".join(b.by for b in blocks)
+    return [f"A third of the rows left out at a time, by {by}: {closed:.0%} of the gap closed "
+            f"where that is least, by {worst.by} ({low:.0%} to {high:.0%})."]
 
 
 def _lacking(untestable: Sequence[Untestable]) -> list[str]:
@@ -165,6 +180,7 @@ def _what(result: Diagnosis) -> list[str]:
         name = shorter(f"{first.kind} on {', '.join(on)}" if on else first.kind, total)
         values = "; ".join((f"{e.on[0]} " if several else "") + _values(result, e) for e in group)
         out.append(f"{name}: {values}; p = {_p(first.log_p)}.")
+        out += [text for e in group if (text := _derived(result, e, several))]
         if first.alternatives:
             others = "; ".join(shorter(a, total) for a in first.alternatives)
             out.append(f"  Cannot be told from: {others}.")
@@ -189,6 +205,20 @@ def _values(result: Diagnosis, effect: NamedEffect) -> str:
 
     return ", ".join(_value(n, v) for n, v in parameter_entries(result, effect).items()
                      if v["sigma"] is not None)
+
+
+def _derived(result: Diagnosis, effect: NamedEffect, several: bool) -> str:
+    """Return ``  amplitude 0.02 +- 0.001 mm, phase 35 +- 3 deg at mid-stroke (250 mm).``."""
+    from ppmcal.outputs.diagnosis import derived_entries
+
+    found = derived_entries(result, effect)
+    if not found:
+        return ""
+    figures = ", ".join(_value(n.removesuffix("_mid_stroke"), v)
+                        for n, v in found["derived"].items() if v["sigma"] is not None)
+    at = found["mid_stroke"]
+    on = f"{effect.on[0]} " if several else ""
+    return (f"  {on}{figures} at mid-stroke ({number(at['value'])} {at['unit']}).")
 
 
 def _value(name: str, entry: dict[str, Any]) -> str:

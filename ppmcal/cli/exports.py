@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ppmcal.outputs.exported import Exported
 
 ROWS = 24
+LEAST = 1e-4
+"""Below so many mm or degrees it is arithmetic."""
 
 
 @click.command("export")
@@ -51,7 +53,10 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     with the old and the new numbers; what the controller cannot express is listed with what
     that costs. Writes the controller's file and export.json.
     """
+    from dataclasses import replace
+
     from ppmcal.files import Output, provenance, read_mechanism
+    from ppmcal.outputs.certainty import KNOWLEDGE, certainty
     from ppmcal.outputs.exported import all_files, exporter, summary
 
     console = Console(quiet, as_json)
@@ -59,7 +64,9 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     mechanism = read_mechanism(model)
     with console.progress("Fitting"):
         exported = writer.export(mechanism, old, poses)
-    inputs = [*mechanism.inputs, *(str(p) for p in (old, poses) if p is not None)]
+        exported = replace(exported, certainty=certainty(mechanism, exported.poses, model))
+    known = model.with_name(KNOWLEDGE) if exported.certainty.frame else None
+    inputs = [*mechanism.inputs, *(str(p) for p in (old, poses, known) if p is not None)]
     source = provenance(inputs, command_line(), None)
     with Output(out) as output:
         for name, text in all_files(exported, mechanism.name, source).items():
@@ -84,7 +91,7 @@ def _show(exported: Exported, name: str, console: Console) -> None:
             for n in exported.numbers[:ROWS]], (1, 2, 3)))
     if len(exported.numbers) > ROWS:
         console.say(f"... and {len(exported.numbers) - ROWS} more, all in export.json.")
-    console.say(f"Predicted error over {exported.over}:")
+    console.say(f"Error over {exported.over}, if the model is exact:")
     figures = (("old", exported.before), ("new", exported.after))
     turns = exported.after.rotation_rms is not None
     rows = [[label, f"{f.rms * 1e3:.4f}", f"{f.max * 1e3:.4f}", *(
@@ -92,8 +99,29 @@ def _show(exported: Exported, name: str, console: Console) -> None:
         if turns else [])] for label, f in figures]
     console.table(plain_table(["", "rms mm", "max mm",
                                *(["rms deg", "max deg"] if turns else [])], rows, (1, 2, 3, 4)))
-    console.say("How well the measurements know the model is in its identification.json.")
+    console.say(_predicted(exported))
     for note in exported.notes:
         console.say(f"Note: {note}.")
     for line in exported.advice:
         console.say(line)
+
+
+def _predicted(exported: Exported) -> str:
+    """Return what is left with the new numbers: of the format, of the model, and together."""
+    own, both = exported.certainty, exported.predicted
+    lacks = _size(exported.after.rms, exported.after.rotation_rms)
+    text = f"What the format cannot express: {lacks} rms; the model's own uncertainty: "
+    if own.position is None or both is None:
+        return f"{text}unknown, as {own.reason}. So the error to expect is unknown too."
+    where = "the base frame" if own.frame == "base" else f"the frame of {own.frame}"
+    return (f"{text}{_size(own.position, own.rotation)} (1 sigma, rms over the poses, in {where}). "
+            f"Predicted error with the new numbers: {_size(both.rms, both.rotation_rms)} rms.")
+
+
+def _size(position: float, rotation: float | None) -> str:
+    turn = "" if rotation is None else f" and {_least(math.degrees(rotation))} deg"
+    return f"{_least(position * 1e3)} mm{turn}"
+
+
+def _least(value: float) -> str:
+    return f"{value:.2g}" if value >= LEAST else f"below {LEAST:g}"

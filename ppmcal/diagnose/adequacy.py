@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, gammaincc
+from scipy.special import gammaincc
 
 from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.noise import PureError
@@ -28,8 +28,6 @@ ENOUGH_REPEATS = 30
 """Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""
 LEAST_SKEW = 0.05
 """The gamma distribution is as good as normal then."""
-TWICE = 2.0
-"""Residuals of so many times the noise are not noise, however much they scatter."""
 TOO_MUCH = 3.5
 """Residuals exceed the noise where their mean square does so by this many sigmas."""
 
@@ -52,18 +50,11 @@ class Remainder:
     follows: str
     p_value: float
     by_input: dict[str, float]
-    freedom: int = 0
-
-    @property
-    def far_above(self) -> bool:
-        """Whether few values are left, but far above the noise: their own scatter hides it."""
-        chance = chdtrc(max(self.freedom, 1), self.freedom * self.ratio**2)
-        return self.ratio > TWICE and bool(chance < LEVEL)
 
     @property
     def adequate(self) -> bool:
         """Whether nothing is left to explain."""
-        return self.p_value >= LEVEL and self.excess < TOO_MUCH and not self.far_above
+        return self.p_value >= LEVEL and self.excess < TOO_MUCH
 
 
 def remainder(stage: Stage, seed: int) -> Remainder:
@@ -72,7 +63,7 @@ def remainder(stage: Stage, seed: int) -> Remainder:
     freedom = max(stage.system.count - basis.shape[1], 1)
     ratio, excess, reference, source = _against_noise(stage, left, freedom)
     by_input, p, follows = kernel_test(stage, basis, left, seed)
-    return Remainder(ratio, excess, reference, source, follows, p, by_input, freedom)
+    return Remainder(ratio, excess, reference, source, follows, p, by_input)
 
 
 def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, float, float, str]:
@@ -88,6 +79,8 @@ def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, floa
     # a correlation that is off by so much whitens to another scale
     rho, off = stage.noise.rho, stage.noise.rho_error
     scale = mean * 2.0 * abs(rho) / (1.0 - rho**2) * off
+    # both as they would be at the noise's own level: few rows far above it scatter as far
+    error, scale = (e * min(reference**2 / mean, 1.0) for e in (error, scale))
     spread = np.sqrt(error**2 + own**2 + scale**2)
     return (float(np.sqrt(mean)) / reference, float((mean - reference**2) / max(spread, 1e-300)),
             reference, source)

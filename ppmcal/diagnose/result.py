@@ -9,6 +9,7 @@ from ppmcal.diagnose.adequacy import Remainder
 from ppmcal.diagnose.blocks import BlockGap
 from ppmcal.diagnose.forms import Form, Untestable
 from ppmcal.diagnose.gap import Gap
+from ppmcal.diagnose.gram import probability
 from ppmcal.diagnose.localise import Place
 from ppmcal.diagnose.model import Added
 from ppmcal.diagnose.nextup import Proposal
@@ -24,7 +25,9 @@ class NamedEffect:
 
     ``parameters``: names in the model; ``p_value`` of it given the others, ``log_p`` its
     logarithm; ``survival``: the part that geometry leaves; ``alternatives``: labels of other
-    families that the data cannot tell from it, with the odds for this one against each.
+    families that the data cannot tell from it, with the odds for this one against each;
+    ``form``: the hypothesis that it came from, which may have a value for each of several
+    actuators.
     """
 
     kind: str
@@ -35,23 +38,32 @@ class NamedEffect:
     survival: float
     alternatives: tuple[str, ...]
     odds: tuple[float, ...]
+    form: Form
 
 
 @dataclass(frozen=True)
 class Candidate:
     """One hypothesis of the library and what became of it.
 
-    ``p_value`` before anything was named; ``status``: named, alternative, explained (by what
-    was named), not needed, weakly testable, not testable. ``detectable``: the smallest value
-    of its (first) parameter that these data would show 9 times in 10, SI; 0 where unknown.
+    ``log_p``: log of its p-value, of what is named given the others that are named, of all
+    else before anything was named; ``log_p_alone``: of everything before anything was named.
+    ``status``: named, alternative, explained (by what was named), not needed, weakly testable,
+    not testable. ``detectable``: the smallest value of its (first) parameter that these data
+    would show 9 times in 10, SI; 0 where unknown.
     """
 
     form: Form
-    p_value: float
+    log_p: float
+    log_p_alone: float
     survival: float
     status: str
     alternatives: tuple[str, ...]
     detectable: float
+
+    @property
+    def p_value(self) -> float:
+        """The p-value of ``log_p``."""
+        return probability(self.log_p)
 
 
 @dataclass(frozen=True)
@@ -85,7 +97,7 @@ class Diagnosis:
         effects: what was named. possible: what is there but cannot be named.
         remainder: what is left; start: of the fit without effects.
         gap: on held-out poses, None where none could be held out.
-        localised, localised_after: where residuals are, without and with the effects.
+        localised: where residuals are, without and with the effects.
         candidates, untestable, swallowed: tables.
         before: fit to all rows without the effects; identification: with them.
         found: fits and tests on the training rows.
@@ -101,7 +113,6 @@ class Diagnosis:
     start: Remainder
     gap: Gap | None
     localised: tuple[Place, ...]
-    localised_after: tuple[Place, ...]
     candidates: tuple[Candidate, ...]
     untestable: tuple[Untestable, ...]
     swallowed: tuple[Swallowed, ...]

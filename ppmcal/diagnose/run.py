@@ -19,7 +19,7 @@ from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gap import Gap, measure_gap
 from ppmcal.diagnose.gram import probability
 from ppmcal.diagnose.left_out import left_out
-from ppmcal.diagnose.localise import localise
+from ppmcal.diagnose.localise import Place, localise
 from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.nextup import Proposal, nothing, propose
 from ppmcal.diagnose.recorded import usable, with_whole_rows
@@ -97,14 +97,22 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     named = bool(effects) and verdict != "unnamed"
     if final is None or not named:
         final = whole
+    reported = report(final, options.fit, 0.0, options.seed)
     return Diagnosis(
         verdict, effects if named else (), tables.possible(found, effects, verdict), left, start,
-        gap, localise(replace(found.first, chosen=()), options.seed),
-        localise(found.last, options.seed), tables.candidates(found, effects if named else ()),
-        found.first.library.untestable, tables.swallowed(whole, final), whole,
-        report(final, options.fit, 0.0, options.seed), found,
-        _proposal(found.last, others, verdict, options.seed),
+        gap, _places(found, named, options.seed),
+        tables.candidates(found, effects if named else ()),
+        found.first.library.untestable, tables.swallowed(whole, final),
+        reported.fit if final is whole else whole, reported, found,
+        _proposal(found.last, others, verdict, options.seed, gap),
         tuple(told), blocks)
+
+
+def _places(found: Found, named: bool, seed: int) -> tuple[Place, ...]:
+    """Return where the residuals are without effects and with those that are named."""
+    bare = replace(found.first, chosen=())
+    with_them = replace(found.last, chosen=named_only(found.last)) if named else bare
+    return localise(bare, with_them, seed)
 
 
 def _left(stage: Stage, seed: int) -> Remainder:
@@ -223,7 +231,7 @@ def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...
                 form.kind, added.on, added.parameters, probability(value), value,
                 stage.search.gram.survival(form.columns),
                 (*(r.form.label for r in others), *(f.label for f in alike)),
-                (*(r.odds for r in others), *(np.nan for _ in alike))))
+                (*(r.odds for r in others), *(np.nan for _ in alike)), form))
     return tuple(out)
 
 
@@ -246,7 +254,8 @@ def _noise(found: Found) -> float:
     return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
 
 
-def _proposal(stage: Stage, alternatives: Alternatives, verdict: str, seed: int) -> Proposal:
+def _proposal(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
+              gap: Gap | None = None) -> Proposal:
     """Return measurements that tell the first rivals apart."""
     joints = len(stage.system.problem.mechanism.actuators)
     for i, (others, _) in alternatives.items() if verdict != "unnamed" else ():
@@ -256,6 +265,9 @@ def _proposal(stage: Stage, alternatives: Alternatives, verdict: str, seed: int)
     if verdict in ("named-set", "partial") and any(a for _, a in alternatives.values()):
         return nothing("measure again with a known payload (column payload): give under a "
                        "weight that was not recorded looks much like this", joints)
+    if verdict == "named" and gap is not None and not gap.confirmed:
+        return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
+                       "yet what was found", joints)
     return nothing({"none": "nothing is missing that these data could show",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "what was found is settled"}.get(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ppmcal.arrays import known
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.result import Diagnosis
-from ppmcal.diagnose.search import columns_of, scan
+from ppmcal.diagnose.search import columns_of, own_log_p
 from ppmcal.diagnose.stage import Stage, named_only
 from ppmcal.diagnose.story_rows import Errors, gather
 from ppmcal.diagnose.story_series import Series, all_series
@@ -46,8 +46,9 @@ class ActuatorError:
 
 @dataclass(frozen=True)
 class Ranked:
-    """A hypothesis and the log of its p-value before anything was named.
+    """A hypothesis with the logs of its p-value, and of that before anything was named.
 
+    The two differ for what is named: its p-value is given the others that are named.
     ``form``: ``one value`` or ``one each`` where it acts on several actuators.
     """
 
@@ -55,6 +56,7 @@ class Ranked:
     on: tuple[str, ...]
     form: str
     log_p: float
+    log_p_alone: float
     status: str
 
 
@@ -126,20 +128,18 @@ def _actuators(result: Diagnosis, before: Errors, after: Errors) -> tuple[Actuat
 def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
     """Return the best hypotheses, those that were named first of all."""
     stage = result.found.last
-    named = [f for f in stage.named if result.effects]
-    keys = {(f.family, f.on, f.shared) for f in named}
     out = []
-    if named:
-        values = scan(stage.search.gram, named)
-        out = [_ranked(f, float(v), "named") for f, v in zip(named, values, strict=True)]
-    rest = [_ranked(c.form, float(np.log(max(c.p_value, 1e-321))), c.status)
-            for c in result.candidates if c.status != "not testable"
-            and (c.form.family, c.form.on, c.form.shared) not in keys]
+    if result.effects:
+        alone = stage.search.values()
+        out = [_ranked(stage.forms[i], own_log_p(stage.search, stage.chosen, i), float(alone[i]),
+                       "named") for i in named_only(stage)]
+    rest = [_ranked(c.form, c.log_p, c.log_p_alone, c.status) for c in result.candidates
+            if c.status not in ("not testable", "named")]
     rest = _one_alternative_each(result, sorted(rest, key=lambda r: r.log_p))
     first = [r for r in rest if r.status == "alternative"]
     others = _few_of_each([r for r in rest if r.status != "alternative"])
     room = max(MOST_RANKED - len(out) - len(first), 0)
-    return tuple(sorted([*out, *first, *others[:room]], key=lambda r: r.log_p))
+    return tuple(sorted([*out, *first, *others[:room]], key=lambda r: r.log_p_alone))
 
 
 def _few_of_each(ranked: Sequence[Ranked]) -> list[Ranked]:
@@ -164,9 +164,10 @@ def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[R
     return out
 
 
-def _ranked(form: Form, value: float, status: str) -> Ranked:
+def _ranked(form: Form, log_p: float, alone: float, status: str) -> Ranked:
     several = "" if len(form.on) < 2 else "one value" if form.shared else "one each"
-    return Ranked(form.family, form.on if not form.slot else (), several, value, status)
+    return Ranked(form.family, form.on if not form.slot else (), several, log_p, alone,
+                  status)
 
 
 def _steps(result: Diagnosis) -> tuple[Step, ...]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.diagnose.gram import probability
+from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.result import Candidate, Found, NamedEffect, Swallowed
 from ppmcal.diagnose.search import columns_of, scan
 from ppmcal.diagnose.stage import WEAK_SURVIVAL, Stage, named_only
@@ -17,30 +18,33 @@ POWER = 1.2816
 
 
 def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate, ...]:
-    """Return every hypothesis, the best of each grid, with what became of it."""
+    """Return every hypothesis, the best of each grid, with what became of it.
+
+    Each effect that is named has a row of its own, be it on a few actuators or one of several
+    values of one hypothesis.
+    """
     first = found.first
-    chosen = found.last.named if effects else ()
-    named = {(f.family, f.on, f.shared) for f in chosen}
-    families = {f.family for f in chosen}
+    named = {k for e in effects for k in (_key(e.form), _key(replace(e.form, on=e.on)))}
+    families = {e.form.family for e in effects}
     rivals = {a.split(" on ")[0] for e in effects for a in e.alternatives}
     left = first.search.gram.given(columns_of(first.search, named_only(first)))
     after = scan(left, first.library.forms)
-    best: dict[tuple[str, tuple[str, ...], bool], int] = {}
+    best: dict[Key, int] = {}
     for i, form in enumerate(first.library.forms):
         if form.anonymous:
             continue
-        key = (form.family, form.on, form.shared)
+        key = _key(form)
+        if key in named:
+            continue
         if key not in best or first.log_p[i] < first.log_p[best[key]]:
             best[key] = i
-    out = []
-    for key, i in best.items():
+    out = [_named(found, e) for e in effects]
+    for i in best.values():
         form = first.library.forms[i]
         survival = first.search.gram.survival(form.columns)
         significant = first.log_p[i] < first.search.name
         status = "not needed"
-        if key in named:
-            status = "named"
-        elif survival < 1e-3:
+        if survival < 1e-3:
             status = "not testable"
         elif form.family in rivals:
             status = "alternative"
@@ -48,11 +52,28 @@ def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate,
             status = "explained" if after[i] > first.search.name or families else "significant"
         elif survival < WEAK_SURVIVAL:
             status = "weakly testable"
-        also = tuple(a for e in effects if e.kind == form.kind for a in e.alternatives) if (
-            status == "named") else ()
-        out.append(Candidate(form, probability(first.log_p[i]), survival, status,
-                             also, _detectable(first, i)))
-    return tuple(sorted(out, key=lambda c: (c.status != "named", c.p_value)))
+        log_p = float(first.log_p[i])
+        out.append(Candidate(form, log_p, log_p, survival, status, (), _detectable(first, i)))
+    return tuple(sorted(out, key=lambda c: (c.status != "named", c.log_p)))
+
+
+Key = tuple[str, frozenset[str], bool]
+"""Kind or slot, actuators, and whether they share one value: a form but for its constants."""
+
+
+def _key(form: Form) -> Key:
+    return form.family, frozenset(form.on), form.shared or len(form.on) == 1
+
+
+def _named(found: Found, effect: NamedEffect) -> Candidate:
+    """Return the row of an effect that was named, its form perhaps made while choosing."""
+    form, last = effect.form, found.last
+    alone = float(last.search.values()[last.forms.index(form)])
+    same = [i for i, f in enumerate(found.first.library.forms) if _key(f) == _key(form)]
+    like = min(same, key=lambda i: form.apart(found.first.library.forms[i]), default=None)
+    return Candidate(replace(form, on=effect.on), effect.log_p, alone, effect.survival, "named",
+                     effect.alternatives,
+                     0.0 if like is None else _detectable(found.first, like))
 
 
 def _detectable(stage: Stage, index: int) -> float:
@@ -76,16 +97,17 @@ def possible(found: Found, effects: Sequence[NamedEffect], verdict: str
     """Return what is there but cannot be named: too weak, or no more than an imitation."""
     stage = found.first
     if verdict == "unnamed":
-        return tuple(Candidate(f, e.p_value, e.survival, "imitation", e.alternatives, 0.0)
-                     for e in effects for f in found.last.named if f.kind == e.kind)
+        return tuple(Candidate(replace(e.form, on=e.on), e.log_p, e.log_p, e.survival,
+                               "imitation", e.alternatives, 0.0) for e in effects)
     if verdict != "weak":
         return ()
     out = []
     for i in np.argsort(stage.log_p, kind="stable")[:3]:
         if stage.log_p[i] < stage.search.detect:
             form = stage.library.forms[i]
-            out.append(Candidate(form, float(np.exp(stage.log_p[i])),
-                                 stage.search.gram.survival(form.columns), "weak", (), 0.0))
+            log_p = float(stage.log_p[i])
+            out.append(Candidate(form, log_p, log_p, stage.search.gram.survival(form.columns),
+                                 "weak", (), 0.0))
     return tuple(out)
 
 

@@ -83,7 +83,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
                         "explained by the effects and back in use")
     if out.sentence:
         told.append(out.sentence)
-    if left.excess >= TOO_MUCH or left.far_above:
+    if left.excess >= TOO_MUCH:
         told.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
                     "unrecorded, or a sigma that is too small")
     if left.ratio < OVERSTATED:

@@ -11,6 +11,7 @@ import pkgutil
 from importlib.metadata import entry_points
 
 from ppmcal.effects.kind import (
+    Derived,
     EffectKind,
     EffectParameter,
     LimbSetting,
@@ -28,5 +29,5 @@ for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
 for _entry in entry_points(group="ppmcal.effects"):
     register(_entry.load())
 
-__all__ = ["EffectKind", "EffectParameter", "LimbSetting", "Setting", "Shift", "Terms",
+__all__ = ["Derived", "EffectKind", "EffectParameter", "LimbSetting", "Setting", "Shift", "Terms",
            "effect_kinds", "find_effect", "register", "total"]

@@ -18,6 +18,7 @@ from ppmcal.effects.kind import (
     linear,
     register,
 )
+from ppmcal.effects.wave import wave
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -34,4 +35,6 @@ ECCENTRICITY = register(EffectKind(
                  for n in ("cos", "sin", "cos2", "sin2"))),
     (), _terms, joints="turning",
     worked=Worked({"cos": 1e-4, "sin": 2e-4, "cos2": 3e-4, "sin2": 0.0},
-                  {"travel": np.pi / 2.0}, -1e-4)))
+                  {"travel": np.pi / 2.0}, -1e-4),
+    derived=(*wave("cos", "sin", lambda v, at: at),
+             *wave("cos2", "sin2", lambda v, at: 2.0 * at, "2"))))

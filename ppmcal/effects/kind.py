@@ -173,6 +173,19 @@ Evaluate = Callable[[Setting, Bools, Mapping[str, float]], Terms]
 
 
 @dataclass(frozen=True)
+class Derived:
+    """A figure that says more to people than the parameters that it follows from.
+
+    ``quantity``: as that of a parameter; ``value``: (parameter -> value, middle of the measured
+    stroke, m or rad) -> figure, SI.
+    """
+
+    name: str
+    quantity: str
+    value: Callable[[Mapping[str, float], float], float]
+
+
+@dataclass(frozen=True)
 class EffectKind:
     """One kind of effect.
 
@@ -188,6 +201,7 @@ class EffectKind:
         motions: in which it exists.
         uses_load: whether the shift depends on the pose through the actuators' load.
         worked: a case with numbers: (parameters, setting changes, expected); see tests.
+        derived: figures that follow from the parameters, told beside them.
     """
 
     name: str
@@ -201,6 +215,7 @@ class EffectKind:
     motions: tuple[str, ...] = ("planar", "translational", "spatial")
     uses_load: bool = False
     worked: Worked | None = None
+    derived: tuple[Derived, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ppmcal.effects.kind import (
     register,
     total,
 )
+from ppmcal.effects.wave import wave
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -38,4 +39,5 @@ PERIODIC = register(EffectKind(
                EffectParameter("period", "joint", None, low=1e-9, usual=(0.0, 1.0),
                                of_stroke=True, why="what has no whole period in the stroke is "
                                "not seen to repeat")), (), _terms,
-    worked=Worked({"cos": 2e-5, "sin": 1e-5, "period": 0.4}, {"travel": 0.1}, 1e-5)))
+    worked=Worked({"cos": 2e-5, "sin": 1e-5, "period": 0.4}, {"travel": 0.1}, 1e-5),
+    derived=wave("cos", "sin", lambda v, at: 2.0 * np.pi * at / v["period"])))

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.diagnose.derived import derived
+from ppmcal.diagnose.gap import Gap
+from ppmcal.diagnose.gram import probability
 from ppmcal.diagnose.result import Diagnosis, NamedEffect
 from ppmcal.diagnose.story import story
 from ppmcal.files import csv_text, json_text, write_mechanism
@@ -57,11 +60,8 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
                       "p_value": left.p_value, "rms_ratio": left.ratio,
                       "noise_reference": left.source, "noise_ratio": left.reference,
                       "by_input": left.by_input},
-        "gap": {"noise": 1.0, "before": None, "after": None, "closed": None, "interval": None,
-                "poses": 0} if gap is None else {
-            "noise": 1.0, "before": gap.before, "after": gap.after, "closed": gap.closed,
-            "interval": None if gap.interval is None else list(gap.interval),
-            "poses": gap.poses},
+        "gap": gap_entry(gap) | {"blocks": [{"by": b.by, **gap_entry(b.gap)}
+                                            for b in result.blocks]},
         "confirmed": None if gap is None else gap.confirmed,
         "fit": {"before": result.start.ratio, "after": left.ratio,
                 "rows": sum(int(k.sum()) for k in result.identification.fit.keep)},
@@ -69,8 +69,8 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
                   "detect_p": float(np.exp(result.found.first.search.detect)),
                   "name_p": float(np.exp(result.found.first.search.name))},
         "localised": [{"by": p.by, "value": p.value, "rms_ratio": p.rms_ratio,
-                       "p_value": p.p_value, "rms_ratio_after": q.rms_ratio}
-                      for p, q in _paired(result)],
+                       "p_value": p.p_value, "rms_ratio_after": p.rms_ratio_after}
+                      for p in result.localised],
         "not_testable": [{"kind": u.kind, "missing": list(u.missing), "reason": u.reason}
                          for u in result.untestable],
         "swallowed": [{"name": s.name, "before": s.before / units.factor(s.quantity),
@@ -93,11 +93,6 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _paired(result: Diagnosis) -> list[tuple[Any, Any]]:
-    after = {(p.by, p.value): p for p in result.localised_after}
-    return [(p, after.get((p.by, p.value), p)) for p in result.localised]
-
-
 def effect_entry(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
     """Return one effect's entry, file units."""
     return {
@@ -105,7 +100,18 @@ def effect_entry(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
         "parameters": parameter_entries(result, effect), "p_value": effect.p_value,
         "log10_p": effect.log_p / np.log(10.0), "survival": effect.survival,
         "alternatives": [a.split(" on ")[0] for a in effect.alternatives],
-        "alternatives_on": list(effect.alternatives), "odds": list(effect.odds)}
+        "alternatives_on": list(effect.alternatives), "odds": list(effect.odds),
+        **derived_entries(result, effect)}
+
+
+def gap_entry(gap: Gap | None) -> dict[str, Any]:
+    """Return a gap in units of the noise; ``rms_closed``: 1 - rms(after)/rms(before)."""
+    if gap is None:
+        return {"noise": 1.0, "before": None, "after": None, "closed": None, "rms_closed": None,
+                "interval": None, "poses": 0}
+    return {"noise": 1.0, "before": gap.before, "after": gap.after, "closed": gap.closed,
+            "rms_closed": 1.0 - gap.after / gap.before if gap.before else None,
+            "interval": None if gap.interval is None else list(gap.interval), "poses": gap.poses}
 
 
 def parameter_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, dict[str, Any]]:
@@ -125,20 +131,43 @@ def parameter_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, dict[
     return out
 
 
+def derived_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
+    """Return ``derived`` (figure -> value, sigma, unit) and where mid-stroke is, file units.
+
+    Empty for kinds of which the parameters say all.
+    """
+    found = derived(result.identification, effect.parameters)
+    if found is None:
+        return {}
+    units = result.identification.mechanism.units
+
+    def entry(value: float, quantity: str) -> dict[str, Any]:
+        return {"value": value / units.factor(quantity), "unit": units.name(quantity)}
+
+    return {"mid_stroke": entry(found.middle, found.quantity), "derived": {
+        f.name: {**entry(f.value, f.quantity),
+                 "sigma": None if f.sigma is None else f.sigma / units.factor(f.quantity)}
+        for f in found.all}}
+
+
 def effects_csv(result: Diagnosis) -> str:
-    """Return effects.csv: one row per candidate, in the order of what became of it."""
+    """Return effects.csv: one row per candidate, in the order of what became of it.
+
+    ``p_value`` of what is named is that of diagnosis.json, given the others that are named;
+    ``p_value_alone`` is before anything was named, for every row.
+    """
     mechanism = result.identification.mechanism
     rows = []
     for c in result.candidates:
         smallest, unit = _detectable(mechanism, result, c)
         rows.append([c.form.family, " ".join(c.form.on),
                      "shared" if c.form.shared else "each", c.p_value, c.survival, c.status,
-                     "; ".join(c.alternatives), smallest, unit])
+                     "; ".join(c.alternatives), smallest, unit, probability(c.log_p_alone)])
     for u in result.untestable:
         rows.append([u.kind, "", "", np.nan, np.nan, "not testable",
-                     f"needs {', '.join(u.missing)}", np.nan, ""])
+                     f"needs {', '.join(u.missing)}", np.nan, "", np.nan])
     header = ["kind", "on", "form", "p_value", "survival", "status", "alternatives",
-              "detectable", "unit"]
+              "detectable", "unit", "p_value_alone"]
     return csv_text(header, [[r[i] for r in rows] for i in range(len(header))])
 
 

@@ -9,16 +9,19 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppmcal.controllers.misses import Misses
 from ppmcal.errors import unknown
 from ppmcal.files import json_text
 from ppmcal.mechanism import Mechanism
+from ppmcal.outputs.certainty import UNKNOWN, Certainty
 
 FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
            "reprap": "reprap_export", "joints": "joints_export", "grid": "grid_export"}
 """Formats, and the modules beside this one that write them; each is one more file."""
 NO_GAIN = 1e-9
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,10 @@ class Exported:
         said: one sentence on what the controller holds of the machine.
         numbers: what is written, and what stood there before; old None where nothing did.
         over: over which commands the figures are, as the end of a sentence.
-        before, after: errors of the machine driven by the controller's arithmetic with each.
+        before, after: errors of the machine driven by the controller's arithmetic with each, if
+            the model is exact: ``after`` is what the format cannot express.
+        poses: of the platform at which these are, base frame (N, 6), nan where open.
+        certainty: how well the model itself is known there.
         lacks: what cannot be expressed; notes: what was done to express the rest.
         advice: sentences on how to bring the numbers into the controller.
         extra: more for export.json.
@@ -79,6 +85,18 @@ class Exported:
     notes: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
+    poses: Array | None = None
+    certainty: Certainty = UNKNOWN
+
+    @property
+    def predicted(self) -> Figure | None:
+        """The error to expect with the new numbers: what they lack, and what the model lacks."""
+        own = self.certainty
+        if own.position is None:
+            return None
+        turn = None if self.after.rotation_rms is None or own.rotation is None else float(
+            np.hypot(self.after.rotation_rms, own.rotation))
+        return Figure(float(np.hypot(self.after.rms, own.position)), np.nan, turn)
 
     @property
     def findings(self) -> list[str]:
@@ -149,6 +167,7 @@ def summary(exported: Exported, name: str, provenance: Mapping[str, Any]) -> dic
         "old": {n.name: n.old for n in exported.numbers if n.old is not None},
         "number_units": {n.name: n.unit for n in exported.numbers},
         "title": exported.title, "said": exported.said, "over": exported.over,
+        "predicted": _predicted(exported),
         "exact": not exported.lacks, "read_back": True,
         "gain": {"before": _figure(exported.before), "after": _figure(exported.after)},
         "not_expressed": [{"what": lack.what, "parameters": lack.parameters,
@@ -156,6 +175,18 @@ def summary(exported: Exported, name: str, provenance: Mapping[str, Any]) -> dic
                           for lack in exported.lacks],
         "notes": exported.notes, "advice": exported.advice, "files": list(exported.files),
         **exported.extra, "provenance": dict(provenance)}
+
+
+def _predicted(exported: Exported) -> dict[str, Any]:
+    """Return what is left with the new numbers, rms: of the format, of the model, and of both."""
+    def entry(part: Figure | None) -> dict[str, Any]:
+        out: dict[str, Any] = {"rms": None if part is None else part.rms * 1e3, "unit": "mm"}
+        if part is not None and part.rotation_rms is not None:
+            out["rotation"] = {"rms": float(np.degrees(part.rotation_rms)), "unit": "deg"}
+        return out
+
+    return {"format": entry(exported.after), "model": exported.certainty.entry(),
+            "after": entry(exported.predicted)}
 
 
 def _figure(figure: Figure) -> dict[str, Any]:

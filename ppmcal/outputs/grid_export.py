@@ -60,7 +60,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         f"{after.count} random poses between those of the grid, commands interpolated linearly",
         figure(before), figure(after), tuple(_lacks(mechanism, found, grid is None)),
         tuple(_notes(mechanism, grid, found, further)), (_advice(mechanism, grid),),
-        _extra(mechanism, grid, found))
+        _extra(mechanism, grid, found), found.wanted[found.good])
 
 
 def columns(mechanism: Mechanism, found: Corrected) -> dict[str, Array]:

@@ -158,7 +158,7 @@ def covariance_entry(result: Identification) -> dict[str, Any]:
     tau = [float(1.0 / w) if w > 0.0 else None for w in result.fit.prior.tolist()]
     return {"names": list(result.columns),
             "prior": [_over(t, u) for t, u in zip(tau, f.tolist(), strict=True)],
-            "inflation": result.inflation,
+            "inflation": result.fit.noise,
             "data": _data_entry(result.fit, f),
             "matrix": (result.covariance / np.outer(f, f)).tolist(),
             "frames_turn_about": {d.name: (o.about / length).tolist() for d, o in
@@ -166,10 +166,14 @@ def covariance_entry(result: Identification) -> dict[str, Any]:
 
 
 def _data_entry(fit: Fit, factor: Array) -> dict[str, Any]:
-    """Return what the data alone say of steps of the parameters, file units, white."""
+    """Return what the data alone say of steps of the parameters, file units.
+
+    White by the stated noise, as ``inflation`` beside it is a factor on that.
+    """
     count = len(fit.problem.free)
     matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, fit.scale[:count])
-    return {"matrix": (matrix * factor[:count]).tolist(), "right": right.tolist(),
+    return {"matrix": (matrix * factor[:count] * fit.noise).tolist(),
+            "right": (right * fit.noise).tolist(),
             "unit_of_parameters": (fit.scale[:count] / factor[:count]).tolist()}
 
 

@@ -48,7 +48,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         {"type": 0, "seed": SEED, "rows": after.count,
          "tables": {t.actuator: {"file": file_name(t), "points": len(t.table.nominal),
                                  "unit": t.unit, "interpolation_error": t.error}
-                    for t in tables}})
+                    for t in tables}}, plan.asked)
 
 
 def file_name(table: JointTable) -> str:

@@ -51,11 +51,12 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
                       None if lack.cost is None else figure(lack.cost)) for lack in found.lacks),
         found.notes, tuple(advice),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
-                  "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}})
+                  "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
+        np.pad(found.points, ((0, 0), (0, 3))))
 
 
 def _comment(found: Export[Geometry], name: str) -> str:
-    lines = [f"{name}: predicted error {words(figure(found.after))}, before "
+    lines = [f"{name}: error if the model is exact {words(figure(found.after))}, before "
              f"{words(figure(found.before))}.",
              "Paste above the #*# lines of printer.cfg, below the sections of the same names (the",
              "later value wins). Where #*# lines name the same keys, put the numbers there: they",

@@ -38,7 +38,7 @@ from ppmcal.files.hal import (
 )
 from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, Number, figure, words
-from ppmcal.targets import pose_motor
+from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.units import LENGTHS
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     lacks = tuple(_lacks(mechanism, drive, around))
     notes = (*over.notes, *_notes(drive, new, unit, poses is not None and _lateral(drive) != []))
     head = "\n".join([
-        f"{mechanism.name}: predicted error {words(figure(after))}, before "
+        f"{mechanism.name}: error if the model is exact {words(figure(after))}, before "
         f"{words(figure(was))}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
         *(f"Note: {note}." for note in notes)])
     return Exported(
@@ -91,7 +91,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         f"genhexkins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
         tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, figure(was),
         figure(after), lacks, notes, tuple(_advice(ini, unit)),
-        {"length_unit": unit, "poses": len(over.pose)})
+        {"length_unit": unit, "poses": len(over.pose)}, pose_vector(over.pose))
 
 
 def _unit(mechanism: Mechanism, present: Geometry | None, old: Path | None) -> str:

@@ -52,7 +52,8 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
                       None if lack.cost is None else figure(lack.cost)) for lack in found.lacks),
         notes, tuple(_advice(present, found)),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
-                  "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}})
+                  "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
+        np.pad(found.points, ((0, 0), (0, 3))))
 
 
 def _numbers(found: Export[Delta]) -> Iterator[Number]:
@@ -105,7 +106,7 @@ def _advice(present: Lines | None, found: Export[Delta]) -> Iterator[str]:
 
 
 def _comment(found: Export[Delta], notes: tuple[str, ...], name: str) -> str:
-    lines = [f"{name}: predicted error {words(figure(found.after))}, before "
+    lines = [f"{name}: error if the model is exact {words(figure(found.after))}, before "
              f"{words(figure(found.before))}.",
              "Put these in place of M665 and M666 in config.g, then home. If config.g runs M501,",
              "M665 and M666 in config-override.g win: change them there. M500 writes them anew,",

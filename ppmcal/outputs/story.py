@@ -24,7 +24,8 @@ def story_entry(story: Story, units: Units) -> dict[str, Any]:
             "noise": _number(a.noise / units.factor(a.quantity))} for a in story.actuators],
         "series": [series_entry(s, units) for s in story.series],
         "ranking": [{"kind": r.kind, "on": list(r.on), "form": r.form,
-                     "log10_p": _number(r.log_p / np.log(10.0)), "status": r.status}
+                     "log10_p": _number(r.log_p / np.log(10.0)),
+                     "log10_p_alone": _number(r.log_p_alone / np.log(10.0)), "status": r.status}
                     for r in story.ranking],
         "steps": [{"what": s.what, "kind": s.kind, "on": list(s.on), "rms_ratio": _number(s.ratio)}
                   for s in story.steps],

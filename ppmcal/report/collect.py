@@ -62,6 +62,8 @@ DIAGNOSIS = {
     "remainder": {"follows": TEXT, "p_value": NUMBER, "rms_ratio": NUMBER,
                   "noise_reference": TEXT},
     "effects": [{"kind": TEXT, "on": [TEXT], "parameters": {"*": {"unit": TEXT, "*": NUMBER}},
+                 "derived": {"*": {"unit": TEXT, "*": NUMBER}},
+                 "mid_stroke": {"unit": TEXT, "*": NUMBER},
                  "p_value": NUMBER, "log10_p": NUMBER, "survival": NUMBER,
                  "alternatives": [None], "alternatives_on": [TEXT], "odds": [NUMBER]}],
     "possible": [_HYPOTHESIS], "gap": {"interval": [NUMBER], "*": NUMBER},

@@ -20,18 +20,16 @@ LEGEND = (("named", "named"), ("more", "with the other named ones in the model")
           ("alternative", "cannot be told from it"),
           ("explained", "explained by what is named"), ("other", "not named"))
 TICKS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 150.0, 200.0, 300.0)
-LEAST_CHANGE = 0.5
-"""A power of ten by which other effects must change a p-value for both to be shown."""
 
 
 def ranking(record: Record) -> Picture | None:
     """Return how unlikely noise alone would show each hypothesis as strongly as the data do."""
     rows = [(r, -value) for r in story(record, "ranking")
-            if (value := number(r.get("log10_p"))) is not None]
+            if (value := number(r.get("log10_p_alone", r.get("log10_p")))) is not None]
     if not rows:
         return None
     limits = _limits(record)
-    later = [_given_others(record, r, v) for r, v in rows]
+    later = [_given_others(r, v) for r, v in rows]
     high = 1.04 * max([v for _, v in rows] + [v for v in later if v is not None]
                       + [v for _, v, _ in limits] + [4.0])
 
@@ -58,7 +56,7 @@ def ranking(record: Record) -> Picture | None:
 def _row(draw: Bars, record: Record, entry: Record, value: float, then: float | None) -> None:
     """Write one hypothesis with its p-value and draw its bar below."""
     kind, status = _class_of(entry), str(entry.get("status") or "")
-    p = _p(value) if then is None else f"{_p(value)} → {_p(then)}"
+    p = _p(value) if then is None else f"{_p(then)} ({_p(value)} alone)"
     end = p if status in UNSAID else f"{p} {status}".rstrip()
     draw.text(end, "", svg.WIDTH - EDGE, "end", width(end))
     draw.text(_hypothesis(record, entry), "strong" if kind == "named" else "ink",
@@ -73,18 +71,12 @@ def _p(value: float) -> str:
     return chance(-value).removeprefix("p = ")
 
 
-def _given_others(record: Record, entry: Record, value: float) -> float | None:
-    """Return -log10 p of a named one given the others, None where that changes nothing."""
-    if entry.get("status") != "named":
+def _given_others(entry: Record, value: float) -> float | None:
+    """Return -log10 p of a named one given the others, None where it reads the same."""
+    log10 = number(entry.get("log10_p"))
+    if entry.get("status") != "named" or log10 is None:
         return None
-    kind, on = str(entry.get("kind")), set(entry.get("on") or [])
-    for e in record.get("effects") or []:
-        own = list(e.get("parameters") or {}) if e.get("kind") == "geometry" else []
-        log10 = number(e.get("log10_p"))
-        if " ".join([str(e.get("kind")), *own]) == kind and log10 is not None and (
-                own or set(e.get("on") or []) <= on):
-            return -log10 if abs(-log10 - value) > LEAST_CHANGE else None
-    return None
+    return -log10 if _p(-log10) != _p(value) else None
 
 
 def _caption(record: Record, rows: list[tuple[Record, float]],

@@ -146,9 +146,14 @@ def odds_to(odds: float) -> str:
 
 
 def amounts(entry: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return (parameter, value with its 95 % interval and unit) of a named effect."""
+    """Return (parameter, value with its 95 % interval and unit) of a named effect.
+
+    Behind the parameters come the figures that follow from them, ``phase at mid-stroke`` say.
+    """
     out = []
-    for name, v in (entry.get("parameters") or {}).items():
+    derived = {str(n).replace("_mid_stroke", " at mid-stroke"): v
+               for n, v in (entry.get("derived") or {}).items()}
+    for name, v in ((entry.get("parameters") or {}) | derived).items():
         if not isinstance(v, Mapping) or number(v.get("value")) is None:
             continue
         sigma, unit = number(v.get("sigma")), _plain_unit(str(v.get("unit") or ""))

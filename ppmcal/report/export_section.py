@@ -21,6 +21,8 @@ EXPORT = {
     **dict.fromkeys(("controller", "name", "title", "said", "over"), TEXT),
     "units": {"*": TEXT}, "number_units": {"*": TEXT}, "parameters": {"*": NUMBER},
     "old": {"*": NUMBER}, "gain": {"before": _GAIN, "after": _GAIN},
+    "predicted": {"format": _GAIN, "after": _GAIN,
+                  "model": {**_GAIN, "frame": TEXT, "reason": TEXT}},
     "not_expressed": [{"what": TEXT, "parameters": [TEXT], "cost": _GAIN}],
     "notes": [TEXT], "advice": [TEXT], "files": [TEXT], "provenance": {"inputs": {"*": TEXT}},
 }
@@ -106,10 +108,35 @@ def _gain(r: Record) -> str:
     over = f", over {str(r['over']).rstrip('.')}" if r.get("over") else ""
     drawings = "".join(_bars(r, k) for k in ("position", "rotation"))
     return ("<h3>Error predicted with the old and with the new numbers</h3>"
-            + paragraph(f"The machine driven through the controller's arithmetic{over}. How well "
-                        "the measurements know the model is in its identification.json.", "note")
+            + paragraph(f"The machine driven through the controller's arithmetic{over}, if the "
+                        "model is exact.", "note") + paragraph(_expected(r))
             + table("", ["error", "unit", "rms", "max"], rows)
             + (f'<div class="plots">{drawings}</div>' if drawings else ""))
+
+
+def _expected(r: Record) -> str:
+    """Return what is left with the new numbers: of the format, of the model, and together."""
+    told = r.get("predicted") or {}
+    lacks, own, both = (told.get(k) or {} for k in ("format", "model", "after"))
+    if number(lacks.get("rms")) is None:
+        return ""
+    text = f"What the format cannot express: {_size(lacks)}; the model's own uncertainty: "
+    if number(own.get("rms")) is None or number(both.get("rms")) is None:
+        return f"{text}unknown, as {own.get('reason') or 'nothing tells it'}."
+    where = str(own.get("frame") or "base")
+    where = "the base frame" if where == "base" else f"the frame of {where}"
+    return (f"{text}{_size(own)} (1 sigma, rms over the poses, in {where}). Predicted error with "
+            f"the new numbers: {_size(both)} rms.")
+
+
+def _size(part: Record) -> str:
+    """Return ``0.012 mm and 0.0031 deg``."""
+    out = []
+    for kind in ("position", "rotation"):
+        errors = _errors(part, kind)
+        if number(errors.get("rms")) is not None:
+            out.append(f"{sig(errors['rms'], 2)} {errors.get('unit') or ''}".strip())
+    return " and ".join(out)
 
 
 def _bars(r: Record, kind: str) -> str:

@@ -1,0 +1,85 @@
+"""What follows from a named effect's parameters, with its uncertainty: amplitude, phase."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.acting import joint_quantity, resolved
+from ppmcal.analysis import Identification
+from ppmcal.closure import Model
+from ppmcal.conditions import unknown_conditions
+from ppmcal.influence import setting
+from ppmcal.mechanism import Effect
+
+Array = NDArray[np.float64]
+SMALL = 1e-3
+"""Slopes are taken over this part of a standard deviation."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of one effect, SI; ``sigma`` None where it is not known."""
+
+    name: str
+    quantity: str
+    value: float
+    sigma: float | None
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of one effect, at the middle of its joints' measured stroke, m or rad."""
+
+    middle: float
+    quantity: str
+    all: tuple[Figure, ...]
+
+
+def derived(identification: Identification, parameters: Sequence[str]) -> Figures | None:
+    """Return the figures that an effect's kind derives from its parameters; None if there are none.
+
+    Args:
+        identification: the fit with the effect.
+        parameters: names of the effect's parameters in the model.
+    """
+    mechanism = identification.mechanism
+    place = {n: i for i, n in enumerate(mechanism.names)}
+    mine = {place[n] for n in parameters}
+    effect = next((e for e in mechanism.effects if mine & set(e.parameters.values())), None)
+    if effect is None or not effect.kind.derived:
+        return None
+    values = {n: float(mechanism.values[p]) for n, p in effect.parameters.items()}
+    column = {name: c for c, name in enumerate(identification.columns)}
+    fitted = {n: column[name] for n, p in effect.parameters.items()
+              if (name := mechanism.names[p]) in column}
+    names, at = list(fitted), list(fitted.values())
+    covariance = identification.covariance[np.ix_(at, at)]
+    middle, joint = _middle(identification, effect), joint_quantity(mechanism, effect.on)
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0)).tolist()
+    out = []
+    for d in effect.kind.derived:
+        slope = np.zeros(len(names))
+        for k, (n, s) in enumerate(zip(names, sigma, strict=True)):
+            up, down = (d.value({**values, n: values[n] + sign * SMALL * s}, middle)
+                        for sign in (1.0, -1.0))
+            change = np.remainder(up - down + np.pi, 2.0 * np.pi) - np.pi if (
+                d.quantity == "angle") else up - down
+            slope[k] = change / (2.0 * SMALL * s) if s > 0.0 else 0.0
+        spread = float(np.sqrt(max(float(slope @ covariance @ slope), 0.0)))
+        out.append(Figure(d.name, resolved(d.quantity, joint), d.value(values, middle),
+                          spread if names and np.isfinite(spread) else None))
+    return Figures(middle, joint, tuple(out))
+
+
+def _middle(identification: Identification, effect: Effect) -> float:
+    """Return the middle of what the effect's joints travelled in the rows used, m or rad."""
+    fit = identification.fit
+    q = np.concatenate([ends[0] for i, keep in enumerate(fit.keep) for ends in
+                        fit.problem.ends(i, fit.state, np.flatnonzero(keep))])
+    travel = setting(Model(identification.mechanism), unknown_conditions(*q.shape), q,
+                     np.full((len(q), 8), np.nan)).travel[:, np.array(effect.on)]
+    return 0.5 * float(np.nanmin(travel) + np.nanmax(travel))

@@ -1,0 +1,72 @@
+"""How well a model is known over the poses of an export: what no controller's numbers can mend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.compensate import model_sigma
+from ppmcal.controllers.pose_grid import rest_columns
+from ppmcal.mechanism import Mechanism
+from ppmcal.outputs.knowledge import read_knowledge
+
+Array = NDArray[np.float64]
+KNOWLEDGE = "identification.json"
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """The model's own standard deviation, root mean square over poses; None where unknown.
+
+    ``position`` m, ``rotation`` rad (None too where nothing turns); ``frame``: of which data set,
+    or ``base``; ``reason``: why it is unknown.
+    """
+
+    position: float | None
+    rotation: float | None
+    frame: str
+    reason: str = ""
+
+    def entry(self) -> dict[str, Any]:
+        """Return the entry of export.json, mm and degrees."""
+        out: dict[str, Any] = {
+            "rms": None if self.position is None else self.position * 1e3, "unit": "mm",
+            "frame": self.frame, "reason": self.reason}
+        if self.rotation is not None:
+            out["rotation"] = {"rms": float(np.degrees(self.rotation)), "unit": "deg"}
+        return out
+
+
+UNKNOWN = Certainty(None, None, "", f"{KNOWLEDGE} is not beside the model")
+
+
+def certainty(mechanism: Mechanism, poses: Array | None, model: Path) -> Certainty:
+    """Return how well the file ``model`` is known at platform poses (N, 6), base frame.
+
+    In the measuring frame of the model's only data set, as ``compensate`` takes it; with none or
+    several in the base frame, where frame and offsets can stand in for each other.
+
+    Raises:
+        BadInput: the identification.json beside the model cannot be used.
+    """
+    path = model.with_name(KNOWLEDGE)
+    if poses is None or not path.exists():
+        return UNKNOWN
+    knowledge = read_knowledge(path, mechanism)
+    names = list(mechanism.registrations)
+    name = names[0] if len(names) == 1 else ""
+    position, rotation = model_sigma(mechanism, poses, mechanism.registrations.get(name),
+                                     knowledge, name, rest_columns(mechanism, len(poses)))
+    seen = np.isfinite(position)
+    if not seen.any():
+        return Certainty(None, None, name or "base", "no pose has an uncertainty")
+    turns = mechanism.motion != "translational"
+    return Certainty(_rms(position[seen]), _rms(rotation[seen]) if turns else None, name or "base")
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
