@@ -3,6 +3,7 @@
 Every refusal has exit code 2, leaves nothing behind, and never shows a traceback.
 """
 
+import json
 import os
 import random
 import shutil
@@ -565,3 +566,63 @@ def test_mutated_files_never_crash_a_command(good, tmp_path, seed):
     if run.code == 2:
         assert run.err.count("Error:") == 1
         assert tree(folder) == before
+
+
+# ---------------------------------------------------------------- earlier results, edited
+
+DEEP = "[" * 100_000
+COMPENSATE = [*TARGET, "--frame", "base"]
+COMPARE = ["compare", "i", "j", "--out", "o"]
+KEEP = ["identify", "m.yaml", "e.csv", "--start", "i", "--keep", "--out", "o"]
+# (place, JSON text, command)
+EDITED = [
+    ("", DEEP, COMPENSATE), ("", "[]", COMPENSATE), ("", "{}", KEEP),
+    ("measured_volume.x.0", "1" + "0" * 400, COMPENSATE),
+    ("measured_volume.x.0", "NaN", COMPARE), ("measured_volume.x", "[9, 3]", COMPARE),
+    ("measured_volume.x", "[1, 2, 3]", COMPENSATE), ("measured_volume", "[]", COMPENSATE),
+    ("covariance.data.matrix", "1" + "0" * 400, COMPARE),
+    ("covariance.data.matrix.0.0", "1e308", COMPARE),
+    ("covariance.data.matrix.0.0", "null", KEEP), ("covariance.data.right", '["a"]', KEEP),
+    ("covariance.data.unit_of_parameters.0", "0", KEEP), ("covariance.inflation", "null", KEEP),
+    ("covariance.prior.0", "-1", KEEP), ("covariance.names.0", "3", COMPENSATE),
+    ("covariance.names.0", '"leg9.offset"', COMPARE), ("covariance.matrix", "[[]]", COMPENSATE),
+    ("covariance.frames_turn_about", "null", COMPENSATE), ("units.length", '"ell"', COMPENSATE),
+    ("datasets.0.registration_before.target.0", "1" + "0" * 400, COMPENSATE),
+    ("datasets", "null", COMPENSATE), ("parameters.0.value", "1e29", COMPARE),
+    ("parameters.0.value", "true", KEEP), ("provenance.inputs", "[]", KEEP),
+    ("format", '"ppmcal/identification/9"', COMPARE)]
+
+
+@pytest.mark.parametrize(("place", "text", "args"), EDITED,
+                         ids=[f"{p or 'all'} {t[:9]} {a[0]}" for p, t, a in EDITED])
+def test_an_edited_identification_is_refused(files, place, text, args):
+    """No number in it is so odd that a command would fail on it, or take it."""
+    path = files / "i" / "identification.json"
+    shutil.copytree(files / "i", files / "j")
+    ppmcal("simulate", "m.yaml", "s.yaml", "--seed", 8, "--out", "r", cwd=files, expect=0)
+    for end in ("csv", "yaml"):
+        shutil.copy(files / "r" / f"measurements.{end}", files / f"e.{end}")
+    if place:
+        tree_ = part = json.loads(path.read_text())
+        *way, last = [int(k) if k.isdigit() else k for k in place.split(".")]
+        for key in way:
+            part = part[key]
+        part[last] = "HERE"
+        text = json.dumps(tree_).replace('"HERE"', text)
+    path.write_text(text)
+    refuse(files, args, "identification.json")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-1"])
+def test_an_odd_damping_is_refused(files, value):
+    refuse(files, [*DATA, "--method", "damped", "--damping", value], "--damping")
+
+
+@pytest.mark.parametrize("args", [
+    ("plan", "m.yaml", "--count", "1e9"), ("plan", "m.yaml", "--count", "1000000000"),
+    ("sensitivity", "m.yaml", "--grid", "x=400:600:1000000000,y"),
+    ("workspace", "m.yaml", "--grid", "x=400:600:1e9"),
+    ("tolerances", "m.yaml", "--accuracy", "1", "--machines", "1000000000"),
+    ("diagnose", "m.yaml", "d.csv", "--draws", "1000000000")])
+def test_an_absurd_count_is_refused_before_any_work(files, args):
+    refuse(files, [*args, "--out", "o"], args[-2])

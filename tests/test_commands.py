@@ -14,6 +14,7 @@ import yaml
 from commands import columns, number, pick, ppmcal, ppmcal_process, rows, tree, write_csv
 
 from ppmcal.cli import COMMANDS, cli
+from ppmcal.files.folder import RECORD
 
 MACHINES = {"planar": "3-RPR", "translational": "delta-linear", "spatial": "6-UPS"}
 
@@ -99,6 +100,7 @@ def test_every_command_and_option_has_help(name):
             assert option.help, option.name
     names = {word for option in command.params for word in option.opts}
     assert {"--quiet", "--json"} <= names
+    assert ("--out" in names) == ("--force" in names)
     shown = ppmcal(name, "--help", expect=0).out
     assert max(map(len, shown.splitlines())) <= 80
 
@@ -152,6 +154,53 @@ def test_init_does_not_overwrite(tmp_path):
     assert tree(tmp_path) == {"m.yaml": b"mine"}
     ppmcal("init", "3-RPR", "--out", "m.yaml", "--force", cwd=tmp_path, expect=0)
     assert b"format: ppmcal/mechanism/1" in tree(tmp_path)["m.yaml"]
+
+
+def test_a_command_replaces_only_what_it_wrote_itself(bench):
+    measurements = (bench / "s" / "measurements.csv", "--quiet")
+    again = ("identify", "m.yaml", *measurements, "--out", "i")
+    ppmcal(*again, cwd=bench, expect=0)
+    (bench / "i" / "notes.txt").write_text("mine")
+    ppmcal(*again, cwd=bench, expect=0)
+    model = bench / "i" / "identified.yaml"
+    model.write_text(model.read_text() + "# my own line\n")
+    before = tree(bench)
+    run = ppmcal(*again, cwd=bench, expect=2)
+    assert "identified.yaml was edited" in run.err and "--force" in run.err
+    assert tree(bench) == before
+    ppmcal(*again, "--force", cwd=bench, expect=0)
+    assert "my own line" not in model.read_text()
+
+
+@pytest.mark.parametrize("args", [
+    ("identify", "m.yaml", "residuals.csv"), ("identify", "identified.yaml", "measurements.csv"),
+    ("simulate", "m.yaml", "measurements.yaml"), ("plan", "m.yaml", "--candidates", "poses.csv"),
+    ("compensate", "identified.yaml", "commands.csv"),
+    ("kinematics", "inverse", "m.yaml", "kinematics.csv")])
+def test_no_command_replaces_its_inputs(bench, args):
+    """Not even with --force, whatever the input is called."""
+    for name in ("measurements", "residuals"):
+        for end in ("csv", "yaml"):
+            shutil.copy(bench / "s" / f"measurements.{end}", bench / f"{name}.{end}")
+    shutil.copy(bench / "i" / "identified.yaml", bench)
+    if args[0] == "simulate":
+        scenario(bench, "measurements.yaml")
+    for name in ("poses", "commands", "kinematics"):
+        (bench / f"{name}.csv").write_text("x,y,rz\n500,260,25\n510,270,22\n495,255,21\n"
+                                           "505,250,27\n520,262,24\n")
+    before = tree(bench)
+    more = ("--count", "3") if args[0] == "plan" else ()
+    assert "--force" in ppmcal(*args, *more, "--out", ".", cwd=bench, expect=2).err
+    run = ppmcal(*args, *more, "--out", ".", "--force", cwd=bench, expect=2)
+    named = next(a for a in reversed(args) if a not in ("m.yaml", "measurements.csv"))
+    assert f"{named}: is an input of this run" in run.err
+    assert tree(bench) == before
+
+
+def test_demo_refuses_a_folder_of_somebody_else(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    assert "mine.txt" in ppmcal("demo", "--out", tmp_path, expect=2).err
+    assert tree(tmp_path) == {"mine.txt": b"mine"}
 
 
 def test_check_with_findings_is_1(bench):
@@ -283,9 +332,10 @@ def test_output_is_no_wider_than_a_terminal(campaigns, tmp_path, motion):
 @pytest.mark.parametrize("motion", MACHINES)
 def test_files_and_columns(campaigns, motion):
     folder = campaigns(motion)
-    assert set(tree(folder / "s")) == {"measurements.csv", "measurements.yaml", "truth.json"}
-    assert set(tree(folder / "i")) == {"identified.yaml", "parameters.csv", "residuals.csv",
-                                       "identification.json"}
+    assert set(tree(folder / "s")) == {RECORD, "measurements.csv", "measurements.yaml",
+                                       "truth.json"}
+    assert set(tree(folder / "i")) == {RECORD, "identified.yaml", "parameters.csv",
+                                       "residuals.csv", "identification.json"}
     pose = coordinates(folder)
     expected = {"planar": ["x", "y", "rz"], "translational": ["x", "y", "z"],
                 "spatial": ["x", "y", "z", "rx", "ry", "rz"]}

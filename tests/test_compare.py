@@ -280,7 +280,7 @@ def test_a_table_that_was_only_held_out_is_not_known(sessions: Path, tmp_path: P
            "--quiet", "--out", tmp_path / "two", cwd=sessions, expect=0)
     run = ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--start", tmp_path / "two",
                  "--keep", "--out", tmp_path / "two", cwd=sessions, expect=2)
-    assert "holds the calibration that --keep carries on" in run.err
+    assert "two/identified.yaml: is an input of this run" in run.err
 
 
 def test_a_flat_calibration_claims_no_more_than_its_data(sessions: Path, tmp_path: Path) -> None:

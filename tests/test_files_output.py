@@ -10,11 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ppmcal.errors import BadInput
 from ppmcal.files import Output, csv_text, json_text, provenance
+from ppmcal.files.folder import RECORD, running
+from ppmcal.files.yaml_text import read_bytes
 
 
 def test_output_appears_together(tmp_path):
@@ -28,15 +31,100 @@ def test_output_appears_together(tmp_path):
     assert sorted(os.listdir(target.parent)) == ["out"]
 
 
-def test_output_keeps_other_files_and_replaces_its_own(tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "mine.txt").write_text("keep")
-    (tmp_path / "out" / "a.csv").write_text("old")
-    with Output(tmp_path / "out") as out:
-        out.add("a.csv", "new")
-    assert (tmp_path / "out" / "a.csv").read_text() == "new"
-    assert (tmp_path / "out" / "mine.txt").read_text() == "keep"
+def write(folder, command="identify", force=False, **files):
+    """Write files (``a``: text of a.csv) as a run of a command does."""
+    with running(command, folder, force), Output(folder) as out:
+        for stem, text in files.items():
+            out.add(f"{stem}.csv", text)
+
+
+def held(folder):
+    """Return name -> text of what a folder shows."""
+    return {p.name: p.read_text() for p in folder.iterdir() if not p.name.startswith(".")}
+
+
+def test_output_replaces_its_own_beside_others(tmp_path):
+    folder = tmp_path / "out"
+    write(folder, a="old", b="old")
+    (folder / "mine.txt").write_text("keep")
+    write(folder, a="new")
+    assert held(folder) == {"a.csv": "new", "b.csv": "old", "mine.txt": "keep"}
+    write(folder, b="new")    # what an earlier run wrote stays its own
+    assert held(folder) == {"a.csv": "new", "b.csv": "new", "mine.txt": "keep"}
     assert os.listdir(tmp_path) == ["out"]
+
+
+def foreign(folder):
+    folder.mkdir()
+    (folder / "mine.txt").write_text("")
+
+
+def edited(folder):
+    write(folder, a="old", b="old")
+    (folder / "a.csv").write_text("mine")
+
+
+def anothers(folder):
+    write(folder, "diagnose", a="old")
+
+
+def beside(folder):
+    write(folder, b="old")
+    (folder / "a.csv").write_text("mine")
+
+
+def damaged(folder):
+    write(folder, a="old")
+    (folder / RECORD).write_text('{"format": "ppmcal/folder/1", "files": {"a.csv": 3}}')
+
+
+@pytest.mark.parametrize(("make", "said"), [
+    (foreign, "mine.txt"), (edited, "a.csv was edited"), (anothers, "another command, diagnose"),
+    (beside, "a.csv: was there before"), (damaged, "did not write")])
+def test_output_replaces_nothing_else_unless_forced(tmp_path, make, said):
+    folder = tmp_path / "out"
+    make(folder)
+    before = tree(folder)
+    with pytest.raises(BadInput, match=said) as error:
+        write(folder, a="new")
+    assert "--force" in str(error.value)
+    assert tree(folder) == before
+    write(folder, force=True, a="new")
+    assert held(folder)["a.csv"] == "new"
+    write(folder, a="newer")    # and from now on it is this command's own
+    assert held(folder)["a.csv"] == "newer"
+
+
+def test_an_edited_file_is_refused_before_the_work(tmp_path):
+    edited(tmp_path / "out")
+    with pytest.raises(BadInput, match="was edited"), running("identify", tmp_path / "out"):
+        raise AssertionError("the command ran")
+
+
+@pytest.mark.parametrize("link", ["same", "symbolic", "hard"])
+def test_an_input_is_never_replaced(tmp_path, link):
+    source, folder = tmp_path / "data.csv", tmp_path / "out"
+    folder.mkdir()
+    if link == "same":
+        source = folder / "a.csv"
+    source.write_text("x\n1\n")
+    if link == "symbolic":
+        (folder / "a.csv").symlink_to(source)
+    elif link == "hard":
+        os.link(source, folder / "a.csv")
+    before = tree(tmp_path)
+    with (pytest.raises(BadInput, match=r"a\.csv: is an input of this run"),
+          running("identify", folder, force=True), Output(folder) as out):
+        read_bytes(source)
+        out.add("a.csv", "new")
+    assert tree(tmp_path) == before
+
+
+def test_an_input_that_the_command_wrote_before_is_refused_when_it_is_read(tmp_path):
+    write(tmp_path / "out", a="old")
+    with running("identify", tmp_path / "out", force=True), pytest.raises(
+            BadInput, match="is an input"):
+        read_bytes(tmp_path / "out" / "a.csv")
 
 
 def test_output_writes_nothing_after_an_error(tmp_path):
@@ -48,8 +136,8 @@ def test_output_writes_nothing_after_an_error(tmp_path):
 
 def test_output_rolls_back(tmp_path, monkeypatch):
     target = tmp_path / "out"
-    target.mkdir()
-    (target / "a.csv").write_text("old")
+    write(target, "", a="old")
+    before = tree(target)
     out = Output(target)
     out.add("a.csv", "new")
     out.add("b.csv", "new")
@@ -63,8 +151,7 @@ def test_output_rolls_back(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "replace", failing)
     with pytest.raises(BadInput, match="No space"):
         out.write()
-    assert (target / "a.csv").read_text() == "old"
-    assert os.listdir(target) == ["a.csv"]
+    assert tree(target) == before
     assert os.listdir(tmp_path) == ["out"]
 
 
@@ -85,7 +172,7 @@ def test_output_into_a_folder_on_another_file_system(tmp_path):
         (tmp_path / "out").symlink_to(folder)
         with Output(tmp_path / "out") as out:
             out.add("a.csv", "x\n")
-        assert os.listdir(folder) == ["a.csv"]
+        assert sorted(os.listdir(folder)) == [RECORD, "a.csv"]
     assert os.listdir(tmp_path) == ["out"]
 
 
@@ -103,7 +190,7 @@ def test_output_writes_names_that_utf8_cannot_hold(tmp_path):
 
 def test_output_names_are_plain():
     out = Output("x")
-    for name in ("", "a/b", ".."):
+    for name in ("", "a/b", "..", RECORD):
         with pytest.raises(ValueError, match="plain"):
             out.add(name, "")
     out.add("a", "")

@@ -23,6 +23,7 @@ from ppmcal.controllers.pose_grid import (
     nearest,
 )
 from ppmcal.files import read_mechanism, write_mechanism
+from ppmcal.files.folder import RECORD
 from ppmcal.mechanism import Mechanism
 from ppmcal.region import Grid, named
 
@@ -140,7 +141,7 @@ def test_the_gain_by_hand(tmp_path: Path, name: str) -> None:
 def test_the_table_holds_poses_commands_and_joints(tmp_path: Path) -> None:
     true = identified("3-RPR")
     run = ppmcal("export", "grid", written(tmp_path, true), "--json", "--out", tmp_path / "o")
-    assert run.code == 0 and sorted(tree(tmp_path / "o")) == ["export.json", "grid.csv"]
+    assert run.code == 0 and sorted(tree(tmp_path / "o")) == [RECORD, "export.json", "grid.csv"]
     legs_ = ["q_leg1", "q_leg2", "q_leg3"]
     assert columns(tmp_path / "o" / "grid.csv") == ["x", "y", "rz", "cmd_x", "cmd_y", "cmd_rz",
                                                     *legs_]

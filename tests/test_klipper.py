@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import random
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -400,18 +402,25 @@ def test_an_unknown_format_names_the_nearest(tmp_path: Path, command: str) -> No
     assert not tree(tmp_path)
 
 
-def test_the_sample_printer_goes_through_the_three_commands(tmp_path: Path) -> None:
-    """The intervals hold what the sample was simulated with."""
-    source = Path(__file__).resolve().parent.parent / "sample_data" / "printer" / "printer.cfg"
-    (tmp_path / "printer.cfg").write_text(source.read_text())
-    ppmcal("import", "klipper", "printer.cfg", cwd=tmp_path, expect=0)
-    found = ppmcal("identify", "imported/machine.yaml", "imported/heights.csv",
-                   "imported/distances.csv", "--json", cwd=tmp_path, expect=0).json
+def test_the_sample_printer_goes_through_the_readmes_three_commands(tmp_path: Path) -> None:
+    """As they stand there. The intervals hold what the sample was simulated with."""
+    top = Path(__file__).resolve().parent.parent
+    section = (top / "README.md").read_text().partition("## A delta printer")[2].partition("## ")[0]
+    lines = [shlex.split(line, comments=True) for line in section.split("```")[1].splitlines()]
+    lines = [words for words in lines if words]
+    assert [words[:2] for words in lines] == [["ppmcal", "import"], ["ppmcal", "identify"],
+                                              ["ppmcal", "export"]]
+    (tmp_path / "printer.cfg").write_bytes(
+        (top / "sample_data" / "printer" / "printer.cfg").read_bytes())
+    runs = [ppmcal(*words[1:], cwd=tmp_path, expect=0) for words in lines]
+    said = runs[0].out.partition("Next: ")[2]
+    assert shlex.split(said.replace("\\\n", "")) == lines[1]
+    found = json.loads((tmp_path / "identified" / "identification.json").read_text())
+    used = {d["kind"]: d["used"] for d in found["datasets"]}
+    assert used["plane"] and used["distance"]
     true = {"delta_radius": 140.62, "rod": 300.35, "a.base.point.angle": 210.21,
             "b.base.point.angle": 329.74}
     for p in found["parameters"]:
         if p["name"] in true:
             assert p["low"] < true[p["name"]] < p["high"], p["name"]
-    run = ppmcal("export", "klipper", "identified/identified.yaml", "--old", "printer.cfg",
-                 cwd=tmp_path, expect=0)
-    assert "Change these in the #*# lines" in run.out
+    assert "Change these in the #*# lines" in runs[2].out

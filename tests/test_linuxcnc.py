@@ -170,6 +170,21 @@ def test_joints_read_back_equal(joints: list[Joint]) -> None:
     assert all(not line or line[0] in "#[" for line in text.splitlines())
 
 
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("# HOME = 1.0000000", "# HOME = here", "'here' is not a number"),
+    ("# HOME = 1.0000000", "# HOME = nan", "'nan' is not a number"),
+    ("# HOME = 1.0000000", "# HOME = 1e999", "is not a number"),
+    ("# HOME = 1.0000000\n", "", "HOME is missing"),
+    ("present * 1.500000000000", "present * .", "'.' is not a number"),
+    ("+ 2.0000000", "+ -", "is not a number")])
+def test_odd_lines_of_joints_are_refused(old: str, new: str, said: str) -> None:
+    text = format_joints([Joint(0.5), Joint(1.0, 1.5, 2.0)], NAMES[:2])
+    assert old in text
+    with pytest.raises(BadInput, match=re.escape(said)) as error:
+        parse_joints(text.replace(old, new), "x")
+    assert str(error.value).startswith("x: [JOINT_1]")
+
+
 def pins_text(geometry: Geometry = SIM) -> str:
     return format_hal(geometry, NAMES, "mine")
 

@@ -10,9 +10,14 @@ import importlib
 import os
 import sys
 
-import click
+try:
+    import click
 
-from ppmcal import __version__
+    from ppmcal import __version__
+    from ppmcal.cli.streams import interruptible, steady
+except KeyboardInterrupt:    # there is nothing to stop yet
+    sys.stderr.write("Stopped.\n")
+    raise SystemExit(130) from None
 
 COMMANDS = {
     "init": "Write a commented mechanism file to start from.",
@@ -85,31 +90,45 @@ def main() -> None:
     # threads slow the small matrices of a fit down; must be set before NumPy loads
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    with interruptible(), steady() as out:
+        try:
+            code = _run()
+            out.flush()
+        except KeyboardInterrupt:
+            click.echo("Stopped.", err=True)
+            code = 130
+        if out.error is not None and not isinstance(out.error, BrokenPipeError):
+            click.echo(f"Error: standard output cannot be written ({out.error.strerror}); files in "
+                       "--out are not concerned. Check the space where it is redirected to.",
+                       err=True)
+            code = code if code in (3, 130) else 2
+    sys.exit(code)
+
+
+def _run() -> int:
+    """Run a command and return its exit code."""
     from ppmcal.errors import PpmcalError
 
     try:
         code = cli(standalone_mode=False)
-        sys.exit(code if isinstance(code, int) else 0)
+        return code if isinstance(code, int) else 0
     except click.exceptions.Exit as stop:
-        sys.exit(stop.exit_code)
+        return stop.exit_code
     except click.Abort:
         click.echo("Stopped.", err=True)
-        sys.exit(130)
+        return 130
     except click.ClickException as error:
         error.show()
-        sys.exit(2)
+        return 2
     except PpmcalError as error:
         click.echo(f"Error: {error}", err=True)
-        sys.exit(error.exit_code)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+        return error.exit_code
     except MemoryError:
         click.echo("Error: not enough memory for this many rows.", err=True)
-        sys.exit(3)
+        return 3
     except Exception as error:
         if os.environ.get("PPMCAL_DEBUG"):
             raise
         click.echo(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
                    "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.", err=True)
-        sys.exit(3)
+        return 3

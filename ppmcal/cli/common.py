@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+import math
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
@@ -16,20 +19,54 @@ if TYPE_CHECKING:
     from ppmcal.mechanism import Mechanism
 
 F = TypeVar("F", bound=Callable[..., Any])
+WIDTH = 80
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+
+class FiniteRange(click.FloatRange):
+    """A range of floats without nan and inf."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+                ) -> float:
+        """Return the number, or fail."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 json_option = click.option("--json", "as_json", is_flag=True,
                            help="Print the summary as one JSON object.")
 seed_option = click.option("--seed", type=click.IntRange(min=0), default=None,
                            help="Seed of everything drawn at random.")
+force_option = click.option("--force", is_flag=True,
+                            help="Write even where files are that this command did not write, or "
+                            "that were edited since; inputs are never replaced.")
 
 
 def out_option(default: str) -> Callable[[F], F]:
-    """Return the ``--out`` option with a default folder."""
-    return click.option("--out", type=FOLDER, default=default, show_default=True,
-                        help="Folder for the results.")
+    """Return the options ``--out``, with a default folder, and ``--force``.
+
+    The command's body runs as one run of :mod:`ppmcal.files.folder`: what it reads is never
+    replaced, and what it did not write only with ``--force``.
+    """
+    def decorate(function: F) -> F:
+        @functools.wraps(function)
+        def body(*args: Any, out: Path, force: bool, **options: Any) -> Any:
+            from ppmcal.files.folder import running
+
+            name = click.get_current_context().command.name or ""
+            with running(name, out, force):
+                return function(*args, out=out, **options)
+
+        return folder(force_option(cast(F, body)))
+
+    folder = click.option("--out", type=FOLDER, default=default, show_default=True,
+                          help="Folder for the results.")
+    return decorate
 
 
 class Console:
@@ -49,6 +86,16 @@ class Console:
         """Print one paragraph, wrapped at 80 columns."""
         if self.speaks:
             self.rich.print(text, markup=False, highlight=False)
+
+    def say_command(self, head: str, words: Sequence[object]) -> None:
+        """Print a command to be copied: longer than a line, it goes on behind a backslash."""
+        lines = [head]
+        for word in (shlex.quote(str(w)) for w in words):
+            if len(lines[-1]) + len(word) > WIDTH - 3:
+                lines[-1] += " \\"
+                lines.append("   ")
+            lines[-1] += f" {word}"
+        self.say("\n".join(lines))
 
     def warn(self, findings: Sequence[str]) -> None:
         """Print what the user must look at."""
@@ -72,7 +119,7 @@ class Console:
         if self._rich is None:
             from rich.console import Console as Rich
 
-            self._rich = Rich(width=80, soft_wrap=False)
+            self._rich = Rich(width=WIDTH, soft_wrap=False)
         return self._rich
 
     def summary(self, content: Mapping[str, Any]) -> None:
@@ -130,8 +177,6 @@ def input_columns(path: Path) -> tuple[tuple[str, ...], list[Any]]:
 
 def command_line() -> str:
     """Return the command as it was typed, for provenance."""
-    import shlex
-
     return "ppmcal " + shlex.join(sys.argv[1:])
 
 

@@ -20,8 +20,11 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
     Check, identify, compensate, diagnose, inverse kinematics, simulation, sensitivity and a
     plan of measurements, one report.
     """
+    from ppmcal.files import Output
     from ppmcal.templates import sample_data
 
+    with Output(out):
+        pass    # the folder is the demo's own from now on
     console = Console(quiet, as_json)
     folder = sample_data()
     mech, data = folder / "hexapod.yaml", folder / "measurements.csv"
@@ -51,8 +54,9 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
           out / "report"]),
     ]
     codes = {}
+    force = ["--force"] if click.get_current_context().params["force"] else []
     for number, (question, step) in enumerate(steps, 1):
-        words = [str(w) for w in step]
+        words = [str(w) for w in step] + (force if "--out" in step else [])
         console.say(f"\n[{number}/{len(steps)}] {question}")
         console.say(f"$ ppmcal {' '.join(words)}\n")
         codes[words[0]] = _run(words, console.speaks)

@@ -13,6 +13,7 @@ from ppmcal.cli.campaign import load, unit_findings_told
 from ppmcal.cli.common import (
     FILE,
     Console,
+    FiniteRange,
     command_line,
     finish,
     json_option,
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
               "are candidates.")
 @click.option("--kind", "kinds", multiple=True, metavar="KIND",
               help="Try only these kinds of effect (may be repeated)  [default: all].")
-@click.option("--holdout", type=click.FloatRange(0.0, 0.9), default=0.27, show_default=True,
+@click.option("--holdout", type=FiniteRange(0.0, 0.9), default=0.27, show_default=True,
               help="Part of the poses that no fit sees, on which the gap is measured.")
 @click.option("--draws", type=click.IntRange(200, 100000), default=2000, show_default=True,
               help="Simulated campaigns of noise behind the thresholds.")

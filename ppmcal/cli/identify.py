@@ -11,6 +11,7 @@ from ppmcal.cli.campaign import load, readable, started, unit_findings_told
 from ppmcal.cli.common import (
     FILE,
     Console,
+    FiniteRange,
     command_line,
     finish,
     json_option,
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
               "chosen by generalised cross-validation; damped: the scheme of the PPM paper.")
 @click.option("--prior", type=click.Choice(["tolerances", "flat"]), default="tolerances",
               show_default=True, help="flat: no prior at all.")
-@click.option("--damping", type=click.FloatRange(min=0.0, min_open=True), default=0.9,
+@click.option("--damping", type=FiniteRange(min=0.0, min_open=True), default=0.9,
               show_default=True, help="The damping of --method damped.")
 @click.option("--iterations", type=click.IntRange(1, 100000), default=None,
               help="Stop after so many and write what was reached  [default: 60, damped: 6000, "
@@ -94,9 +95,6 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
         inputs.append(str(start))
     old = start or mech
     before = read_posterior(old.with_name("identification.json"), mechanism) if keep else None
-    if keep and out.resolve() == old.resolve().parent:
-        raise click.UsageError(f"--out {out} holds the calibration that --keep carries on; give "
-                               "another folder.")
     inputs += [before.source] if before else []
     seed = 0 if seed is None else seed
     source = provenance(inputs, command_line(), seed)

@@ -53,8 +53,7 @@ def command(form: str, file: Path, out: Path, rods: str | None, quiet: bool, as_
     console.warn(printer.findings)
     finish(out, list(output.files), console)
     if tables:
-        console.say(f"Next: ppmcal identify {out / 'machine.yaml'} "
-                    f"{' '.join(str(t) for t in tables)}")
+        console.say_command("Next:", ["ppmcal", "identify", out / "machine.yaml", *tables])
     console.summary({"format": "ppmcal/import/1", "heights": len(printer.heights),
                      "distances": len(printer.distances), "rods": chosen,
                      "written": list(output.files), "findings": printer.findings,

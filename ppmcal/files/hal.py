@@ -171,11 +171,7 @@ def _setting(words: Sequence[str], where: str) -> tuple[str, float]:
         raise BadInput(f"genhexkins has no pin '{pin[:40]}' to set", where,
                        f"Its points are {_HEAD}base.N.x to {_HEAD}platform.N.z, N from 0 to 5."
                        + (f" Did you mean '{_HEAD}{near[0]}'?" if near else ""))
-    value = float(parts[1]) if _NUMBER.fullmatch(parts[1]) else math.nan
-    if not math.isfinite(value):
-        raise BadInput(f"'{parts[1][:40]}' is not a number", f"{where}: {_HEAD}{pin}",
-                       "Write a decimal number")
-    return pin, value
+    return pin, _decimal(parts[1], f"{where}: {_HEAD}{pin}")
 
 
 def read_geometry(hal: Hal) -> Geometry:
@@ -252,17 +248,33 @@ def format_joints(joints: Sequence[Joint], names: Sequence[str], comment: str = 
 
 
 def parse_joints(text: str, source: str) -> tuple[Joint, ...]:
-    """Return the joints of notes that :func:`format_joints` wrote, in the order of their number."""
+    """Return the joints of notes that :func:`format_joints` wrote, in the order of their number.
+
+    Raises:
+        BadInput: a section without a home, or with what is not a number.
+    """
     out = []
     for n, part in enumerate(re.split(r"^\[JOINT_\d\]$", text, flags=re.MULTILINE)[1:]):
+        where = f"{source}: [JOINT_{n}]"
         home = re.search(r"^# HOME = (\S+)$", part, re.MULTILINE)
         change = re.search(r"^# HOME_OFFSET = present(?: \* (\S+))? ([+-]) (\S+)$", part,
                            re.MULTILINE)
         if home is None:
-            raise BadInput("HOME is missing", f"{source}: [JOINT_{n}]")
-        out.append(Joint(float(home[1])) if change is None else
-                   Joint(float(home[1]), float(change[1] or 1.0), float(change[2] + change[3])))
+            raise BadInput("HOME is missing", where, "Write `# HOME = ` and a number")
+        at = _decimal(home[1], f"{where}: HOME")
+        offset = f"{where}: HOME_OFFSET"
+        out.append(Joint(at) if change is None else
+                   Joint(at, _decimal(change[1] or "1", offset),
+                         _decimal(change[2] + change[3], offset)))
     return tuple(out)
+
+
+def _decimal(text: str, where: str) -> float:
+    """Return a finite decimal number."""
+    value = float(text) if _NUMBER.fullmatch(text) else math.nan
+    if not math.isfinite(value):
+        raise BadInput(f"'{text[:40]}' is not a number", where, "Write a decimal number")
+    return value
 
 
 def _comments(text: str) -> list[str]:

@@ -20,12 +20,16 @@ import numpy as np
 
 from ppmcal import __version__
 from ppmcal.errors import BadInput
+from ppmcal.files.folder import RECORD, check_files, current, note_read, record_text
 
 CHUNK = 20_000
 
 
 class Output:
     """Several files that appear together in a folder, or not at all.
+
+    They replace neither inputs of the run under way nor, unless it is forced to, what its
+    command did not write: see :mod:`ppmcal.files.folder`.
 
     Use it as ``with Output("out") as out: out.add("a.csv", text)``: the files are written when
     the block ends without an error. Or call :meth:`write`.
@@ -42,7 +46,7 @@ class Output:
         What UTF-8 cannot hold (bytes of a file's name in another encoding) is written as
         ``\udcff``.
         """
-        if name in ("", ".", "..") or Path(name).name != name:
+        if name in ("", ".", "..", RECORD) or Path(name).name != name:
             raise ValueError(f"'{name}' is not a plain file name")
         if name in self.files:
             raise ValueError(f"'{name}' was added already")
@@ -53,12 +57,16 @@ class Output:
         """Write all files and return their paths.
 
         Raises:
-            BadInput: the folder cannot be written; nothing has changed then.
+            BadInput: the folder cannot be written, or what is there must not be replaced;
+                nothing has changed then.
         """
+        run = current()
         try:
             self._check()
+            check_files(self.directory, self.files, run)
+            record = record_text(self.directory, self.files, run).encode()
             with self._stage() as stage:
-                self._stage_and_move(stage)
+                self._stage_and_move(stage, {**self.files, RECORD: record})
         except (OSError, ValueError) as error:
             raise self._refusal(error) from None
         return [self.directory / name for name in self.files]
@@ -68,7 +76,7 @@ class Output:
         target = self.directory
         if target.exists() and not target.is_dir():
             raise BadInput("is a file, not a folder", str(target), "Name another folder in --out")
-        for name in self.files:
+        for name in (*self.files, RECORD):
             if (target / name).is_dir():
                 raise BadInput("is a folder, a result of that name cannot be written",
                                str(target / name), "Move it away, or name another folder in --out")
@@ -86,18 +94,18 @@ class Output:
         finally:
             shutil.rmtree(stage, ignore_errors=True)
 
-    def _stage_and_move(self, stage: Path) -> None:
+    def _stage_and_move(self, stage: Path, files: Mapping[str, bytes]) -> None:
         new, old = stage / "new", stage / "old"
         new.mkdir()
         old.mkdir()
-        for name, content in self.files.items():
+        for name, content in files.items():
             (new / name).write_bytes(content)
         if not self.directory.exists():
             new.replace(self.directory)
             return
         moved: list[str] = []
         try:
-            for name in self.files:
+            for name in files:
                 if (self.directory / name).exists():
                     (self.directory / name).replace(old / name)
                 moved.append(name)
@@ -219,6 +227,7 @@ def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int
         try:
             with open(path, "rb") as stream:
                 sums[str(path)] = hashlib.file_digest(stream, "sha256").hexdigest()
+            note_read(path)
         except OSError as error:
             raise BadInput(f"cannot be read ({error.strerror})", str(path),
                            "Give the path of a readable file") from None

@@ -74,7 +74,7 @@ def _positive(value: object) -> float:
 
 def _count(value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 10_000_000:
-        raise refuse(f"{show(value)} is not a count", "Write a whole number of 1 or more")
+        raise refuse(f"{show(value)} is not a count", "Write a whole number from 1 to 10 million")
     return value
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from ppmcal.errors import BadInput
+from ppmcal.files.folder import note_read
 
 MAX_BYTES = 20_000_000
 MAX_DEPTH = 60
@@ -82,13 +83,13 @@ _Loader.add_constructor(_TAG + "float", _float)
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return a file's bytes.
+    """Return a file's bytes, and note it as an input of the run.
 
     Raises:
-        BadInput: it does not exist, is a directory, or cannot be read.
+        BadInput: it does not exist, is a directory, cannot be read, or would be replaced.
     """
     try:
-        return path.read_bytes()
+        data = path.read_bytes()
     except FileNotFoundError:
         folder = path.parent
         near = _near(path)
@@ -99,6 +100,8 @@ def read_bytes(path: Path) -> bytes:
         reason = getattr(error, "strerror", None) or str(error)
         raise BadInput(f"cannot be read ({reason})", str(path),
                        "Give the path of a readable file") from None
+    note_read(path)
+    return data
 
 
 def _near(path: Path) -> str:

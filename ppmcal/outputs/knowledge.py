@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from ppmcal.compensate import Knowledge
 from ppmcal.earlier import Posterior
 from ppmcal.errors import BadInput
+from ppmcal.files.records import FINITE, TEXT, read_json
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.outputs.identification_units import column_factor
 from ppmcal.units import Units
@@ -26,10 +26,10 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     content = read_content(path, WITHOUT)
     try:
         names = tuple(str(n) for n in content["covariance"]["names"])
-        units = Units(**content["units"])
+        units = _units(content, path)
         matrix = np.array(content["covariance"]["matrix"], dtype=float)
         matrix = matrix.reshape(len(names), len(names))
-        volume = {str(c): (float(low), float(high)) for c, (low, high) in
+        volume = {str(c): _ends(low, high) for c, (low, high) in
                   content["measured_volume"].items()}
         turn = {str(n): np.array(p, dtype=float) * units.factor("length") for n, p in
                 content["covariance"]["frames_turn_about"].items()}
@@ -44,30 +44,48 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     return Knowledge(names, matrix * np.outer(factor, factor), scaled, turn, before)
 
 
-FORMS = (KeyError, TypeError, ValueError, AttributeError, IndexError)
+FORMS = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError)
 """What reading a file of another form raises."""
+LONGEST = 1e15
+"""File units: no value of a parameter and no pose is as large."""
+_SHAPE = {
+    "format": TEXT, "units": {"*": TEXT}, "measured_volume": {"*": [FINITE]},
+    "parameters": [{"name": TEXT, "value": FINITE}],
+    "covariance": {
+        "names": [TEXT], "prior": (FINITE,), "inflation": FINITE, "matrix": [(FINITE,)],
+        "data": {"matrix": [[FINITE]], "right": [FINITE], "unit_of_parameters": [FINITE]},
+        "frames_turn_about": {"*": [FINITE]}},
+    "datasets": [{"name": TEXT, "source": TEXT, "registration_before": {"*": [FINITE]}}],
+    "provenance": {"inputs": {"*": TEXT}}, "earlier": {"*": TEXT}}
 
 
 def read_content(path: Path, mend: str) -> dict[str, Any]:
     """Return what an identification.json holds.
 
     Raises:
-        BadInput: not readable, or not such a file.
+        BadInput: not readable, not such a file, or a number in it that is none.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["format"] != "ppmcal/identification/1":
-            raise KeyError("format")
-    except OSError as error:
-        raise BadInput(f"cannot be read ({error.strerror})", str(path),
-                       "Give the identification.json of this model") from None
-    except FORMS as error:
-        raise _no_such(path, mend) from error
-    return dict(content)
+    content = read_json(path, _SHAPE)
+    if content.get("format") != "ppmcal/identification/1":
+        raise _no_such(path, mend)
+    return content
 
 
 def _no_such(path: Path, mend: str) -> BadInput:
     return BadInput("is not an identification.json of this version of ppmcal", str(path), mend)
+
+
+def _units(content: Mapping[str, Any], path: Path) -> Units:
+    try:
+        return Units(**content["units"])
+    except BadInput as error:
+        raise error.at(str(path)) from None
+
+
+def _ends(low: float, high: float) -> tuple[float, float]:
+    if not -LONGEST < low <= high < LONGEST:
+        raise ValueError("no range")
+    return float(low), float(high)
 
 
 def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
@@ -99,16 +117,15 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
         tau = np.array([np.inf if t is None else float(t) for t in entry["prior"][:count]])
         inflation = float(entry["inflation"])
         found = {str(p["name"]): float(p["value"]) for p in content["parameters"]}
-        units = Units(**content["units"])
+        units = _units(content, path)
         value = np.array([found[n] for n in names])
         sums = {str(k): str(v) for k, v in content["provenance"]["inputs"].items()}
         inputs = {sums[d["source"]]: str(d["source"]) for d in content["datasets"]}
         inputs |= {str(k): str(v) for k, v in content.get("earlier", {}).items()}
     except FORMS as error:
         raise _no_such(path, AGAIN) from error
-    sound = (np.isfinite(matrix).all() and np.isfinite(right).all() and np.isfinite(value).all()
-             and tau.size == count and np.all(tau > 0.0) and np.all(scale > 0.0)
-             and 1.0 <= inflation < np.inf)
+    sound = (np.all(np.abs(value) < LONGEST) and len(set(names)) == count and tau.size == count
+             and np.all(tau > 0.0) and np.all(scale > 0.0) and 1.0 <= inflation < np.inf)
     if not sound:
         raise _no_such(path, AGAIN)
     of_machine(names, mechanism, path)

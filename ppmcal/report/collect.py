@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
+from ppmcal.files.records import NUMBER, TEXT, read_json
 from ppmcal.report.compare_section import COMPARISON
 from ppmcal.report.compare_section import WORDS as COMPARE_WORDS
 from ppmcal.report.data import (
@@ -25,15 +26,7 @@ from ppmcal.report.data import (
 )
 from ppmcal.report.design_pictures import DESIGN_FILES, designed
 from ppmcal.report.export_section import EXPORT
-from ppmcal.report.sources import (
-    NUMBER,
-    TEXT,
-    digest,
-    is_command_number,
-    is_number_column,
-    read_columns,
-    read_json,
-)
+from ppmcal.report.sources import digest, is_command_number, is_number_column, read_columns
 from ppmcal.report.told_section import TOLD
 from ppmcal.report.truth import compare
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.files.records import NUMBER, TEXT
 from ppmcal.report import svg
 from ppmcal.report.bars import fitting
 from ppmcal.report.data import Columns, Other
@@ -21,7 +22,6 @@ from ppmcal.report.numbers import (
     to_sigma,
     with_unit,
 )
-from ppmcal.report.sources import NUMBER, TEXT
 from ppmcal.report.tables import amount, dotted, paragraph, table, words
 
 Record = Mapping[str, Any]

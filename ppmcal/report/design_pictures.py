@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ppmcal.errors import BadInput
+from ppmcal.files.records import AGAIN, NUMBER, TEXT, read_json
 from ppmcal.report.data import Designed, Picture, Record
-from ppmcal.report.sources import AGAIN, NUMBER, TEXT, read_columns, read_json
+from ppmcal.report.sources import read_columns
 
 DESIGNS: Mapping[str, tuple[str, ...]] = {
     "sensitivity": ("sensitivity.csv", "map.csv", "linearity.csv", "jacobian.csv"),

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ppmcal.files.records import NUMBER, TEXT
 from ppmcal.report import svg
 from ppmcal.report.bars import EDGE, Bars, linear_scale
 from ppmcal.report.data import Other
 from ppmcal.report.figures import figure
 from ppmcal.report.numbers import count, number, sig
-from ppmcal.report.sources import NUMBER, TEXT
 from ppmcal.report.tables import MAX_ROWS, Cell, amount, bullets, dotted, paragraph, table, words
 
 Record = Mapping[str, Any]

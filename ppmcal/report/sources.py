@@ -8,24 +8,20 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import json
 import re
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ppmcal.errors import BadInput
+from ppmcal.files.folder import note_read
+from ppmcal.files.records import AGAIN
 from ppmcal.report.data import Array, Columns
 from ppmcal.report.numbers import LARGEST
 
-AGAIN = "Run the command that writes it again"
 CHUNK = 50_000
-MAX_DEPTH_MEND = "It is nested too deeply to be one of ppmcal's files"
-NUMBER = "number"
-TEXT = "text"
 
 _NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sigma", "sigma_data",
                       "tolerance", "low", "high", "p_value", "survival", "sigma_position",
@@ -33,68 +29,6 @@ _NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sig
 _PREFIXES = ("before_", "after_", "sigma_", "error_", "q_", "cmd_", "rate_")
 _COMMANDS = re.compile(r"x|y|(q|cmd)_.+|(error_(position|rotation)_(before|after))"
                        r"|sigma_(position|rotation)")
-
-Shape = Any
-
-
-def read_text(path: Path) -> str:
-    """Return a file's text in UTF-8."""
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise BadInput(f"cannot be read ({error.strerror or error})", str(path),
-                       "Check the path and its permissions") from None
-    except UnicodeDecodeError as error:
-        raise BadInput(f"is not UTF-8 text (byte {error.start})", str(path), AGAIN) from None
-
-
-def read_json(path: Path, shape: Shape) -> dict[str, Any]:
-    """Return a JSON object whose parts have the kinds that ``shape`` says.
-
-    ``shape`` is NUMBER or TEXT, None (anything), ``[shape]`` for a list, or a dict by key
-    (``"*"``: every other key). Missing keys and nulls pass.
-    """
-    try:
-        record = json.loads(read_text(path))
-        if not isinstance(record, dict):
-            raise BadInput("holds no JSON object", str(path), AGAIN)
-        check_shape(record, shape, str(path), "")
-    except json.JSONDecodeError as error:
-        raise BadInput(f"is not valid JSON ({error.msg}); it may be cut off",
-                       f"{path}: line {error.lineno}, column {error.colno}", AGAIN) from None
-    except ValueError as error:
-        raise BadInput(f"cannot be read as JSON ({str(error).partition(';')[0]})", str(path),
-                       AGAIN) from None
-    except RecursionError:
-        raise BadInput("cannot be read as JSON", str(path), MAX_DEPTH_MEND) from None
-    return record
-
-
-def check_shape(value: Any, shape: Shape, source: str, place: str) -> None:
-    """Refuse a value that is not of the kind that ``shape`` says."""
-    if value is None or shape is None:
-        return
-    if isinstance(shape, dict):
-        _expect(isinstance(value, dict), "an object", source, place)
-        for key, part in value.items():
-            inner = shape.get(key, shape.get("*"))
-            check_shape(part, inner, source, f"{place}.{key}" if place else key)
-    elif isinstance(shape, list):
-        _expect(isinstance(value, list), "a list", source, place)
-        for i, part in enumerate(value):
-            _expect(part is not None, "something, not null", source, f"{place}[{i}]")
-            check_shape(part, shape[0], source, f"{place}[{i}]")
-    elif shape == NUMBER:
-        _expect(isinstance(value, int | float) and not isinstance(value, bool), "a number",
-                source, place)
-    else:
-        _expect(isinstance(value, str), "text", source, place)
-
-
-def _expect(right: bool, kind: str, source: str, place: str) -> None:
-    if not right:
-        raise BadInput(f"should be {kind}", f"{source}: {place}", AGAIN)
-
 
 def digest(path: Path) -> str:
     """Return the SHA-256 of a file, empty if it cannot be read."""
@@ -126,6 +60,7 @@ def read_columns(path: Path, whole: bool = True, wanted: Callable[[str], bool] |
         numeric: which columns hold numbers, the others are kept as text.
     """
     source = str(path)
+    note_read(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             if whole:

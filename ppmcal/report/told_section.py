@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from ppmcal import told
+from ppmcal.files.records import NUMBER, TEXT
 from ppmcal.report.numbers import exact, number
-from ppmcal.report.sources import NUMBER, TEXT
 from ppmcal.report.tables import MAX_ROWS, amount, bullets, dotted, paragraph, table, words
 
 Record = Mapping[str, Any]

@@ -1,0 +1,195 @@
+"""Which files a run may replace: never its own inputs, nothing that it did not write itself.
+
+A hidden file in every folder that a command wrote holds the names, the command and the SHA-256
+of what was written. A folder without it, or a file that is not as it says, is somebody else's.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ppmcal.errors import BadInput
+
+RECORD = ".ppmcal.json"
+FORM = "ppmcal/folder/1"
+LEFT = ".ppmcal."
+"""How hidden things of ppmcal's own begin: the record, and what a killed run left behind."""
+MEND = "Name another folder in --out, or replace with --force"
+SHOWN = 3
+Identity = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Written:
+    """What the record says of one file: the command that wrote it, and the SHA-256."""
+
+    command: str
+    digest: str
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a command: what it has read, by device and inode, and what it may replace.
+
+    Attributes:
+        command: its name.
+        force: whether it may replace what it did not write.
+        read: device and inode -> path of every file read so far.
+        doomed: device and inode -> path of the files that it wrote into ``--out`` before, and
+            will write again.
+    """
+
+    command: str = ""
+    force: bool = False
+    read: dict[Identity, str] = field(default_factory=dict)
+    doomed: dict[Identity, str] = field(default_factory=dict)
+
+
+_RUN: ContextVar[Run | None] = ContextVar("run", default=None)
+
+
+@contextmanager
+def running(command: str, folder: Path, force: bool = False) -> Iterator[Run]:
+    """Begin a run that will write into ``folder``: what is read from now on is its input.
+
+    Raises:
+        BadInput: without ``force``, the folder is somebody else's, or files that this command
+            wrote there were edited since.
+    """
+    run = Run(command, force)
+    check_folder(folder, run)
+    for name, written in (read_record(folder) or {}).items():
+        if written.command == command and (identity := _identity(folder / name)):
+            run.doomed[identity] = str(folder / name)
+    token = _RUN.set(run)
+    try:
+        yield run
+    finally:
+        _RUN.reset(token)
+
+
+def current() -> Run:
+    """Return the run that is under way, or one without a name outside of any."""
+    return _RUN.get() or Run()
+
+
+def note_read(path: str | os.PathLike[str]) -> None:
+    """Remember a file as an input of the run that is under way, if there is one.
+
+    Raises:
+        BadInput: the run would replace it.
+    """
+    run, identity = _RUN.get(), _identity(Path(path))
+    if run is None or identity is None:
+        return
+    run.read[identity] = str(path)
+    if identity in run.doomed:
+        raise _own_input(run.doomed[identity])
+
+
+def check_folder(folder: Path, run: Run) -> None:
+    """Refuse a folder that is not this command's to write into.
+
+    Raises:
+        BadInput: it is not empty and ppmcal did not write it, or what this command wrote there
+            was edited since; ``force`` allows both. Or it cannot be read.
+    """
+    if run.force or not os.path.isdir(folder):
+        return
+    try:
+        held = sorted(p.name for p in folder.iterdir() if not p.name.startswith(LEFT))
+    except OSError as error:
+        raise BadInput(f"cannot be read ({error.strerror})", str(folder),
+                       "Check permissions, or name another folder in --out") from None
+    known = read_record(folder)
+    if known is None and held:
+        raise BadInput(f"holds files that ppmcal did not write, or an older version of it "
+                       f"({_some(held)})", str(folder), MEND)
+    edited = [n for n, w in (known or {}).items() if w.command == run.command
+              and _is_there(folder / n) and _digest(folder / n) != w.digest]
+    if edited:
+        raise BadInput(f"{_some(edited)} {'were' if len(edited) > 1 else 'was'} edited since "
+                       "ppmcal wrote it", str(folder), MEND)
+
+
+def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
+    """Refuse to replace inputs of the run, and what this command did not write.
+
+    Raises:
+        BadInput: a file of that name is an input; or, without ``force``, somebody else's.
+    """
+    there = [name for name in names if _is_there(folder / name)]
+    for name in there:
+        if _identity(folder / name) in run.read:
+            raise _own_input(str(folder / name))
+    check_folder(folder, run)
+    known = {} if run.force else read_record(folder) or {}
+    for name in () if run.force else there:
+        written = known.get(name)
+        if written is None:
+            raise BadInput("was there before, and ppmcal did not write it", str(folder / name),
+                           MEND)
+        if written.command != run.command:
+            raise BadInput(f"was written by another command, {written.command}",
+                           str(folder / name), MEND)
+
+
+def record_text(folder: Path, files: Mapping[str, bytes], run: Run) -> str:
+    """Return the text of the record of a folder when ``files`` are written to it."""
+    known = {name: w for name, w in (read_record(folder) or {}).items()
+             if _is_there(folder / name)}
+    known |= {name: Written(run.command, hashlib.sha256(content).hexdigest())
+              for name, content in files.items()}
+    return json.dumps({"format": FORM, "files": {
+        name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())}},
+        indent=1) + "\n"
+
+
+def read_record(folder: Path) -> dict[str, Written] | None:
+    """Return what ppmcal wrote into a folder, None where there is no sound record."""
+    try:
+        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        if content["format"] != FORM:
+            return None
+        return {str(name): Written(str(entry["command"]), str(entry["sha256"]))
+                for name, entry in content["files"].items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+
+
+def _own_input(path: str) -> BadInput:
+    return BadInput("is an input of this run, and its results would replace it", path,
+                    "Name another folder in --out")
+
+
+def _some(names: list[str]) -> str:
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more
+
+
+def _is_there(path: Path) -> bool:
+    return os.path.lexists(path)
+
+
+def _identity(path: Path) -> Identity | None:
+    """Return device and inode of a file, links followed; None where there is none."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _digest(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return ""
