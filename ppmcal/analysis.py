@@ -7,7 +7,7 @@ is fitted again, except the frames of the "before" figures and the held-out part
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +99,7 @@ class Identification:
     untold: Untold
     blunders: Blunders
     flats: tuple[Flat, ...] = ()
+    unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
 
 
@@ -211,12 +212,23 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
         held, note = held_out(
             fit.problem, options, holdout, seed, fit.keep, inflation) if holdout > 0 else (
             {}, "nothing held out")
+    after = residuals(fit.problem, fit.state)
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         prediction_covariance(fit), inflation, residuals(fit.problem, before.state),
-        registered(fit.problem, before.state), residuals(fit.problem, fit.state), held, note,
-        _findings(fit, noise, inflation, found), untold(fit), *wrong)
+        registered(fit.problem, before.state), after, held, note,
+        _findings(fit, noise, inflation, found), untold(fit), *wrong,
+        _unexplained(after.figures(fit.keep), noise))
+
+
+def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict[str, float]:
+    """Return the rms of what neither model nor noise explains, m and rad, in the rows used.
+
+    It is there at other poses too, whatever its cause.
+    """
+    return {kind: noise.unexplained * figures["rms"] for kind, figures in after.items()
+            if kind in ("position", "rotation") and noise.unexplained}
 
 
 def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate]

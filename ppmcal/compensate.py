@@ -43,6 +43,7 @@ class Knowledge:
     poses that were measured, base frame, SI. ``pivots``: the points about which the fitted
     frames are turned, by data set (3,). ``before``: where the instrument stands if the
     nominal geometry is believed, by data set: the frame of the uncorrected commands.
+    ``unexplained``: rms of what neither model nor noise explained, m and rad.
     """
 
     names: tuple[str, ...]
@@ -50,6 +51,7 @@ class Knowledge:
     volume: Mapping[str, tuple[float, float]]
     pivots: Mapping[str, Array]
     before: Mapping[str, Registration]
+    unexplained: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,10 @@ def _errors(station: Station, real: Array, ideal: Array) -> tuple[Array, Array]:
 
 def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
            knowledge: Knowledge | None, dataset: str, rows: Conditions) -> tuple[Array, Array]:
-    """Return the standard deviations (N,) of the corrected position and rotation."""
+    """Return the standard deviations (N,) of the corrected position and rotation.
+
+    What the identification left unexplained is there at these poses too.
+    """
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
     if knowledge is None or not good.any():
         return position, rotation
@@ -207,8 +212,9 @@ def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
     spread = jacobian @ knowledge.covariance @ np.swapaxes(jacobian, -1, -2)
     variance = np.diagonal(spread, axis1=-2, axis2=-1)
     places = sum(1 for c in model.mechanism.dof if c < 3)
-    position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0))
-    rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0))
+    left = knowledge.unexplained
+    position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[0] ** 2)
+    rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0) + left[1] ** 2)
     return position, rotation
 
 

@@ -16,6 +16,8 @@ from ppmcal.variance import LEAST, noise_ratios
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+ENOUGH_REPEATS = 30
+"""Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""
 FAILED_NOISE = 1e-3
 """The noise check fails below this p-value, on either side."""
 OVERSTATED = 0.5
@@ -49,6 +51,19 @@ class Noise:
         """Whether the residuals are far smaller than the stated noise would make them."""
         chance = chdtr(self.degrees, self.chi2) if self.degrees > 0 else 1.0
         return bool(chance < FAILED_NOISE and self.sigma_ratio < OVERSTATED)
+
+    @property
+    def unexplained(self) -> float:
+        """The part of the residuals' rms that noise does not explain, 0 unless the check failed.
+
+        Enough repeats tell what the noise is, else the stated one.
+        """
+        noise = 1.0
+        if self.repeat_ratio is not None and self.repeat_degrees >= ENOUGH_REPEATS:
+            noise = max(1.0, self.repeat_ratio)
+        if not self.failed or self.sigma_ratio <= noise:
+            return 0.0
+        return float(np.sqrt(1.0 - (noise / self.sigma_ratio) ** 2))
 
     @property
     def inflation(self) -> float:

@@ -21,7 +21,7 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.compensate import Knowledge
+    from ppmcal.compensate import Compensation, Knowledge
     from ppmcal.files.poses import PoseTable
     from ppmcal.mechanism import Mechanism, Registration
 
@@ -47,11 +47,11 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     Rows outside limits, across singularities or far outside the measured volume are refused,
     each with its reason. Writes commands.csv and commands.json.
     """
-    import numpy as np
-
     from ppmcal.compensate import compensate
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
+    from ppmcal.model_average import Targets, averaged
     from ppmcal.outputs.knowledge import read_knowledge
+    from ppmcal.outputs.other_models import read_other_models
     from ppmcal.outputs.tables import command_files
 
     console = Console(quiet, as_json)
@@ -69,8 +69,13 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     _enough(mechanism, poses, targets, approach == "sequence")
     result = compensate(mechanism, poses.poses, registration, known, name, poses.conditions,
                         approach == "sequence")
+    readings, more = read_other_models(model, mechanism)
+    wanted = Targets(poses.poses, name, poses.conditions, approach == "sequence")
+    result, told = averaged(mechanism, result, readings, known, wanted)
+    _refuse_worse(mechanism, result, model)
+    notes += told
     header, columns = input_columns(targets)
-    inputs = [*mechanism.inputs, str(targets), *([str(path)] if known else [])]
+    inputs = [*mechanism.inputs, str(targets), *([str(path)] if known else []), *more]
     source = provenance(inputs, command_line(), None)
     with Output(out) as output:
         for file, text in command_files(mechanism, result, header, columns, source,
@@ -82,19 +87,51 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     console.say(f"{mechanism.name}: {total - len(refused)} of {total} targets have commands, in "
                 f"the frame of {name or 'the base'}.")
-    good = np.isfinite(result.q).all(axis=1)
-    if good.any():
-        before = float(np.sqrt(np.nanmean(result.position_before[good] ** 2))) / factor
-        sigma = result.sigma_position[good]
-        after = float(np.sqrt(np.mean(sigma**2))) / factor if np.isfinite(sigma).all() else None
+    before, after = (None if e is None else e / factor for e in _rms_errors(result))
+    if before is not None:
         console.say(f"Predicted position error: {number(before)} {unit} rms with uncorrected "
                     f"commands. Corrected: {number(after)} {unit} rms, which is how well the "
-                    f"measurements know the machine in the frame of {name or 'its base'}.")
+                    f"measurements know the machine in the frame of {name or 'its base'}"
+                    f"{', with what they leave unexplained' * _unexplained(known)}.")
     console.warn_rows(notes, [f"row {n} refused: {r}" for n, r in refused])
     finish(out, list(output.files), console)
     console.summary({"format": "ppmcal/commands/1", "rows": total, "refused": len(refused),
                      "notes": notes, "provenance": source})
     leave(bool(refused))
+
+
+def _unexplained(known: Knowledge | None) -> bool:
+    return known is not None and any(known.unexplained)
+
+
+def _rms_errors(result: Compensation) -> tuple[float | None, float | None]:
+    """Return the rms position errors predicted without and with correction, m; None if unknown."""
+    import numpy as np
+
+    good = np.isfinite(result.q).all(axis=1) & np.isfinite(result.position_before)
+    if not good.any():
+        return None, None
+    before = float(np.sqrt(np.mean(result.position_before[good] ** 2)))
+    left = np.hypot(np.nan_to_num(result.position_after[good]), result.sigma_position[good])
+    return before, float(np.sqrt(np.mean(left**2))) if np.isfinite(left).all() else None
+
+
+def _refuse_worse(mechanism: Mechanism, result: Compensation, model: Path) -> None:
+    """Refuse corrections that are predicted to be worse than none.
+
+    Raises:
+        NoResult: with both predictions.
+    """
+    from ppmcal.errors import NoResult
+
+    before, after = _rms_errors(result)
+    if before is None or after is None or after <= before:
+        return
+    factor, unit = mechanism.units.factor("length"), mechanism.units.length
+    raise NoResult(
+        f"these corrections are predicted to be worse than none: {after / factor:.3g} {unit} rms "
+        f"with them, {before / factor:.3g} {unit} without", str(model),
+        "Send the uncorrected commands; or measure more, or at these poses, and identify again")
 
 
 def _enough(mechanism: Mechanism, poses: PoseTable, targets: Path, sequence: bool) -> None:

@@ -17,6 +17,7 @@ from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.noise import PureError
 from ppmcal.diagnose.stage import Stage, explained
 from ppmcal.diagnose.system import System
+from ppmcal.noise_check import ENOUGH_REPEATS
 from ppmcal.targets import pose_vector
 
 Array = NDArray[np.float64]
@@ -24,8 +25,6 @@ MOST_ROWS = 600
 DRAWS = 1000
 LEVEL = 0.01
 """What is left follows an input where chance would show it more rarely over all inputs."""
-ENOUGH_REPEATS = 30
-"""Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""
 LEAST_SKEW = 0.05
 """The gamma distribution is as good as normal then."""
 TOO_MUCH = 3.5

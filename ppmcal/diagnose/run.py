@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ppmcal.analysis import report
 from ppmcal.dataset import Dataset
 from ppmcal.diagnose import tables
-from ppmcal.diagnose.adequacy import ENOUGH_REPEATS, Remainder, remainder
+from ppmcal.diagnose.adequacy import Remainder, remainder
 from ppmcal.diagnose.blocks import block_gaps
 from ppmcal.diagnose.confirm import confirm, nothing_named
 from ppmcal.diagnose.forms import Form
@@ -22,9 +22,10 @@ from ppmcal.diagnose.left_out import left_out
 from ppmcal.diagnose.localise import Place, localise
 from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.nextup import Proposal, nothing, propose
+from ppmcal.diagnose.other_models import other_models
 from ppmcal.diagnose.recorded import usable, with_whole_rows
 from ppmcal.diagnose.refit import of_rows, with_mechanism
-from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect
+from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect, OtherModel
 from ppmcal.diagnose.rivals import Rival, rivals
 from ppmcal.diagnose.search import implausible, own_log_p
 from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
@@ -34,6 +35,7 @@ from ppmcal.fit import Fit
 from ppmcal.fit import Options as FitOptions
 from ppmcal.holdout import split
 from ppmcal.identify import identify
+from ppmcal.noise_check import ENOUGH_REPEATS
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem
 
@@ -105,7 +107,14 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         found.first.library.untestable, tables.swallowed(whole, final),
         reported.fit if final is whole else whole, reported, found,
         _proposal(found.last, others, verdict, options.seed, gap),
-        tuple(told), blocks)
+        tuple(told), blocks, _others(whole, found, others, options) if named else ())
+
+
+def _others(whole: Fit, found: Found, alternatives: Alternatives, options: Options
+            ) -> tuple[OtherModel, ...]:
+    """Return the machine with each rival that was recorded, and without effects."""
+    return other_models(whole, found.last, {i: r for i, (r, _) in alternatives.items()},
+                        options.fit)
 
 
 def _places(found: Found, named: bool, seed: int) -> tuple[Place, ...]:

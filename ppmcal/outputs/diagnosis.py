@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.diagnose.derived import derived
 from ppmcal.diagnose.gap import Gap
 from ppmcal.diagnose.gram import probability
-from ppmcal.diagnose.result import Diagnosis, NamedEffect
+from ppmcal.diagnose.result import Diagnosis, NamedEffect, OtherModel
 from ppmcal.diagnose.story import story
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.files.columns import ZERO_CELSIUS
@@ -38,9 +38,19 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: Mapping[str,
         "identification.json": json_text(identification_summary(
             result.identification, provenance, "prior", True)),
     }
+    for name, other in other_files(result):
+        out[name] = write_mechanism(other.mechanism, f"diagnosed by ppmcal: {other.label} in place "
+                                    f"of {other.instead}" if other.label else
+                                    "fitted by ppmcal without the effects of model.yaml")
     if result.proposal.rows:
         out["next.csv"] = next_csv(result)
     return out
+
+
+def other_files(result: Diagnosis) -> list[tuple[str, OtherModel]]:
+    """Return the other models with the names of their files."""
+    return [(f"rival{n}.yaml" if other.label else "without_effects.yaml", other)
+            for n, other in enumerate(result.others, 1)]
 
 
 def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
@@ -87,6 +97,8 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
                                            result.identification.fit.reasons, strict=True)
                      for n, reason in sorted(reasons.items())],
         "findings": list(result.findings),
+        "other_models": [{"file": name, "effect": other.label, "instead_of": other.instead,
+                          "odds": other.odds} for name, other in other_files(result)],
         "story": story_entry(story(result), units),
         "units": {"length": units.length, "angle": units.angle},
         "provenance": dict(provenance),

@@ -62,6 +62,7 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
             "after": figures(result.after.figures(fit.keep), units),
             "holdout": figures(result.holdout, units),
         },
+        "unexplained": figures({k: {"rms": v} for k, v in result.unexplained.items()}, units),
         "holdout_note": result.holdout_note,
         "noise": {
             "sigma_ratio": result.noise.sigma_ratio, "chi2": result.noise.chi2,

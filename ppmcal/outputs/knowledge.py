@@ -35,13 +35,16 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
                 content["covariance"]["frames_turn_about"].items()}
         before = {str(d["name"]): _registration(d["registration_before"], units)
                   for d in content["datasets"]}
+        left = content.get("unexplained") or {}
+        unexplained = (left.get("position", {}).get("rms", 0.0) * units.factor("length"),
+                       left.get("rotation", {}).get("rms", 0.0) * units.factor("angle"))
     except FORMS as error:
         raise _no_such(path, WITHOUT) from error
     of_machine(names, mechanism, path)
     factor = np.array([column_factor(mechanism, n) for n in names])
     scaled = {c: (low * _unit(mechanism, c), high * _unit(mechanism, c))
               for c, (low, high) in volume.items()}
-    return Knowledge(names, matrix * np.outer(factor, factor), scaled, turn, before)
+    return Knowledge(names, matrix * np.outer(factor, factor), scaled, turn, before, unexplained)
 
 
 FORMS = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError)
@@ -55,6 +58,7 @@ _SHAPE = {
         "names": [TEXT], "prior": (FINITE,), "inflation": FINITE, "matrix": [(FINITE,)],
         "data": {"matrix": [[FINITE]], "right": [FINITE], "unit_of_parameters": [FINITE]},
         "frames_turn_about": {"*": [FINITE]}},
+    "unexplained": {"*": {"rms": FINITE, "unit": TEXT}},
     "datasets": [{"name": TEXT, "source": TEXT, "registration_before": {"*": [FINITE]}}],
     "provenance": {"inputs": {"*": TEXT}}, "earlier": {"*": TEXT}}
 

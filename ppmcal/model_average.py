@@ -1,0 +1,154 @@
+"""Commands that hold for every reading of the measurements which the data cannot tell apart.
+
+Each reading is a machine; its weight is its odds. What they disagree about at a target is an
+uncertainty of the command there (Hoeting et al. 1999, Bayesian model averaging). Where the
+commands without any of them are nearer to all of them, those are sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.closure import Model
+from ppmcal.compensate import Compensation, Knowledge, compensate, station_of
+from ppmcal.conditions import conditions
+from ppmcal.equilibrium import reach
+from ppmcal.mechanism import Mechanism
+from ppmcal.observation import predict
+from ppmcal.targets import base_station, pose_motor
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A machine that explains the measurements too: ``effect`` ``instead`` of another's.
+
+    ``odds`` for the model against it.
+    """
+
+    effect: str
+    instead: str
+    odds: float
+    mechanism: Mechanism
+
+
+@dataclass(frozen=True)
+class Readings:
+    """All readings besides the model, and the machine fitted without effects, if known."""
+
+    others: tuple[Reading, ...]
+    without: Mechanism | None
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What is wanted: poses (N, 6) in the frame of a data set ("" for the base), conditions.
+
+    As for :func:`ppmcal.compensate.compensate`.
+    """
+
+    wanted: Array
+    dataset: str
+    columns: Mapping[str, Array]
+    sequence: bool = False
+
+
+def averaged(model: Mechanism, result: Compensation, readings: Readings,
+             knowledge: Knowledge | None, targets: Targets) -> tuple[Compensation, tuple[str, ...]]:
+    """Return the commands with what the readings disagree about in their uncertainty, and notes.
+
+    Args:
+        model: the machine that the commands were made with.
+        result: those commands.
+        readings: of the same measurements.
+        knowledge: covariance and measured volume.
+        targets: what is wanted.
+    """
+    if not readings.others:
+        return result, ()
+    machines = [model, *(r.mechanism for r in readings.others)]
+    weight = np.array([1.0, *(1.0 / r.odds for r in readings.others)])
+    own = _expected(machines, weight, result.q, result, targets)
+    labels = ", ".join(dict.fromkeys(r.effect for r in readings.others))
+    named = ", ".join(dict.fromkeys(r.instead for r in readings.others))
+    note = f"the measurements do not tell {named} from {labels}"
+    bare = _without(readings.without, result, knowledge, targets)
+    if bare is not None:
+        plain = _expected(machines, weight, bare.q, result, targets)
+        both = np.isfinite(own[0]) & np.isfinite(plain[0])
+        if both.any() and np.mean(plain[0][both] ** 2) < np.mean(own[0][both] ** 2):
+            length = model.units.factor("length")
+            note += (": left out of these commands, which would be off by "
+                     f"{_rms(own[0]) / length:.3g} {model.units.length} with it and are by "
+                     f"{_rms(plain[0]) / length:.3g} without, over these readings")
+            result, own = replace(bare, sigma_position=result.sigma_position,
+                                  sigma_rotation=result.sigma_rotation), plain
+        else:
+            note += "; what that changes at the targets is in the uncertainty"
+    before = _expected(machines, weight, result.q_nominal, result, targets)
+    return replace(result, position_before=before[0], rotation_before=before[1],
+                   sigma_position=np.hypot(result.sigma_position, own[0]),
+                   sigma_rotation=np.hypot(result.sigma_rotation, own[1])), (note,)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def _without(mechanism: Mechanism | None, result: Compensation, knowledge: Knowledge | None,
+             targets: Targets) -> Compensation | None:
+    """Return the commands of the machine without effects; None where it is not known."""
+    if mechanism is None or (targets.dataset and targets.dataset not in mechanism.registrations):
+        return None
+    found = compensate(mechanism, targets.wanted, mechanism.registrations.get(targets.dataset),
+                       None, targets.dataset, targets.columns, targets.sequence)
+    # what was refused stays refused
+    good = np.array([a == b == "ok" for a, b in zip(found.status, result.status, strict=True)])
+    return replace(found, q=np.where(good[:, None], found.q, np.nan),
+                   status=tuple(b if a == "ok" else a
+                                for a, b in zip(result.status, found.status, strict=True)),
+                   reason=tuple(a or b for a, b in zip(result.reason, found.reason, strict=True)))
+
+
+def _expected(machines: Sequence[Mechanism], weight: Array, q: Array, result: Compensation,
+              targets: Targets) -> tuple[Array, Array]:
+    """Return the expected errors (N,) of commands, rms over the machines, m and rad."""
+    errors = np.array([_errors(m, q, result, targets) for m in machines])
+    share = weight / weight.sum()
+    mean = np.sqrt(np.einsum("j,jkn->kn", share, errors**2))
+    return mean[0], mean[1]
+
+
+def _errors(mechanism: Mechanism, q: Array, result: Compensation, targets: Targets
+            ) -> tuple[Array, Array]:
+    """Return position and rotation errors (N,) of commands, if the machine is this one.
+
+    An instrument that shows (1 + s) times the truth sends the machine astray either way: off what
+    it shows, or, about the middle of the targets, off the truth. The larger of both counts.
+    """
+    k = len(mechanism.actuators)
+    registration = mechanism.registrations.get(targets.dataset) if targets.dataset else None
+    station = station_of(registration, k) if registration else base_station(k)
+    rows = conditions(targets.columns, mechanism.actuators, mechanism.gravity, result.q_nominal,
+                      targets.sequence)
+    reached = reach(Model(mechanism), q, rows)
+    point, turn = predict(station, reached.pose)
+    wanted = result.seen[:, :3]
+    miss = point - wanted
+    position = np.linalg.norm(miss, axis=1)
+    if reached.model.shift is not None and reached.model.shift.stretch is not None:
+        stretch = reached.model.shift.stretch
+        shown = miss + (stretch @ point[..., None])[..., 0]
+        about = wanted - np.nanmean(wanted, axis=0)
+        position = np.fmax(np.linalg.norm(shown, axis=1), np.linalg.norm(
+            shown - (stretch @ about[..., None])[..., 0], axis=1))
+    goal = cga.rotation_matrix(pose_motor(result.seen))
+    away = cga.rotation_vector(cga.motor_from_matrix(turn @ np.swapaxes(goal, -1, -2),
+                                                     np.zeros(3)))
+    return position, np.linalg.norm(away, axis=1)
