@@ -20,6 +20,7 @@ from ppmcal.inverse import home_state, limb_roots, to_joint
 from ppmcal.kinematics import home_conditioning, inverse_table
 from ppmcal.linear import column_scale, reduce_rows
 from ppmcal.mechanism import Mechanism
+from ppmcal.misfit import MEND, misfit
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, analyse
 from ppmcal.untold import Untold, foreseen
@@ -135,6 +136,10 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         if lost:
             findings.append(f"{lost} rows have no pose at their joint values: check q, its unit "
                             "and the home pose.")
+    if datasets and columns:
+        found = misfit(Problem(mechanism, tuple(datasets), mechanism.free))
+        if found.misread:
+            findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
     ahead = foreseen(Problem(mechanism, tuple(datasets), mechanism.free), "prior") if (
         datasets and columns) else None
     return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead)

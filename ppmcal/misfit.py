@@ -24,6 +24,7 @@ from ppmcal.linear import parameter_scale, prior_weights
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.robust import Distances, distances, huber_weights
+from ppmcal.units import Units
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -41,6 +42,9 @@ HARDLY_LESS = 0.05
 TRIAL_ROWS, TRIAL_ITERATIONS = 48, 10
 LOST = 0.5
 """More rows than this part without a pose are doubted too."""
+MEND = ("Check the order and signs of the q columns, their units, and how the rotation is written "
+        "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). If the "
+        "machine really is that far from its nominal geometry, give larger tolerances")
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,17 @@ class Misfit:
     def misread(self) -> bool:
         """Whether neither tolerances nor another geometry explain the measurements."""
         return self.after > max(FAR_FROM_NOISE, HARDLY_LESS * self.before)
+
+    def sentence(self, units: Units) -> str:
+        """Return what was seen, in file units."""
+        parts = [f"{value / units.factor(quantity):.3g} {units.name(quantity)}"
+                 for value, quantity in ((self.position, "length"), (self.rotation, "angle"))
+                 if np.isfinite(value)]
+        lost = f"; {self.lost} of {self.rows} rows have no pose at all" if self.lost else ""
+        return ("the measurements do not fit this machine: registered as well as can be, half of "
+                f"the rows miss by more than {' and '.join(parts)}, {self.times:.3g} times what "
+                f"tolerances and noise explain{lost}; other dimensions of the machine still leave "
+                f"{self.after:.3g} times the noise")
 
 
 def explained_distances(problem: Problem, state: State) -> Distances:
@@ -132,20 +147,8 @@ def refuse_misread(problem: Problem) -> Misfit:
     found = misfit(problem)
     if not found.misread:
         return found
-    units = problem.mechanism.units
-    parts = [f"{value / units.factor(quantity):.3g} {units.name(quantity)}"
-             for value, quantity in ((found.position, "length"), (found.rotation, "angle"))
-             if np.isfinite(value)]
-    lost = f"; {found.lost} of {found.rows} rows have no pose at all" if found.lost else ""
-    where = ", ".join(d.source for d in problem.datasets)
-    mend = ("Check the order and signs of the q columns, their units, and how the rotation is "
-            "written (rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). "
-            "If the machine really is that far from its nominal geometry, give larger tolerances")
-    raise NoResult(
-        "the measurements do not fit this machine: registered as well as can be, half of the "
-        f"rows miss by more than {' and '.join(parts)}, {found.times:.3g} times what tolerances "
-        f"and noise explain{lost}; other dimensions of the machine still leave "
-        f"{found.after:.3g} times the noise", where, mend)
+    raise NoResult(found.sentence(problem.mechanism.units),
+                   ", ".join(d.source for d in problem.datasets), MEND)
 
 
 def _few(problem: Problem) -> Problem:

@@ -153,6 +153,13 @@ def test_a_file_read_wrongly_is_seen_before_any_fit(tmp_path: Path, name: str) -
     assert found.times > 5.0
 
 
+def test_check_finds_it_too(tmp_path: Path) -> None:
+    path = session(tmp_path, MISTAKES["a sign"])
+    done = ppmcal("check", MACHINE, path, expect=1)
+    assert "do not fit this machine" in " ".join(done.out.split())
+    assert "do not fit" not in ppmcal("check", MACHINE, session(tmp_path)).out
+
+
 def test_what_tolerances_explain_is_no_misreading(tmp_path: Path) -> None:
     found = misfit(problem(session(tmp_path)))
     assert not found.misread

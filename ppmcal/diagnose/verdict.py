@@ -22,6 +22,12 @@ MOSTLY, FOLLOWS = 0.5, 0.05
 something with this p, are no more than an imitation."""
 
 
+COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
+           "vel": "the vel_ columns", "dir": "the dir_ columns", "temperature":
+           "temperature (deg C)", "time": "time (s)"}
+"""What to look at, by what an effect depends on."""
+
+
 def refuse_unconverged(fit: Fit) -> None:
     """Refuse a diagnosis that would be built on a fit which is not at its minimum.
 
@@ -118,6 +124,7 @@ def implausible_words(found: Found, index: int) -> str:
             value, low, high = 1.0 / value, 1.0 / high, 1.0 / low
         told.append(f"{name.replace(':', ' ')} {value:.3g}, beyond {low:.2g} to {high:.2g} "
                     f"(SI; {spec.why})")
-    column = " or ".join(find_effect(form.kind).needs) or "the joint columns and rotations"
+    column = ", ".join(COLUMNS.get(n, n) for n in find_effect(form.kind).needs) or (
+        "the joint columns and of the rotations")
     return (f"{form.label} would explain most, but with {'; '.join(told[:2])}: no machine has "
-            f"that; check the unit of {column}. Nothing is named in its place")
+            f"that; check the units of {column}. Nothing is named in its place")

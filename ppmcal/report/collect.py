@@ -46,7 +46,7 @@ IDENTIFICATION = {
     **TOLD,
 }
 _SERIES = {"on": [TEXT], "names": [TEXT], "count": [NUMBER],
-           **{k: [NUMBER] for k in ("x", "before", "before_95", "after", "after_95")},
+           **{k: (NUMBER,) for k in ("x", "before", "before_95", "after", "after_95")},
            **dict.fromkeys(("effect", "period"), NUMBER), "*": TEXT}
 _HYPOTHESIS = {"kind": TEXT, "on": [TEXT], "status": TEXT, "form": TEXT, "what": TEXT,
                "*": NUMBER}
@@ -58,8 +58,10 @@ DIAGNOSIS = {
                  "derived": {"*": {"unit": TEXT, "*": NUMBER}},
                  "mid_stroke": {"unit": TEXT, "*": NUMBER},
                  "p_value": NUMBER, "log10_p": NUMBER, "survival": NUMBER,
-                 "alternatives": [None], "alternatives_on": [TEXT], "odds": [NUMBER]}],
-    "possible": [_HYPOTHESIS], "gap": {"interval": [NUMBER], "*": NUMBER},
+                 "alternatives": [None], "alternatives_on": [TEXT], "odds": (NUMBER,)}],
+    "possible": [_HYPOTHESIS],
+    "gap": {"interval": [NUMBER], "*": NUMBER,
+            "blocks": [{"by": TEXT, "interval": [NUMBER], "*": NUMBER}]},
     "localised": [{"by": TEXT, "value": None, "*": NUMBER}],
     "fit": {"*": NUMBER}, "noise": {"*": NUMBER},
     "not_testable": [{"kind": TEXT, "missing": [TEXT], "reason": TEXT}],

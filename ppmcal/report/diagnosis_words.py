@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ppmcal.report.numbers import count, number, sig, to_sigma, whole, with_unit
+from ppmcal.report.numbers import count, listed, number, sig, to_sigma, whole, with_unit
 from ppmcal.words import shorter, where
 
 VERDICTS = {
@@ -199,7 +199,22 @@ def gap_closed(record: Mapping[str, Any]) -> str:
     text += f": {closed:.0%} of what exceeds the noise is gone"
     if len(ends) == 2 and ends[0] is not None and ends[1] is not None:
         text += f" (95 % interval: {ends[0]:.0%} to {ends[1]:.0%})"
-    return text.replace("%", " %").replace("  %", " %") + "."
+    return (text + "." + _worst_block(gap)).replace("%", " %").replace("  %", " %")
+
+
+def _worst_block(gap: Mapping[str, Any]) -> str:
+    """Return how much is closed on the stretch or condition left out that closes least."""
+    blocks = [(closed, b) for b in gap.get("blocks") or []
+              if (closed := number(b.get("closed"))) is not None]
+    if not blocks:
+        return ""
+    closed, worst = min(blocks, key=lambda pair: pair[0])
+    by = listed([str(b.get("by")) for _, b in blocks])
+    ends = [number(v) for v in worst.get("interval") or []]
+    interval = (f" (95 % interval: {ends[0]:.0%} to {ends[1]:.0%})"
+                if len(ends) == 2 and ends[0] is not None and ends[1] is not None else "")
+    return (f" With a third of the rows left out at a time, by {by}, at the least {closed:.0%} is "
+            f"gone, by {worst.get('by')}{interval}.")
 
 
 def in_unit(value: Any, unit: str) -> str:
