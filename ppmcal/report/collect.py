@@ -46,7 +46,7 @@ IDENTIFICATION = {
     **TOLD,
 }
 _SERIES = {"on": [TEXT], "names": [TEXT], "count": [NUMBER],
-           **{k: (NUMBER,) for k in ("x", "before", "before_95", "after", "after_95")},
+           **dict.fromkeys(("x", "before", "before_95", "after", "after_95"), (NUMBER,)),
            **dict.fromkeys(("effect", "period"), NUMBER), "*": TEXT}
 _HYPOTHESIS = {"kind": TEXT, "on": [TEXT], "status": TEXT, "form": TEXT, "what": TEXT,
                "*": NUMBER}
