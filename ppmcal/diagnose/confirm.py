@@ -120,20 +120,28 @@ def _against_zero(fit: Fit, columns: Sequence[int]) -> float:
 
 
 def _outside(fit: Fit, found: Found, key: Key) -> float:
-    """Return 0 where what is not linear, a period, is none of a machine, else -inf.
+    """Return 0 where what is not linear, a period, is none of a machine, else -inf."""
+    travel = np.concatenate([p.setting.travel for p in found.last.system.parts])
+    stroke = float(np.ptp(travel, axis=0).max())
+    mine = [a for a in found.added if _key(a.form) == key]
+    # two waves on one joint are two forms, of one kind on several joints one
+    forms = {id(a.form): [b for b in mine if b.form is a.form] for a in mine}
+    return max((_no_period(fit, parts, key, stroke) for parts in forms.values()), default=-np.inf)
 
-    It has to be in the range that machines have, and one hypothesis on several joints, which are
-    made alike, has one period.
+
+def _no_period(fit: Fit, parts: Sequence[Added], key: Key, stroke: float) -> float:
+    """Return 0 where the periods of one form are none of a machine, or not the same, else -inf.
+
+    One hypothesis on several joints, which are made alike, has one period.
     """
     names = fit.problem.mechanism.names
-    columns = [c for c in _columns(fit, found.added, key)
+    columns = [c for c in _columns(fit, parts, key)
                if names[fit.problem.free[c]].endswith(NOT_LINEAR)]
     if not columns:
         return -np.inf
-    travel = np.concatenate([p.setting.travel for p in found.last.system.parts])
     parameters = find_effect(key[0]).parameters(fit.problem.mechanism.motion)
     spec = next(s for s in parameters if f".{s.name}" in NOT_LINEAR)
-    scale = float(np.ptp(travel, axis=0).max()) if spec.of_stroke else 1.0
+    scale = stroke if spec.of_stroke else 1.0
     values = np.array([fit.state.g[fit.problem.free[c]] for c in columns])
     if np.any(values < spec.usual[0] * scale) or np.any(values > spec.usual[1] * scale):
         return 0.0

@@ -92,7 +92,8 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(
             out.p_value, left.p_value))
     blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
-    verdict = decide(found, left, start, effects, out, blocks)
+    verdict = decide(found, left, start, effects, out, blocks) if not _imitated(
+        found.last) else "unnamed"
     told = findings(whole, final or whole, left, effects, gap, out, blocks)
     if odd is not None:
         told.append(implausible_words(found, odd))
@@ -133,14 +134,28 @@ def _left(stage: Stage, seed: int) -> Remainder:
             p = probability(own_log_p(stage.search, stage.chosen, i))
             left = replace(left, follows=" ".join(form.on) or "position",
                            p_value=min(p, left.p_value))
+    for joint, j in _neither(stage):
+        p = probability(own_log_p(stage.search, stage.chosen, j))
+        left = replace(left, follows=joint, p_value=min(p, left.p_value))
+    return left
+
+
+def _neither(stage: Stage) -> list[tuple[str, int]]:
+    """Return joints with two smooth kinds, a shape that is neither, and the second's form."""
+    out = []
     for i, j in combinations(named_only(stage), 2):
         a, b = stage.forms[i], stage.forms[j]
         joint = set(a.on) & set(b.on)
         if joint and _slow(stage, a) and _slow(stage, b) and a.kind != b.kind:
-            # two smooth kinds on one joint are a shape that is neither
-            p = probability(own_log_p(stage.search, stage.chosen, j))
-            left = replace(left, follows=sorted(joint)[0], p_value=min(p, left.p_value))
-    return left
+            out.append((min(joint), j))
+    return out
+
+
+def _imitated(stage: Stage) -> bool:
+    """Whether all that is named only makes up a shape along joints that none of it is."""
+    joints = {joint for joint, _ in _neither(stage)}
+    return bool(joints) and all(
+        f.on and set(f.on) <= joints and f.kind in (*SMOOTH, "periodic") for f in stage.named)
 
 
 def _slow(stage: Stage, form: Form) -> bool:
@@ -148,10 +163,11 @@ def _slow(stage: Stage, form: Form) -> bool:
     if form.kind == "periodic":
         travel = np.concatenate([p.setting.travel for p in stage.system.parts])
         return float(np.ptp(travel, axis=0).max()) < FEW_PERIODS * form.constants["period"]
-    return form.kind in ("curvature", "eccentricity")
+    return form.kind in SMOOTH
 
 
 FEW_PERIODS = 4.0
+SMOOTH = ("curvature", "eccentricity")
 
 
 def _split(whole: Fit, options: Options) -> tuple[Fit, tuple[Dataset, ...]]:

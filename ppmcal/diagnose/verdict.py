@@ -65,11 +65,13 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
         if not adequate or smallest < search.name - FAR:
             return "unnamed"
         return "weak" if smallest < search.detect else "none"
+    if any(b.fails for b in blocks):
+        return "unnamed"  # what does not predict is no name
     if not left.adequate:
         explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
         little = explained < MOSTLY and (left.p_value < FOLLOWS or left.source == "repeats")
         return "unnamed" if little else "partial"
-    if out.suspicious or any(b.fails for b in blocks):
+    if out.suspicious:
         return "partial"
     return "named-set" if any(e.alternatives for e in effects) else "named"
 
