@@ -1,4 +1,4 @@
-"""``ppmcal diagnose`` on campaigns as people bring them: in sequence, incomplete, in wrong units."""
+"""``ppmcal diagnose`` on campaigns as people bring them: in order, incomplete, in wrong units."""
 
 from __future__ import annotations
 
@@ -9,11 +9,26 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import rows, write_csv
-from test_diagnose_commands import BACKLASH, DATA, diagnose, drop, named, simulate
+from commands import Run, number, ppmcal, rows, write_csv
+from scipy.stats import binom
+from test_diagnose_commands import (
+    BACKLASH,
+    CONFIGS,
+    DATA,
+    diagnose,
+    drop,
+    effect,
+    found_in,
+    named,
+    simulate,
+    value,
+)
 
 from ppmcal.dataset import Dataset
 from ppmcal.files import read_campaign, read_mechanism
+from ppmcal.fit import OUTLIER, Fit
+from ppmcal.identify import identify
+from ppmcal.problem import Problem
 
 SIDECAR = "s/measurements.yaml"
 LOADED: dict[str, Any] = {"payload": [0, 15], "temperature": {"mean": 24, "swing": 6}}
@@ -27,7 +42,7 @@ def edit(folder: Path, **changes: Any) -> None:
     file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | changes))
 
 
-def left_out(folder: Path, out: str = "d") -> dict[int, str]:
+def not_used(folder: Path, out: str = "d") -> dict[int, str]:
     """Return row number -> reason of the rows that were not used."""
     return {int(r["row"]): r["reason"] for r in rows(folder / out / "residuals.csv")
             if r["reason"]}
@@ -36,6 +51,12 @@ def left_out(folder: Path, out: str = "d") -> dict[int, str]:
 def data_of(folder: Path) -> Dataset:
     (data,) = read_campaign([folder / DATA], read_mechanism(folder / "m.yaml"))
     return data
+
+
+def problem_of(folder: Path) -> Problem:
+    data = data_of(folder)
+    mechanism = read_mechanism(folder / "m.yaml")
+    return Problem(mechanism, (data,), mechanism.free)
 
 
 # --- rows visited in order ------------------------------------------------------------------------
@@ -59,7 +80,7 @@ def test_backlash_in_a_sequence_is_named(tmp_path: Path, seed: int) -> None:
     width = only["parameters"]["width"]
     assert abs(width["value"] - 0.03) < 4.0 * width["sigma"] < 0.015
     # nobody knows from where the first rows were approached: two loads at the first pose
-    assert left_out(tmp_path) == {1: "dir_leg1 is not known here", 2: "dir_leg1 is not known here"}
+    assert not_used(tmp_path) == {1: "dir_leg1 is not known here", 2: "dir_leg1 is not known here"}
 
 
 @pytest.mark.parametrize("seed", [5])
@@ -124,7 +145,7 @@ def test_a_temperature_that_few_rows_lack(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=120, **SINGLE)
     emptied(tmp_path, "temperature", range(50, 53))
     run, found = diagnose(tmp_path)
-    out = {n: r for n, r in left_out(tmp_path).items() if "temperature" in r}
+    out = {n: r for n, r in not_used(tmp_path).items() if "temperature" in r}
     assert out == dict.fromkeys((51, 52, 53), "temperature is not known here")
     assert run.code == 1 and found["verdict"] in ("none", "weak")
     assert any("rows left out" in f for f in found["findings"])
@@ -135,11 +156,108 @@ def test_a_temperature_that_most_rows_lack(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=120, **SINGLE)
     emptied(tmp_path, "temperature", range(20, 110))
     run, found = diagnose(tmp_path)
-    assert not any("temperature" in r for r in left_out(tmp_path).values())
+    assert not any("temperature" in r for r in not_used(tmp_path).values())
     assert run.code == 1
     assert any("temperature is known in 30 of 120 rows only: not used" in f
                for f in found["findings"])
     assert "leg_thermal" in {e["kind"] for e in found["not_testable"]}
     assert not found["effects"]
-    assert len(left_out(tmp_path)) <= 3
+    assert len(not_used(tmp_path)) <= 3
 
+
+
+# --- rows left out --------------------------------------------------------------------------------
+
+
+def repeated(folder: Path, seed: int, **changes: Any) -> list[int]:
+    """Simulate 60 poses measured twice each; return the places of the first rows at their pose."""
+    simulate(folder, "3-RPR", [], **({"count": 60, "repeats": 2, "seed": seed} | SINGLE | changes))
+    poses = [r["pose"] for r in rows(folder / DATA)]
+    return [n for n in range(len(poses)) if n == 0 or poses[n] != poses[n - 1]]
+
+
+@pytest.mark.parametrize("how", ["by some sigma", "by a part of the move"])
+def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> None:
+    rng = np.random.default_rng(6)
+    picked = rng.permutation(repeated(tmp_path, 6)[1:])[:11]
+    table = rows(tmp_path / DATA)
+    for n in picked:
+        for c in "xy":
+            move = number(table[n], c) - number(table[n - 1], c)
+            short = 0.02 * move if "part" in how else 0.005 * rng.uniform(15.0, 30.0)
+            table[n][c] = str(number(table[n], c) - short)
+    write_csv(tmp_path / DATA, table)
+    run, found = diagnose(tmp_path)
+    assert set(picked + 1) <= set(not_used(tmp_path))
+    assert run.code == 1 and found["verdict"] == "unnamed"
+    assert any("left out as outliers" in f and "are the first row at their pose" in f
+               for f in found["findings"])
+    assert "first row at their pose" in found["remainder"]["follows"]
+    assert found["remainder"]["p_value"] < 0.01
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+def test_gross_errors_have_no_pattern(tmp_path: Path, seed: int) -> None:
+    repeated(tmp_path, seed, noise={"outliers": 0.1})
+    _, found = diagnose(tmp_path)
+    assert len(not_used(tmp_path)) >= 6
+    assert found["verdict"] == "none" and found["remainder"]["follows"] is None
+    assert not any("pattern" in f for f in found["findings"])
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Fit:
+    """A fit of 120 rows, two at each pose, with directions, temperature and loads."""
+    folder = tmp_path_factory.mktemp("plain")
+    repeated(folder, 3, approach="both", repeats=1, conditions=LOADED, count=30)
+    return identify(problem_of(folder))
+
+
+def without(fit: Fit, gone: np.ndarray) -> Fit:
+    """Return the fit as if the rows ``gone`` had been left out as outliers."""
+    return replace(fit, keep=(~gone,), reasons=({int(n): f"{OUTLIER}: test" for n in
+                                                 np.flatnonzero(gone)},))
+
+
+@pytest.mark.parametrize("count", [4, 12, 30])
+def test_chance_gives_a_pattern_as_rarely_as_told(plain: Fit, count: int) -> None:
+    module = pytest.importorskip("ppmcal.diagnose.left_out")
+    rng, rows_ = np.random.default_rng(count), len(plain.keep[0])
+    found, p_values = 0, []
+    for _ in range(300):
+        gone = np.zeros(rows_, dtype=bool)
+        gone[rng.permutation(rows_)[:count]] = True
+        out = module.left_out(without(plain, gone))
+        assert out.count == count and out.rows == rows_
+        found += bool(out.follows)
+        p_values.append(out.p_value)
+    assert found <= binom.ppf(0.999, 300, module.LEVEL)
+    assert np.mean(np.array(p_values) < 0.05) <= binom.ppf(0.999, 300, 0.05) / 300
+
+
+@pytest.mark.parametrize("what", ["first", "leg2 moving +", "last third", "highest part by load"])
+def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
+    """Fifteen rows that have one thing in common, picked at random among those that have it."""
+    module = pytest.importorskip("ppmcal.diagnose.left_out")
+    data, n = plain.problem.datasets[0], len(plain.keep[0])
+    has = {"first": np.r_[True, np.diff(data.groups) != 0],
+           "leg2 moving +": data.columns["dir_leg2"] == 1.0,
+           "last third": np.arange(n) >= 2 * n // 3,
+           "highest part by load": data.columns["payload"] > 0.0}[what]
+    gone = np.zeros(n, dtype=bool)
+    gone[np.random.default_rng(1).permutation(np.flatnonzero(has))[:15]] = True
+    out = module.left_out(without(plain, gone))
+    assert out.suspicious and out.share == 1.0 and out.p_value < module.LEVEL
+    assert what in out.follows
+    assert out.sentence.startswith(f"15 rows of {n} left out")
+
+
+def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
+    module = pytest.importorskip("ppmcal.diagnose.left_out")
+    n = len(plain.keep[0])
+    gone = np.zeros(n, dtype=bool)
+    gone[np.random.default_rng(2).permutation(n)[:n // 4]] = True
+    out = module.left_out(without(plain, gone))
+    assert out.too_many and "more than gross errors explain" in out.sentence
+    nobody = module.left_out(without(plain, np.zeros(n, dtype=bool)))
+    assert not nobody.suspicious and nobody.sentence == ""

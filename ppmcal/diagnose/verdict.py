@@ -16,6 +16,9 @@ from ppmcal.fit import Fit
 from ppmcal.noise_check import OVERSTATED
 from ppmcal.words import counted
 
+COLUMNS = {"load": "payload", "wrench": "payload, fx ... mz", "dir": "the dir_ columns",
+           "vel": "the vel_ columns"}
+"""What an effect needs, as files have it."""
 FAR = 10.0
 MOSTLY, FOLLOWS = 0.5, 0.05
 """Effects that explain less than this of what exceeds the noise, while the rest follows
@@ -118,6 +121,7 @@ def implausible_words(found: Found, index: int) -> str:
             value, low, high = 1.0 / value, 1.0 / high, 1.0 / low
         told.append(f"{name.replace(':', ' ')} {value:.3g}, beyond {low:.2g} to {high:.2g} "
                     f"(SI; {spec.why})")
-    column = " or ".join(find_effect(form.kind).needs) or "the joint columns and rotations"
+    column = " or ".join(COLUMNS.get(n, n) for n in find_effect(form.kind).needs) or (
+        "the joint columns and rotations")
     return (f"{form.label} would explain most, but with {'; '.join(told[:2])}: no machine has "
             f"that; check the unit of {column}. Nothing is named in its place")
