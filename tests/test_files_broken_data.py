@@ -173,7 +173,7 @@ SCENARIOS = [
     ("odd shape", "{circle:", "{circel:", "poses", "'circle'"),
     ("two shapes", "swing: {rz: 5}}}", "swing: {rz: 5}}, file: a.csv}", "poses", "exactly one"),
     ("no count", ", count: 30", "", "poses.circle", "count: 30"),
-    ("count 0", "count: 30", "count: 0", "poses.circle.count", "1 or more"),
+    ("count 0", "count: 30", "count: 0", "poses.circle.count", "from 1 to 10 million"),
     ("radius", "radius: 80", "radius: -80", "poses.circle.radius", "greater than 0"),
     ("center", "y: 290, ", "", "poses.circle.center", "3 actuators"),
     ("center z", "y: 290, ", "y: 290, z: 3, ", "poses.circle.center", "'z'"),

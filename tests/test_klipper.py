@@ -136,8 +136,10 @@ def printer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("printer")
     (folder / "printer.cfg").write_text(printer_cfg(OLD, TRUE))
     ppmcal("import", "klipper", "printer.cfg", cwd=folder, expect=1)
-    ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", "imported/distances.csv",
-           "--prior", "flat", cwd=folder, expect=0)
+    # touches that are exact but for a cut step: far better than the 0.02 mm of a usual probe
+    done = ppmcal("identify", "imported/machine.yaml", "imported/heights.csv",
+                  "imported/distances.csv", "--prior", "flat", cwd=folder, expect=1)
+    assert "sigma is too large" in " ".join(done.out.split())
     ppmcal("export", "klipper", "identified/identified.yaml", "--old", "printer.cfg", cwd=folder,
            expect=0)
     return folder
@@ -190,7 +192,8 @@ def test_heights_alone_leave_the_rods_as_drawn(tmp_path: Path) -> None:
     (tmp_path / "p.cfg").write_text(printer_cfg(OLD, true, distances=False))
     ppmcal("import", "klipper", "p.cfg", "--quiet", cwd=tmp_path, expect=1)
     assert not (tmp_path / "imported" / "distances.csv").exists()
-    ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", cwd=tmp_path, expect=0)
+    # exit 1: the residuals are far below the probe's stated 0.02 mm
+    ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", cwd=tmp_path, expect=1)
     ppmcal("export", "klipper", "identified/identified.yaml", cwd=tmp_path, expect=0)
     assert apart(read_back(tmp_path), true) < 0.02     # tolerances pull a little
 

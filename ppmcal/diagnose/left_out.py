@@ -107,6 +107,7 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Conditions) -> Iterator[t
         for sign, word in ((1.0, "+"), (-1.0, "-")):
             yield f"were approached with {name} moving {word}", rows.approach[:, a] == sign
     move = np.abs(np.diff(data.q, axis=0, prepend=data.q[:1]))
+    move[move == 0.0] = np.nan  # a row at rest comes after no move
     for a, name in enumerate(mechanism.actuators):
         yield f"come after the longest moves of {name}", thirds(move[:, a])[-1]
     order = np.arange(n, dtype=float)
@@ -115,8 +116,11 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Conditions) -> Iterator[t
             (order, "of the rows, in their order", ("first", "middle", "last")),
             (rows.temperature, "by temperature", low),
             (np.linalg.norm(rows.wrench, axis=1), "by load", low)):
-        for mask, part in zip(thirds(values), parts, strict=True):
-            yield f"are in the {part} third {what}", mask
+        masks = [m for m in thirds(values) if m.any()]
+        size = "third" if len(masks) == THIRDS else "part"
+        # of two levels one is the lowest, the other the highest
+        for mask, part in zip(masks, (*parts[:len(masks) - 1], parts[-1]), strict=False):
+            yield f"are in the {part} {size} {what}", mask
 
 
 def thirds(values: Array) -> list[Bools]:
