@@ -28,8 +28,9 @@ LEVELS = 3
 """A load of at most so many levels is left out level by level, if it has as many."""
 SEEN = 1e-10
 """Directions below this part of the strongest are not known without the block."""
-PREDICTS = 0.5
-"""Effects that surely close less than this part of a block's gap do not predict it."""
+PREDICTS, PREDICTS_MORE = 0.5, 0.75
+"""Effects that surely close less than this part of what they close in all rows do not predict a
+block; the second where more is left to explain than noise."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,13 @@ class BlockGap:
     by: str
     gap: Gap
 
-    @property
-    def fails(self) -> bool:
-        """Whether the effects surely do not predict what was left out."""
-        return self.gap.interval is not None and self.gap.interval[1] < PREDICTS
+    def fails(self, everywhere: float, adequate: bool) -> bool:
+        """Whether the effects surely do not predict what was left out.
+
+        ``everywhere``: what they close in all rows; ``adequate``: whether the rest is noise.
+        """
+        least = (PREDICTS if adequate else PREDICTS_MORE) * everywhere
+        return self.gap.interval is not None and self.gap.interval[1] < least
 
 
 def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockGap, ...]:

@@ -30,7 +30,13 @@ from ppmcal.diagnose.rivals import Rival, rivals
 from ppmcal.diagnose.search import implausible, own_log_p
 from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
 from ppmcal.diagnose.unrecorded import look_alikes
-from ppmcal.diagnose.verdict import decide, findings, implausible_words, refuse_unconverged
+from ppmcal.diagnose.verdict import (
+    decide,
+    findings,
+    implausible_words,
+    not_predicted,
+    refuse_unconverged,
+)
 from ppmcal.fit import Fit
 from ppmcal.fit import Options as FitOptions
 from ppmcal.holdout import split
@@ -94,7 +100,8 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
     verdict = decide(found, left, start, effects, out, blocks) if not _imitated(
         found.last) else "unnamed"
-    told = findings(whole, final or whole, left, effects, gap, out, blocks)
+    told = findings(whole, final or whole, left, effects, gap, out,
+                    not_predicted(blocks, left, start))
     if odd is not None:
         told.append(implausible_words(found, odd))
     named = bool(effects) and verdict != "unnamed"

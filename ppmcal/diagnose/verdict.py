@@ -17,9 +17,8 @@ from ppmcal.noise_check import OVERSTATED
 from ppmcal.words import counted
 
 FAR = 10.0
-MOSTLY, FOLLOWS = 0.5, 0.05
-"""Effects that explain less than this of what exceeds the noise, while the rest follows
-something with this p, are no more than an imitation."""
+MOSTLY = 0.5
+"""Effects that explain less than this of what exceeds the noise are no more than an imitation."""
 
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
@@ -65,20 +64,29 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
         if not adequate or smallest < search.name - FAR:
             return "unnamed"
         return "weak" if smallest < search.detect else "none"
-    if any(b.fails for b in blocks):
+    if not_predicted(blocks, left, start):
         return "unnamed"  # what does not predict is no name
     if not left.adequate:
         explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
-        little = explained < MOSTLY and (left.p_value < FOLLOWS or left.source == "repeats")
-        return "unnamed" if little else "partial"
+        return "unnamed" if explained < MOSTLY else "partial"
     if out.suspicious:
         return "partial"
     return "named-set" if any(e.alternatives for e in effects) else "named"
 
 
+def not_predicted(blocks: Sequence[BlockGap], left: Remainder, start: Remainder
+                  ) -> list[BlockGap]:
+    """Return the blocks that the effects do not predict as well as they explain all rows."""
+    before, after = (max(0.0, r.ratio**2 - 1.0) for r in (start, left))
+    if before <= 0.0:
+        return []
+    everywhere = max(0.0, 1.0 - (after / before) ** 0.5)
+    return [b for b in blocks if b.fails(everywhere, left.excess < TOO_MUCH)]
+
+
 def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEffect],
              gap: Gap | None, out: LeftOut, blocks: Sequence[BlockGap]) -> list[str]:
-    """Return what the user must look at."""
+    """Return what the user must look at; ``blocks``: those that were not predicted."""
     told = [f for d in after.problem.datasets for f in d.findings]
     for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
                                   strict=True):
@@ -105,7 +113,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
     if effects and gap is not None and not gap.confirmed:
         told.append("the held-out poses do not confirm the improvement: too few, or too small")
     told += [f"left out by {b.by} (a third at a time), only {b.gap.closed or 0.0:.0%} of the gap "
-             "is closed: what was named does not predict there" for b in blocks if b.fails]
+             "is closed: what was found does not predict there" for b in blocks]
     if not after.converged:
         told.append(f"the fit had not converged after {after.iterations} iterations")
     return told
