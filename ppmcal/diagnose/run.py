@@ -75,7 +75,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     say("confirming in all rows")
     found, final = confirm(found, whole, options.fit)
     gap = _gap(found, held, options)
-    odd = implausible(found.first.search, found.last.chosen)
+    odd = implausible(found.first.search, [found.last.forms[i] for i in found.last.chosen])
     if odd is not None or (gap is not None and gap.worse):
         found, final = nothing_named(found), None
         gap = _gap(found, held, options)
