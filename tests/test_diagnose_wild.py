@@ -371,6 +371,19 @@ def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
         assert any("no machine has that; check the unit of" in f for f in found["findings"])
 
 
+def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
+    """A later search has forms, and places for them, that the first one does not have."""
+    simulate(tmp_path, "3-RPR", [effect("periodic", ["leg2"], cos=0.03, sin=0.01, period=19.0)],
+             count=60, **SINGLE)
+    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.Options(draws=500))
+    first, (named_one,) = told.found.first, told.effects
+    # as if made later, and the first search had it last
+    fewer = replace(first.search, forms=first.library.forms)
+    late = [named_one.form, *first.library.forms[:1]]
+    assert diagnosing.implausible(fewer, late) is None
+    assert named_one.form.kind == "periodic"
+
+
 def test_a_sigma_a_thousand_times_too_large(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=40, **SINGLE)
     edit(tmp_path, instrument={"kind": "pose", "sigma": {"position": 5.0, "rotation": 1.0}})

@@ -20,8 +20,8 @@ from ppmcal.cli.diagnose import tell
 from ppmcal.diagnose.gap import Gap
 from ppmcal.diagnose.left_out import LeftOut
 from ppmcal.diagnose.result import Diagnosis
-from ppmcal.diagnose.run import Options, _proposal, diagnose
-from ppmcal.diagnose.verdict import findings
+from ppmcal.diagnose.run import Options, diagnose
+from ppmcal.diagnose.verdict import findings, next_step
 from ppmcal.files.output import plain
 from ppmcal.outputs.diagnosis import effects_csv, summary
 from ppmcal.problem import Problem
@@ -123,7 +123,7 @@ def test_next_step_agrees_with_the_findings() -> None:
         seen = replace(gap, confirmed=confirmed)
         said = findings(result.before, result.before, left, result.effects, seen,
                         LeftOut(0, 1, False, "", 0.0, 1.0), ())
-        step = _proposal(last, {}, "named", 0, seen).reason
+        step = next_step(last, {}, "named", 0, seen).reason
         assert any("do not confirm" in f for f in said) == (not confirmed)
         assert ("settled" in step) == confirmed
         assert ("do not confirm" in step) == (not confirmed)

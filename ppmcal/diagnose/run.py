@@ -21,19 +21,20 @@ from ppmcal.diagnose.gram import probability
 from ppmcal.diagnose.left_out import left_out
 from ppmcal.diagnose.localise import Place, localise
 from ppmcal.diagnose.model import Added, with_named
-from ppmcal.diagnose.nextup import Proposal, nothing, propose
 from ppmcal.diagnose.other_models import other_models
 from ppmcal.diagnose.recorded import usable, with_whole_rows
 from ppmcal.diagnose.refit import of_rows, with_mechanism
 from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect, OtherModel
-from ppmcal.diagnose.rivals import Rival, rivals
+from ppmcal.diagnose.rivals import rivals
 from ppmcal.diagnose.search import implausible, own_log_p
 from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
 from ppmcal.diagnose.unrecorded import look_alikes
 from ppmcal.diagnose.verdict import (
+    Alternatives,
     decide,
     findings,
     implausible_words,
+    next_step,
     not_predicted,
     refuse_unconverged,
 )
@@ -83,7 +84,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     say("confirming in all rows")
     found, final = confirm(found, whole, options.fit)
     gap = _gap(found, held, options)
-    odd = implausible(found.first.search, found.first.chosen)
+    odd = implausible(found.first.search, [found.last.forms[i] for i in found.last.chosen])
     if odd is not None or (gap is not None and gap.worse):
         found, final = nothing_named(found), None
         gap = _gap(found, held, options)
@@ -114,7 +115,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         tables.candidates(found, effects if named else ()),
         found.first.library.untestable, tables.swallowed(whole, final),
         reported.fit if final is whole else whole, reported, found,
-        _proposal(found.last, others, verdict, options.seed, gap),
+        next_step(found.last, others, verdict, options.seed, gap),
         tuple(told), blocks, _others(whole, found, others, options) if named else ())
 
 
@@ -240,9 +241,6 @@ def _settled(before: Fit, first: Stage, options: Options, say: Say) -> Found:
     return Found(before, after, first, last, added)
 
 
-Alternatives = dict[int, tuple[list[Rival], list[Form]]]
-
-
 def _alternatives(stage: Stage) -> Alternatives:
     """Return what could take the place of each named form: rivals, and what was not recorded."""
     return {i: (rivals(stage.search, stage.chosen, i),
@@ -284,24 +282,3 @@ def _noise(found: Found) -> float:
     """Return the noise over the stated one: that of repeats where there are enough."""
     pure = found.first.pure
     return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0
-
-
-def _proposal(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
-              gap: Gap | None = None) -> Proposal:
-    """Return measurements that tell the first rivals apart."""
-    joints = len(stage.system.problem.mechanism.actuators)
-    for i, (others, _) in alternatives.items() if verdict != "unnamed" else ():
-        if others and not stage.forms[i].slot:
-            likeliest = min(others, key=lambda r: r.odds)
-            return propose(stage, stage.forms[i], likeliest.form, likeliest.odds, seed)
-    if verdict in ("named-set", "partial") and any(a for _, a in alternatives.values()):
-        return nothing("measure again with a known payload (column payload): give under a "
-                       "weight that was not recorded looks much like this", joints)
-    if verdict == "named" and gap is not None and not gap.confirmed:
-        return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
-                       "yet what was found", joints)
-    return nothing({"none": "nothing is missing that these data could show",
-                    "weak": "repeat the campaign: the suspicion grows or goes with more rows",
-                    "named": "what was found is settled"}.get(
-                        verdict, "record more of what might matter (load, temperature, time)"),
-                   joints)

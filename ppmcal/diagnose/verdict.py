@@ -6,16 +6,22 @@ from collections.abc import Sequence
 
 from ppmcal.diagnose.adequacy import TOO_MUCH, Remainder
 from ppmcal.diagnose.blocks import BlockGap
+from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gap import Gap
 from ppmcal.diagnose.left_out import LeftOut
+from ppmcal.diagnose.nextup import Proposal, nothing, propose
 from ppmcal.diagnose.result import Found, NamedEffect
+from ppmcal.diagnose.rivals import Rival
 from ppmcal.diagnose.search import fitted_values
+from ppmcal.diagnose.stage import Stage
 from ppmcal.effects import find_effect
 from ppmcal.errors import NoResult
 from ppmcal.fit import Fit
 from ppmcal.noise_check import OVERSTATED
 from ppmcal.words import counted
 
+Alternatives = dict[int, tuple[list[Rival], list[Form]]]
+"""By named form: rivals in the library, and what was not recorded."""
 FAR = 10.0
 MOSTLY = 0.5
 """Effects that explain less than this of what exceeds the noise are no more than an imitation."""
@@ -138,3 +144,24 @@ def implausible_words(found: Found, index: int) -> str:
         "the joint columns and of the rotations")
     return (f"{form.label} would explain most, but with {'; '.join(told[:2])}: no machine has "
             f"that; check the units of {column}. Nothing is named in its place")
+
+
+def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
+              gap: Gap | None = None) -> Proposal:
+    """Return measurements that tell the first rivals apart, or what else to do."""
+    joints = len(stage.system.problem.mechanism.actuators)
+    for i, (others, _) in alternatives.items() if verdict != "unnamed" else ():
+        if others and not stage.forms[i].slot:
+            likeliest = min(others, key=lambda r: r.odds)
+            return propose(stage, stage.forms[i], likeliest.form, likeliest.odds, seed)
+    if verdict in ("named-set", "partial") and any(a for _, a in alternatives.values()):
+        return nothing("measure again with a known payload (column payload): give under a "
+                       "weight that was not recorded looks much like this", joints)
+    if verdict == "named" and gap is not None and not gap.confirmed:
+        return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
+                       "yet what was found", joints)
+    return nothing({"none": "nothing is missing that these data could show",
+                    "weak": "repeat the campaign: the suspicion grows or goes with more rows",
+                    "named": "what was found is settled"}.get(
+                        verdict, "record more of what might matter (load, temperature, time)"),
+                   joints)
