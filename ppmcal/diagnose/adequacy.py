@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincc
+from scipy.special import chdtrc, gammaincc, ndtri
 
 from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.noise import PureError
@@ -81,8 +81,10 @@ def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, floa
     # both as they would be at the noise's own level: few rows far above it scatter as far
     error, scale = (e * min(reference**2 / mean, 1.0) for e in (error, scale))
     spread = np.sqrt(error**2 + own**2 + scale**2)
-    return (float(np.sqrt(mean)) / reference, float((mean - reference**2) / max(spread, 1e-300)),
-            reference, source)
+    excess = (mean - reference**2) / max(spread, 1e-300)
+    # a handful of values is not normal: chi-squared says what chance gives
+    excess = min(excess, -float(ndtri(chdtrc(freedom, freedom * mean / reference**2))))
+    return float(np.sqrt(mean)) / reference, float(excess), reference, source
 
 
 def inputs(system: System) -> dict[str, tuple[Array, tuple[float, ...]]]:
