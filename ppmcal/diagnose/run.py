@@ -22,18 +22,18 @@ from ppmcal.diagnose.left_out import left_out
 from ppmcal.diagnose.localise import Place, localise
 from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.other_models import other_models
+from ppmcal.diagnose.plausible import implausible, implausible_words
 from ppmcal.diagnose.recorded import usable, with_whole_rows
 from ppmcal.diagnose.refit import of_rows, with_mechanism
 from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect, OtherModel
 from ppmcal.diagnose.rivals import rivals
-from ppmcal.diagnose.search import implausible, own_log_p
+from ppmcal.diagnose.search import own_log_p
 from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
 from ppmcal.diagnose.unrecorded import look_alikes
 from ppmcal.diagnose.verdict import (
     Alternatives,
     decide,
     findings,
-    implausible_words,
     next_step,
     not_predicted,
     refuse_unconverged,

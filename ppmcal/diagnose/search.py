@@ -200,49 +200,6 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
     return True
 
 
-def fitted_values(search: Search, form: int) -> list[float]:
-    """Return the coefficients of one form alone, SI."""
-    return [float(v) for v in search.gram.fit(columns_of(search, [form]))[0]]
-
-
-def implausible(search: Search, named: Sequence[Form]) -> int | None:
-    """Return a form that explains more than what was chosen, but of a size that machines have not.
-
-    Something else is wrong then, a unit perhaps, and what was chosen in its place imitates it.
-
-    Args:
-        search: the first one.
-        named: what was chosen at last, perhaps forms that a later search made.
-    """
-    values, chosen = search.values(), _nearest(search, named)
-    now = bic(search, chosen)
-    for i in np.argsort(values, kind="stable")[:STARTS]:
-        form = search.forms[i]
-        if values[i] > search.name or form.anonymous or int(i) in chosen:
-            continue
-        if possible(search, [int(i)], False) and not possible(search, [int(i)]) and (
-                bic(search, [int(i)]) < now):
-            return int(i)
-    return None
-
-
-def _nearest(search: Search, named: Sequence[Form]) -> list[int]:
-    """Return the forms of a search most like others, which may be of another search.
-
-    A group of joints that it does not have is taken joint by joint.
-    """
-    def like(form: Form, on: tuple[str, ...]) -> list[int]:
-        same = [(form.apart(f), i) for i, f in enumerate(search.forms)
-                if (f.family, f.on) == (form.family, on)
-                and (f.shared == form.shared or len(on) == 1)]
-        return [min(same)[1]] if same else []
-
-    out: list[int] = []
-    for form in named:
-        out += like(form, form.on) or [i for a in form.on for i in like(form, (a,))]
-    return list(dict.fromkeys(out))
-
-
 def _apart(waves: Sequence[Form]) -> bool:
     """Whether no joint has more than :data:`MOST_PERIODS`, or two that are one between the grid.
 

@@ -12,9 +12,7 @@ from ppmcal.diagnose.left_out import LeftOut
 from ppmcal.diagnose.nextup import Proposal, nothing, propose
 from ppmcal.diagnose.result import Found, NamedEffect
 from ppmcal.diagnose.rivals import Rival
-from ppmcal.diagnose.search import fitted_values
 from ppmcal.diagnose.stage import Stage
-from ppmcal.effects import find_effect
 from ppmcal.errors import NoResult
 from ppmcal.fit import Fit
 from ppmcal.noise_check import OVERSTATED
@@ -25,12 +23,6 @@ Alternatives = dict[int, tuple[list[Rival], list[Form]]]
 FAR = 10.0
 MOSTLY = 0.5
 """Effects that explain less than this of what exceeds the noise are no more than an imitation."""
-
-
-COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
-           "vel": "the vel_ columns", "dir": "the dir_ columns", "temperature":
-           "temperature (deg C)", "time": "time (s)"}
-"""What to look at, by what an effect depends on."""
 
 
 def refuse_unconverged(fit: Fit) -> None:
@@ -123,27 +115,6 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
     if not after.converged:
         told.append(f"the fit had not converged after {after.iterations} iterations")
     return told
-
-
-def implausible_words(found: Found, index: int) -> str:
-    """Return what a size outside the range of machines says about the data."""
-    form = found.first.search.forms[index]
-    values = fitted_values(found.first.search, index)
-    motion = found.before.problem.mechanism.motion
-    specs = {s.name: s for s in find_effect(form.kind).parameters(motion)}
-    told = []
-    for name, value, (low, high) in zip(form.names, values, form.usual, strict=True):
-        if low <= value <= high:
-            continue
-        spec = specs[name.split(":")[-1]]
-        if spec.reciprocal:
-            value, low, high = 1.0 / value, 1.0 / high, 1.0 / low
-        told.append(f"{name.replace(':', ' ')} {value:.3g}, beyond {low:.2g} to {high:.2g} "
-                    f"(SI; {spec.why})")
-    column = ", ".join(COLUMNS.get(n, n) for n in find_effect(form.kind).needs) or (
-        "the joint columns and of the rotations")
-    return (f"{form.label} would explain most, but with {'; '.join(told[:2])}: no machine has "
-            f"that; check the units of {column}. Nothing is named in its place")
 
 
 def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
