@@ -29,8 +29,8 @@ LEVELS = 3
 SEEN = 1e-10
 """Directions below this part of the strongest are not known without the block."""
 PREDICTS, PREDICTS_MORE = 0.5, 0.75
-"""Effects that surely close less than this part of what they close in all rows do not predict a
-block; the second where more is left to explain than noise."""
+"""Effects that surely close less than this part of a block's gap do not predict it; where more is
+left to explain than noise, less than this part of what they close in all rows."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class BlockGap:
 
         ``everywhere``: what they close in all rows; ``adequate``: whether the rest is noise.
         """
-        least = (PREDICTS if adequate else PREDICTS_MORE) * everywhere
+        least = PREDICTS if adequate else PREDICTS_MORE * everywhere
         return self.gap.interval is not None and self.gap.interval[1] < least
 
 

@@ -120,22 +120,15 @@ def _against_zero(fit: Fit, columns: Sequence[int]) -> float:
 
 
 def _outside(fit: Fit, found: Found, key: Key) -> float:
-    """Return 0 where what is not linear, a period, is none of a machine, else -inf."""
+    """Return 0 where what is not linear, a period, is none of a machine, else -inf.
+
+    It has to be in the range that machines have. Joints that are made alike have one period, and
+    two waves of their own on the same joints are more often some other shape.
+    """
     travel = np.concatenate([p.setting.travel for p in found.last.system.parts])
     stroke = float(np.ptp(travel, axis=0).max())
-    mine = [a for a in found.added if _key(a.form) == key]
-    # two waves on one joint are two forms, of one kind on several joints one
-    forms = {id(a.form): [b for b in mine if b.form is a.form] for a in mine}
-    return max((_no_period(fit, parts, key, stroke) for parts in forms.values()), default=-np.inf)
-
-
-def _no_period(fit: Fit, parts: Sequence[Added], key: Key, stroke: float) -> float:
-    """Return 0 where the periods of one form are none of a machine, or not the same, else -inf.
-
-    One hypothesis on several joints, which are made alike, has one period.
-    """
     names = fit.problem.mechanism.names
-    columns = [c for c in _columns(fit, parts, key)
+    columns = [c for c in _columns(fit, found.added, key)
                if names[fit.problem.free[c]].endswith(NOT_LINEAR)]
     if not columns:
         return -np.inf
