@@ -18,6 +18,7 @@ from ppmcal.diagnose.gram import log_p
 from ppmcal.diagnose.model import Added, with_named
 from ppmcal.diagnose.refit import with_mechanism
 from ppmcal.diagnose.result import Found
+from ppmcal.diagnose.search import own_log_p
 from ppmcal.diagnose.stage import NOT_LINEAR, named_only, without
 from ppmcal.diagnose.system import (
     INVISIBLE,
@@ -54,7 +55,7 @@ def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit |
         weakest = max(values, key=lambda key: values[key])
         if values[weakest] <= found.first.search.name:
             return found, fit
-        rest = tuple(i for i in found.last.chosen if _key(found.last.forms[i]) != weakest)
+        rest = _without(found, weakest)
         last = replace(found.last, chosen=rest)
         if not named_only(last):
             break
@@ -62,6 +63,15 @@ def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit |
         after = with_mechanism(found.before, mechanism, options)
         found = Found(found.before, after, found.first, last, added)
     return nothing_named(found), None
+
+
+def _without(found: Found, key: Key) -> tuple[int, ...]:
+    """Return the chosen forms without those of ``key``; of two waves only the weaker one goes."""
+    last = found.last
+    mine = [i for i in last.chosen if _key(last.forms[i]) == key]
+    if len(mine) > 1:
+        mine = [max(mine, key=lambda i: own_log_p(last.search, last.chosen, i))]
+    return tuple(i for i in last.chosen if i not in mine)
 
 
 def nothing_named(found: Found) -> Found:
