@@ -198,6 +198,14 @@ def test_a_fit_that_does_not_converge_above_the_noise_is_no_result(
     assert not (tmp_path / "out").exists()
 
 
+def test_no_diagnosis_is_built_on_such_a_fit(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fitting, "ITERATIONS", 1)
+    done = ppmcal("diagnose", MACHINE, session(tmp_path), "--out", tmp_path / "out", expect=3)
+    assert "did not converge" in done.err and "no effect can be told" in done.err
+    assert not (tmp_path / "out").exists()
+
+
 # --- noise stated wrongly -------------------------------------------------------------------------
 
 def test_a_sigma_a_thousand_times_too_large_is_a_finding(tmp_path: Path) -> None:
