@@ -72,6 +72,13 @@ class Fit:
     reasons: tuple[dict[int, str], ...] = ()
 
     @property
+    def reached(self) -> str:
+        """How far a fit got that did not converge, in words."""
+        rms = (self.reduced.square / max(self.reduced.count, 1)) ** 0.5
+        return (f"after {self.iterations} iterations residuals were at {rms:.3g} times the noise "
+                "and it was still moving")
+
+    @property
     def outliers(self) -> list[Bools]:
         """Which rows with a pose were left out as outliers, by data set (N,)."""
         out = []

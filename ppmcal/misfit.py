@@ -105,7 +105,7 @@ def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[
     None where there are too many of them to be single mistakes.
     """
     found = explained_distances(problem, state)
-    limit = GROSS * max(1.0, _times(found, keep))
+    limit = GROSS * max(1.0, found.times(keep))
     out = [k & (away > limit) for k, away in zip(keep, _away(found), strict=True)]
     total = sum(int(k.sum()) for k in keep)
     if sum(int(o.sum()) for o in out) > MOST_GROSS * total:
@@ -126,11 +126,11 @@ def misfit(problem: Problem) -> Misfit:
     state = few.start()
     keep = [known(p) for p in state.poses]
     rows, lost = sum(k.size for k in keep), sum(int((~k).sum()) for k in keep)
-    times = _times(explained_distances(few, state), keep)
+    times = explained_distances(few, state).times(keep)
     position, rotation = _medians(few, state)
     before = after = float("nan")
     if times > DOUBTED or lost > LOST * rows:
-        before = _times(distances(few, state), keep)
+        before = distances(few, state).times(keep)
         after = _after_trial(few, state, keep)
     return Misfit(times, position, rotation, before, after, lost, rows)
 
@@ -164,12 +164,6 @@ def _away(found: Distances) -> list[Array]:
             for d, m in zip(found.square, found.size, strict=True)]
 
 
-def _times(found: Distances, keep: Sequence[Bools]) -> float:
-    """Return the median distance of the rows in use over that of noise."""
-    away = np.concatenate([a[k] for a, k in zip(_away(found), keep, strict=True)])
-    return float(np.median(away)) if away.size else 0.0
-
-
 def _medians(problem: Problem, state: State) -> tuple[float, float]:
     """Return the median miss of positions, m, and rotations, rad."""
     out: dict[bool, list[float]] = {False: [], True: []}
@@ -191,4 +185,4 @@ def _after_trial(problem: Problem, state: State, keep: Sequence[Bools]) -> float
         return huber_weights(problem, at, keep)
 
     end = gauss_newton(problem, state, keep, prior, TRIAL_ITERATIONS, weigh)[0]
-    return _times(distances(problem, end), keep)
+    return distances(problem, end).times(keep)

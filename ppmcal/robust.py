@@ -33,11 +33,15 @@ class Distances:
 
     def factor(self, keep: Sequence[Bools]) -> float:
         """Return the robust scale of the residuals over the stated noise, at least 1."""
+        return max(1.0, self.times(keep))
+
+    def times(self, keep: Sequence[Bools]) -> float:
+        """Return the median distance of the rows in use over that of noise, 0 without rows."""
         ratios = np.concatenate([
             (d[k & (m > 0)] / chdtri(m[k & (m > 0)], 0.5)) for d, m, k in
             zip(self.square, self.size, keep, strict=True)])
         ratios = ratios[np.isfinite(ratios)]
-        return max(1.0, float(np.sqrt(np.median(ratios)))) if ratios.size else 1.0
+        return float(np.sqrt(np.median(ratios))) if ratios.size else 0.0
 
     def p_values(self, factor: float) -> list[Array]:
         """Return the chance of a larger distance, by data set (N,); 1 where unknown."""

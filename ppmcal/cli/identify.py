@@ -201,16 +201,13 @@ def _refuse_unconverged(fit: Fit, options: Options) -> None:
 
     if fit.converged or fit.stopped or options.iterations:
         return
-    rms = (fit.reduced.square / max(fit.reduced.count, 1)) ** 0.5
-    reached = (f"after {fit.iterations} iterations residuals were at {rms:.3g} times the noise and "
-               "it was still moving")
     if options.method == "damped":
-        raise NoResult(f"the damped scheme is too slow for these parameters: {reached}",
+        raise NoResult(f"the damped scheme is too slow for these parameters: {fit.reached}",
                        "--method damped",
                        "Use a smaller --damping, fewer free parameters, --iterations to stop "
                        "where you want, or the prior (--method prior)")
     if noise_check(fit).failed:
-        raise NoResult(f"the fit did not converge: {reached}",
+        raise NoResult(f"the fit did not converge: {fit.reached}",
                        ", ".join(d.source for d in fit.problem.datasets),
                        "Run check on machine and data: units, order of columns, poses that tell "
                        "the parameters apart; or free fewer parameters, or try more --iterations")

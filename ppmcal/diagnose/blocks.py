@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.conditions import Conditions
-from ppmcal.diagnose.gap import Errors, Gap, gap_of
+from ppmcal.diagnose.gap import Errors, Gap, errors_of, gap_of
 from ppmcal.diagnose.left_out import thirds
 from ppmcal.fit import Fit
 from ppmcal.problem import Problem
@@ -25,7 +24,7 @@ from ppmcal.problem import Problem
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 LEVELS = 3
-"""A load of at most so many levels is left out level by level, if it has as many."""
+"""A load of fewer levels cannot be left out: the others would not tell what it does."""
 SEEN = 1e-10
 """Directions below this part of the strongest are not known without the block."""
 PREDICTS, PREDICTS_MORE = 0.5, 0.75
@@ -71,32 +70,19 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
 
 def schemes(problem: Problem) -> Iterator[tuple[str, list[list[Bools]]]]:
     """Yield what rows are left out by, and the blocks: a mask (N,) by data set for each."""
-    order = [np.arange(len(d), dtype=float) for d in problem.datasets]
-    yield "time", _blocks(order)
-    heat = [c.temperature for c in problem.conditions]
-    if _varies(heat):
-        yield "temperature", _blocks([np.concatenate(heat)], heat)
-    load = [_load(c) for c in problem.conditions]
-    if _varies(load) and np.unique(np.round(np.concatenate(load), 9)).size >= LEVELS:
-        yield "load", _blocks([np.concatenate(load)], load)
+    order = [thirds(np.arange(len(d), dtype=float)) for d in problem.datasets]
+    yield "time", [list(masks) for masks in zip(*order, strict=True)]
+    heat = np.concatenate([c.temperature for c in problem.conditions])
+    load = np.concatenate([np.linalg.norm(c.wrench, axis=1) for c in problem.conditions])
+    ends = np.cumsum([len(d) for d in problem.datasets])[:-1]
+    for by, values in (("temperature", heat), ("load", load)):
+        if _varies(values) and (by != "load" or np.unique(np.round(values, 9)).size >= LEVELS):
+            yield by, [np.split(mask, ends) for mask in thirds(values)]
 
 
-def _load(rows: Conditions) -> Array:
-    return np.asarray(np.linalg.norm(rows.wrench, axis=1))
-
-
-def _varies(values: Sequence[Array]) -> bool:
-    one = np.concatenate(values)
-    return bool(np.isfinite(one).all() and np.ptp(one) > 1e-9 * max(np.abs(one).max(), 1e-300))
-
-
-def _blocks(values: Sequence[Array], split: Sequence[Array] | None = None) -> list[list[Bools]]:
-    """Return the thirds of values by data set; those of all together are ``split`` again."""
-    parts = [thirds(v) for v in values]
-    if split is None:
-        return [list(p) for p in zip(*parts, strict=True)]
-    ends = np.cumsum([len(v) for v in split])[:-1]
-    return [np.split(mask, ends) for mask in parts[0]]
+def _varies(values: Array) -> bool:
+    return bool(np.isfinite(values).all()
+                and np.ptp(values) > 1e-9 * max(np.abs(values).max(), 1e-300))
 
 
 def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> Errors:
@@ -115,17 +101,9 @@ def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> Errors:
     use = w > SEEN * max(float(w[-1]), 1e-300)
     inverse = (v[:, use] / w[use]) @ v[:, use].T
     step = inverse @ right
-    parts: list[list[Array]] = [[], [], [], []]
-    for j, r in zip(flat, rows, strict=True):
-        residual = r.residual + (j @ step).reshape(r.residual.shape)
-        shaped = j.reshape(*r.residual.shape, width)
-        parts[0].append(np.sum(residual**2, axis=1))
-        parts[1].append(np.einsum("nmc,cd,nmd->n", shaped, inverse, shaped))
-        parts[2].append(r.observed.sum(axis=1).astype(float))
-        groups = fit.problem.datasets[r.dataset].groups[r.index].astype(float)
-        parts[3].append(groups * len(keep) + r.dataset)
-    square, variance, count, label = (np.concatenate(p) if p else np.zeros(0) for p in parts)
-    return Errors(square, variance, count, label.astype(np.int64))
+    return errors_of(fit.problem, (
+        (r, r.residual + (j @ step).reshape(r.residual.shape))
+        for j, r in zip(flat, rows, strict=True)), inverse * np.outer(fit.scale, fit.scale))
 
 
 def _joined(parts: Sequence[Errors]) -> Errors:

@@ -189,8 +189,7 @@ class _Kinds(Collector):
         return {"low": float(ends[:, 0].min()), "high": float(ends[:, 1].max())}
 
     def _stroke(self) -> float:
-        travel = np.concatenate([p.setting.travel for p in self.system.parts])
-        return float(np.ptp(travel, axis=0).max()) or 1.0
+        return self.system.stroke or 1.0
 
 
 def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = ()

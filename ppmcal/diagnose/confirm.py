@@ -32,6 +32,7 @@ from ppmcal.effects import find_effect
 from ppmcal.fit import Fit, posterior
 from ppmcal.fit import Options as FitOptions
 
+Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 SURE, MOSTLY_KNOWN = 0.01, 0.5
 """A size is known where chance gives it this rarely if there is nothing; of several, so many."""
@@ -50,8 +51,9 @@ def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit |
     while found.added:
         fit = with_mechanism(whole, found.after.problem.mechanism, options)
         values = own_values(fit, found.added, found.last.noise, thinned(fit.keep, MOST_ROWS))
-        values = {key: max(value, _known_size(fit, found.added, key), _outside(fit, found, key))
-                  for key, value in values.items()}
+        spread = posterior(fit)
+        values = {key: max(value, _known_size(fit, spread, found.added, key),
+                           _outside(fit, spread, found, key)) for key, value in values.items()}
         weakest = max(values, key=lambda key: values[key])
         if values[weakest] <= found.first.search.name:
             return found, fit
@@ -93,21 +95,24 @@ def _columns(fit: Fit, added: Sequence[Added], key: Key) -> list[int]:
     return [c for c, p in enumerate(fit.problem.free) if names[p] in own]
 
 
-def _known_size(fit: Fit, added: Sequence[Added], key: Key) -> float:
+def _known_size(fit: Fit, spread: Array, added: Sequence[Added], key: Key) -> float:
     """Return the log p of an effect's size against zero, with all that geometry may do instead.
+
+    ``spread``: covariance of the fit's columns (C, C).
 
     The linear test counts as geometry what one tolerance can do; a fit may do more, and then the
     size of an effect is not known, however well it explains the rows. Of values for each actuator
     most have to be known.
     """
     mine = [a for a in added if _key(a.form) == key]
-    each = np.array([_against_zero(fit, _columns(fit, [a], key)) for a in mine])
+    each = np.array([_against_zero(fit, spread, _columns(fit, [a], key)) for a in mine])
     if np.mean(each < np.log(SURE)) < MOSTLY_KNOWN:
         return 0.0
-    return _against_zero(fit, _columns(fit, mine, key)) if len(mine) > 1 else float(each[0])
+    together = _columns(fit, mine, key)
+    return _against_zero(fit, spread, together) if len(mine) > 1 else float(each[0])
 
 
-def _against_zero(fit: Fit, columns: Sequence[int]) -> float:
+def _against_zero(fit: Fit, spread: Array, columns: Sequence[int]) -> float:
     """Return the log p of the linear parameters among some columns of a fit being all 0."""
     mechanism = fit.problem.mechanism
     linear = [c for c in columns
@@ -120,7 +125,7 @@ def _against_zero(fit: Fit, columns: Sequence[int]) -> float:
     inverse = np.array([p.reciprocal for p in parameters])
     value = np.where(inverse, 1.0 / g, g)
     slope = np.where(inverse, -1.0 / g**2, 1.0)
-    covariance = posterior(fit)[np.ix_(linear, linear)] * np.outer(slope, slope)
+    covariance = spread[np.ix_(linear, linear)] * np.outer(slope, slope)
     if not np.isfinite(covariance).all():
         return 0.0
     # residuals above the stated noise make everything less certain
@@ -129,14 +134,12 @@ def _against_zero(fit: Fit, columns: Sequence[int]) -> float:
     return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
 
 
-def _outside(fit: Fit, found: Found, key: Key) -> float:
+def _outside(fit: Fit, spread: Array, found: Found, key: Key) -> float:
     """Return 0 where what is not linear, a period, is none of a machine, else -inf.
 
     It has to be in the range that machines have. Joints that are made alike have one period, and
     two waves of their own on the same joints are more often some other shape.
     """
-    travel = np.concatenate([p.setting.travel for p in found.last.system.parts])
-    stroke = float(np.ptp(travel, axis=0).max())
     names = fit.problem.mechanism.names
     columns = [c for c in _columns(fit, found.added, key)
                if names[fit.problem.free[c]].endswith(NOT_LINEAR)]
@@ -144,11 +147,11 @@ def _outside(fit: Fit, found: Found, key: Key) -> float:
         return -np.inf
     parameters = find_effect(key[0]).parameters(fit.problem.mechanism.motion)
     spec = next(s for s in parameters if f".{s.name}" in NOT_LINEAR)
-    scale = stroke if spec.of_stroke else 1.0
+    scale = found.last.system.stroke if spec.of_stroke else 1.0
     values = np.array([fit.state.g[fit.problem.free[c]] for c in columns])
     if np.any(values < spec.usual[0] * scale) or np.any(values > spec.usual[1] * scale):
         return 0.0
-    variance = np.diagonal(posterior(fit))[columns]
+    variance = np.diagonal(spread)[columns]
     mean = np.sum(values / variance) / np.sum(1.0 / variance)
     apart = float(np.sum((values - mean) ** 2 / variance))
     return 0.0 if len(values) > 1 and chdtrc(len(values) - 1, apart) < APART else -np.inf

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.special import chdtrc, chdtri
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, prediction_covariance
 from ppmcal.holdout import fresh_state
+from ppmcal.problem import Problem, Rows
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -57,16 +58,28 @@ def _errors(fit: Fit, held: Sequence[Dataset]) -> Errors:
     about = tuple(o.about for o in fit.problem.opens)
     problem = replace(fit.problem, datasets=tuple(held), pivots=about)
     state = fresh_state(problem, fit.state)
-    covariance = prediction_covariance(fit)
+    return errors_of(problem, ((r, r.residual) for r in problem.rows(state)),
+                     prediction_covariance(fit))
+
+
+def errors_of(problem: Problem, predicted: Iterable[tuple[Rows, Array]], covariance: Array
+              ) -> Errors:
+    """Return the errors of rows that were predicted.
+
+    Args:
+        problem: of which they are rows.
+        predicted: chunks of rows with their white errors (n, m).
+        covariance: of the columns, of the fit that predicts them (C, C).
+    """
     parts: list[list[Array]] = [[], [], [], []]
-    for rows in problem.rows(state):
-        parts[0].append(np.sum(rows.residual**2, axis=1))
+    for rows, error in predicted:
+        parts[0].append(np.sum(error**2, axis=1))
         parts[1].append(np.einsum("nmc,cd,nmd->n", rows.jacobian, covariance, rows.jacobian))
         parts[2].append(rows.observed.sum(axis=1).astype(float))
         groups = problem.datasets[rows.dataset].groups[rows.index].astype(float)
-        parts[3].append(groups * len(held) + rows.dataset)
-    square, variance, count, label = (np.concatenate(p) for p in parts)
-    return Errors(square, variance, count, np.asarray(label, dtype=np.int64))
+        parts[3].append(groups * len(problem.datasets) + rows.dataset)
+    square, variance, count, label = (np.concatenate(p) if p else np.zeros(0) for p in parts)
+    return Errors(square, variance, count, label.astype(np.int64))
 
 
 def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, seed: int

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc
-from scipy.stats import hypergeom
+from scipy.special import bdtrc, gammaln
 
 from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
@@ -79,11 +78,25 @@ def left_out(fit: Fit) -> LeftOut:
             if not 0 < inside < rows:
                 continue
             tried += 1
-            p = float(hypergeom.sf(hits - 1, rows, inside, count))
+            p = _as_many(hits, rows, inside, count)
             if p < best:
                 best, share, follows = p, hits / count, words
     best = min(1.0, best * max(tried, 1))
     return LeftOut(count, rows, too_many, follows if best < LEVEL else "", share, best)
+
+
+def _as_many(hits: int, rows: int, inside: int, count: int) -> float:
+    """Return the chance of at least ``hits`` of ``count`` rows among ``inside`` of all.
+
+    The hypergeometric tail; scipy.stats, which has it, takes half a second to load.
+    """
+    def log_choices(n: int, k: Array) -> Array:
+        return np.asarray(gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0))
+
+    k = np.arange(max(hits, count - (rows - inside), 0), min(inside, count) + 1.0)
+    parts = (log_choices(inside, k) + log_choices(rows - inside, count - k)
+             - log_choices(rows, np.array([float(count)])))
+    return min(1.0, float(np.sum(np.exp(parts))))
 
 
 def _patterns(problem: Problem) -> Iterator[tuple[str, list[Bools]]]:

@@ -14,19 +14,19 @@ import numpy as np
 from ppmcal.analysis import registered
 from ppmcal.diagnose.model import with_named
 from ppmcal.diagnose.refit import with_mechanism
-from ppmcal.diagnose.result import OtherModel
 from ppmcal.diagnose.rivals import Rival
 from ppmcal.diagnose.stage import Stage, named_only
 from ppmcal.errors import PpmcalError
 from ppmcal.fit import Fit, Options
 from ppmcal.mechanism import Mechanism
+from ppmcal.model_average import Reading
 
 MOST = 4
 """Rivals of one effect that are fitted, the likeliest first."""
 
 
 def other_models(whole: Fit, stage: Stage, rivals: Mapping[int, Sequence[Rival]], options: Options
-                 ) -> tuple[OtherModel, ...]:
+                 ) -> tuple[Reading, ...]:
     """Return the machine with each rival in place of its effect, and last without effects.
 
     Args:
@@ -45,9 +45,9 @@ def other_models(whole: Fit, stage: Stage, rivals: Mapping[int, Sequence[Rival]]
                 fit = with_mechanism(whole, mechanism, options)
             except PpmcalError:
                 continue
-            out.append(OtherModel(rival.form.label, stage.forms[i].label, rival.odds,
+            out.append(Reading(rival.form.label, stage.forms[i].label, rival.odds,
                                   fitted(fit)))
-    return (*out, OtherModel("", "", 1.0, fitted(whole)))
+    return (*out, Reading("", "", 1.0, fitted(whole)))
 
 
 def fitted(fit: Fit) -> Mechanism:

@@ -15,7 +15,7 @@ from ppmcal.diagnose.model import Added
 from ppmcal.diagnose.nextup import Proposal
 from ppmcal.diagnose.stage import Stage
 from ppmcal.fit import Fit
-from ppmcal.mechanism import Mechanism
+from ppmcal.model_average import Reading
 
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
 
@@ -40,20 +40,6 @@ class NamedEffect:
     alternatives: tuple[str, ...]
     odds: tuple[float, ...]
     form: Form
-
-
-@dataclass(frozen=True, eq=False)
-class OtherModel:
-    """The fitted machine with another reading of the same data.
-
-    ``label``: the effect in it, ``instead`` of which named one; ``odds`` for the named one
-    against it. Both empty, and odds 1, for the machine without effects.
-    """
-
-    label: str
-    instead: str
-    odds: float
-    mechanism: Mechanism
 
 
 @dataclass(frozen=True)
@@ -118,7 +104,8 @@ class Diagnosis:
         found: fits and tests on the training rows.
         proposal: what to measure next.
         findings: what the user must look at.
-        others: the machine with each rival in place of what it rivals, and without effects.
+        others: the machine with each rival in place of what it rivals; last, with no effect and
+            odds 1, the one without effects.
         blocks: the gap where stretches of time, temperature or load are left out in turn.
     """
 
@@ -138,4 +125,4 @@ class Diagnosis:
     proposal: Proposal
     findings: tuple[str, ...]
     blocks: tuple[BlockGap, ...] = ()
-    others: tuple[OtherModel, ...] = ()
+    others: tuple[Reading, ...] = ()

@@ -25,7 +25,7 @@ from ppmcal.diagnose.other_models import other_models
 from ppmcal.diagnose.plausible import implausible, implausible_words
 from ppmcal.diagnose.recorded import usable, with_whole_rows
 from ppmcal.diagnose.refit import of_rows, with_mechanism
-from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect, OtherModel
+from ppmcal.diagnose.result import Diagnosis, Found, NamedEffect
 from ppmcal.diagnose.rivals import rivals
 from ppmcal.diagnose.search import own_log_p
 from ppmcal.diagnose.stage import DRAWS, Stage, named_only, run_stage
@@ -42,6 +42,7 @@ from ppmcal.fit import Fit
 from ppmcal.fit import Options as FitOptions
 from ppmcal.holdout import split
 from ppmcal.identify import identify
+from ppmcal.model_average import Reading
 from ppmcal.noise_check import ENOUGH_REPEATS
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem
@@ -99,8 +100,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(
             out.p_value, left.p_value))
     blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
-    verdict = decide(found, left, start, effects, out, blocks) if not _imitated(
-        found.last) else "unnamed"
+    verdict = decide(found, left, start, effects, out, blocks, _imitated(found.last))
     told = findings(whole, final or whole, left, effects, gap, out,
                     not_predicted(blocks, left, start))
     if odd is not None:
@@ -120,7 +120,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
 
 
 def _others(whole: Fit, found: Found, alternatives: Alternatives, options: Options
-            ) -> tuple[OtherModel, ...]:
+            ) -> tuple[Reading, ...]:
     """Return the machine with each rival that was recorded, and without effects."""
     return other_models(whole, found.last, {i: r for i, (r, _) in alternatives.items()},
                         options.fit)
@@ -169,8 +169,7 @@ def _imitated(stage: Stage) -> bool:
 def _slow(stage: Stage, form: Form) -> bool:
     """Whether a form is smooth over the stroke; a wave is if it has few periods there."""
     if form.kind == "periodic":
-        travel = np.concatenate([p.setting.travel for p in stage.system.parts])
-        return float(np.ptp(travel, axis=0).max()) < FEW_PERIODS * form.constants["period"]
+        return stage.system.stroke < FEW_PERIODS * form.constants["period"]
     return form.kind in SMOOTH
 
 

@@ -90,6 +90,12 @@ class System:
         """Number of measured values n."""
         return int(self.observed.sum())
 
+    @cached_property
+    def stroke(self) -> float:
+        """The longest way of a joint in these rows, m or rad."""
+        travel = np.concatenate([p.setting.travel for p in self.parts])
+        return float(np.ptp(travel, axis=0).max())
+
     def column(self, shifts: Sequence[Shift]) -> Array:
         """Return the white column (N, m) of one shift per part."""
         out = np.zeros(self.residual.shape)

@@ -33,17 +33,15 @@ def refuse_unconverged(fit: Fit) -> None:
     """
     if fit.converged:
         return
-    rms = (fit.reduced.square / max(fit.reduced.count, 1)) ** 0.5
     raise NoResult(
-        f"the fit of the geometry did not converge: after {fit.iterations} iterations residuals "
-        f"were at {rms:.3g} times the noise and it was still moving, so no effect can be told from "
+        f"the fit of the geometry did not converge: {fit.reached}, so no effect can be told from "
         "geometry", ", ".join(d.source for d in fit.problem.datasets),
         "These poses hardly tell the parameters apart: measure poses that differ in every "
         "coordinate, or free fewer parameters (--free)")
 
 
 def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[NamedEffect],
-           out: LeftOut, blocks: Sequence[BlockGap]) -> str:
+           out: LeftOut, blocks: Sequence[BlockGap], imitated: bool) -> str:
     """Return the verdict.
 
     Args:
@@ -53,6 +51,7 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
         effects: what was named.
         out: the rows that were left out.
         blocks: the gap on stretches of time and conditions.
+        imitated: whether what was named only makes up a shape that none of it is.
     """
     search = found.first.search
     smallest = float(found.first.log_p.min(initial=0.0))
@@ -62,8 +61,8 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
         if not adequate or smallest < search.name - FAR:
             return "unnamed"
         return "weak" if smallest < search.detect else "none"
-    if not_predicted(blocks, left, start):
-        return "unnamed"  # what does not predict is no name
+    if imitated or not_predicted(blocks, left, start):
+        return "unnamed"  # what does not predict, or only makes up a shape, is no name
     if not left.adequate:
         explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
         return "unnamed" if explained < MOSTLY else "partial"

@@ -10,11 +10,12 @@ import numpy as np
 from ppmcal.diagnose.derived import derived
 from ppmcal.diagnose.gap import Gap
 from ppmcal.diagnose.gram import probability
-from ppmcal.diagnose.result import Diagnosis, NamedEffect, OtherModel
+from ppmcal.diagnose.result import Diagnosis, NamedEffect
 from ppmcal.diagnose.story import story
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model_average import Reading
 from ppmcal.outputs.identification import residuals_csv
 from ppmcal.outputs.identification import summary as identification_summary
 from ppmcal.outputs.story import story_entry
@@ -39,17 +40,17 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: Mapping[str,
             result.identification, provenance, "prior", True)),
     }
     for name, other in other_files(result):
-        out[name] = write_mechanism(other.mechanism, f"diagnosed by ppmcal: {other.label} in place "
-                                    f"of {other.instead}" if other.label else
-                                    "fitted by ppmcal without the effects of model.yaml")
+        what = (f"diagnosed by ppmcal: {other.effect} in place of {other.instead}" if other.effect
+                else "fitted by ppmcal without the effects of model.yaml")
+        out[name] = write_mechanism(other.mechanism, what)
     if result.proposal.rows:
         out["next.csv"] = next_csv(result)
     return out
 
 
-def other_files(result: Diagnosis) -> list[tuple[str, OtherModel]]:
+def other_files(result: Diagnosis) -> list[tuple[str, Reading]]:
     """Return the other models with the names of their files."""
-    return [(f"rival{n}.yaml" if other.label else "without_effects.yaml", other)
+    return [(f"rival{n}.yaml" if other.effect else "without_effects.yaml", other)
             for n, other in enumerate(result.others, 1)]
 
 
@@ -97,7 +98,7 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
                                            result.identification.fit.reasons, strict=True)
                      for n, reason in sorted(reasons.items())],
         "findings": list(result.findings),
-        "other_models": [{"file": name, "effect": other.label, "instead_of": other.instead,
+        "other_models": [{"file": name, "effect": other.effect, "instead_of": other.instead,
                           "odds": other.odds} for name, other in other_files(result)],
         "story": story_entry(story(result), units),
         "units": {"length": units.length, "angle": units.angle},
