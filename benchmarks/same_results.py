@@ -57,7 +57,7 @@ def steps(root):
              out / "compensated", "--out", out / "report"],
         ]
     lines += [
-        ["stiffness", root / "configs" / "6-PUS.yaml", "--load", "0,0,-100,0,0,0", "--out",
+        ["stiffness", root / "configs" / "linapod.yaml", "--load", "fz=-100", "--out",
          "stiffness"],
         ["diagnose", sample / "hexapod.yaml", sample / "hidden" / "measurements.csv", "--out",
          "hidden"],

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
 from ppmcal.inverse import home_state
@@ -19,8 +19,6 @@ from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import SCALARS, Station, predict, rotation_residual
 from ppmcal.scalars import start_scalar
-
-Array = NDArray[np.float64]
 
 SUSPECT, BLUNDER = 5.0, 10.0
 """A row that misses by so many medians makes the start a robust one; one that then misses by so

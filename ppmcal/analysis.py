@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import svd
+from ppmcal.arrays import Array, svd
 from ppmcal.blunders import Blunders, blunders
 from ppmcal.dataset import Dataset
 from ppmcal.earlier import BENT, Posterior
@@ -28,9 +27,6 @@ from ppmcal.residuals import Residuals, residuals
 from ppmcal.targets import pose_vector
 from ppmcal.untold import Untold, untold
 from ppmcal.variance import with_noise
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 Z95 = 1.959963984540054
 IMPLAUSIBLE = 8.0

@@ -11,13 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.fit import Fit, prediction_covariance
 from ppmcal.observation import NUMBERS, SCALARS, coordinates, measured_pose, shown
 from ppmcal.zeros import Shift, zeros
-
-Array = NDArray[np.float64]
 
 UNCHECKED = 0.1
 """A row keeps less than this part of its own error in its residual: none would be seen."""

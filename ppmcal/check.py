@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Closure, Model
 from ppmcal.compensate import named_only
 from ppmcal.dataset import Dataset
@@ -24,8 +23,6 @@ from ppmcal.misfit import MEND, misfit
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, analyse
 from ppmcal.untold import Untold, foreseen
-
-Array = NDArray[np.float64]
 
 SINGULAR_HOME = 0.02
 """A finding: smallest singular value of A at home below this."""

@@ -21,12 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 from ppmcal.effects import Shift
 from ppmcal.limbs import Body
 from ppmcal.limbs.chain import Carried, U
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtr
 
-from ppmcal.arrays import svd
+from ppmcal.arrays import Array, svd
 from ppmcal.earlier import BENT, Earlier, Posterior, of_data
 from ppmcal.errors import BadInput
 from ppmcal.fit import Fit, Options
@@ -25,8 +24,6 @@ from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.moved import Moved, moved
 from ppmcal.noise_check import noise_check
 from ppmcal.variance import with_noise
-
-Array = NDArray[np.float64]
 
 CHANGED = 0.01
 """A change is named where chance would show one this rarely among all parameters."""

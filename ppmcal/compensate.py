@@ -11,10 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, conditions
 from ppmcal.dataset import Dataset
@@ -26,9 +25,6 @@ from ppmcal.mechanism import Mechanism, Registration
 from ppmcal.observation import Station, measured_pose, predict
 from ppmcal.problem import Problem, State
 from ppmcal.targets import base_station, pose_motor, pose_vector, wanted_poses
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 FAR_OUTSIDE = 0.5
 """Refused: farther outside the measured range than this part of its width."""

@@ -10,14 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.inverse import home_state
 from ppmcal.limbs.chain import SlotSpec
 from ppmcal.mechanism import Limb, Mechanism
 from ppmcal.parameters import Parameter, SlotMap
-
-Array = NDArray[np.float64]
 
 PLATFORM_POINT = "platform.point"
 RATIO = "ratio"

@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import ways
-
-Array = NDArray[np.float64]
+from ppmcal.arrays import Array, ways
 
 STANDARD_GRAVITY = 9.80665
 REFERENCE_TEMPERATURE = 293.15

@@ -8,14 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.mechanism import Mechanism
 from ppmcal.targets import pose_motor
-
-Array = NDArray[np.float64]
 
 CHUNK = 20_000
 """Poses evaluated at once."""

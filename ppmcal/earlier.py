@@ -12,12 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import svd
+from ppmcal.arrays import Array, svd
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 ROUND_OFF = 1e-9
 """Frames and targets that others imitate are so little of their own length apart."""

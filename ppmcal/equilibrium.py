@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, unknown_conditions
 from ppmcal.effects import Shift
@@ -21,7 +21,6 @@ from ppmcal.forward import Forward, forward, moved, newton
 from ppmcal.influence import shifted
 from ppmcal.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 ROUNDS = 40
 SETTLED = 1e-12
 """Equilibrium: joint values and poses change by less than this part of the reach."""

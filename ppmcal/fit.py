@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known, svd
+from ppmcal.arrays import Array, Bools, known, svd
 from ppmcal.linear import SOLVE_TOLERANCE, Reduced
 from ppmcal.problem import Problem, State
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ITERATIONS = 60
 OUTLIER = "outlier"

@@ -11,14 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import svd, thinned
+from ppmcal.arrays import Array, svd, thinned
 from ppmcal.fit import Fit
-
-Array = NDArray[np.float64]
 
 ENOUGH = 16
 """Fewer touches show no shape."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array, Bools, Ints
 from ppmcal.closure import Model
 from ppmcal.forward import newton
 from ppmcal.jacobians import Poses, displacement
@@ -21,9 +21,6 @@ from ppmcal.recalibration import Calibrated, Recipe, calibrate
 from ppmcal.region import named
 from ppmcal.targets import solve_named
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 BATCH = 100
 """Machines in one batch; the same whatever it runs on."""
 

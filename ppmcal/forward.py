@@ -12,15 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.closure import Closure, Model
 from ppmcal.inverse import home_state, solve_rows
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""

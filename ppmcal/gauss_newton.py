@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.linear import Reduced, column_scale, cost, prior_square, reduce_rows, small_problem
 from ppmcal.problem import Problem, State
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Progress = Callable[[int, float], None]
 
 CONVERGED = 1e-6

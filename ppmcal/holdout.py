@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Bools, known
 from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
@@ -18,9 +17,6 @@ from ppmcal.problem import Problem, State
 from ppmcal.residuals import residuals
 from ppmcal.targets import pose_vector
 from ppmcal.variance import with_noise
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 def register_only(problem: Problem, state: State | None = None) -> Fit:

@@ -12,9 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.fit import OUTLIER, Fit, Options, prediction_covariance
 from ppmcal.gauss_newton import Progress, gauss_newton
@@ -24,9 +23,6 @@ from ppmcal.observation import coordinates, shown
 from ppmcal.problem import Problem, State
 from ppmcal.regularise import damped, gcv_scale
 from ppmcal.robust import REJECT, distances, huber_weights, worst
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
 """Beyond so many rows a fit to so few of them comes first."""

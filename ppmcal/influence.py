@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Closure, Model
 from ppmcal.conditions import (
     Conditions,
@@ -24,7 +23,6 @@ from ppmcal.inverse import solve_rows
 from ppmcal.mechanism import Effect, Mechanism
 from ppmcal.observation import View
 
-Array = NDArray[np.float64]
 ROUNDS = 40
 SETTLED = 1e-12
 """Loads and slots belong together: they change by less than this part of the reach."""

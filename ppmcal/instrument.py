@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import SCALARS, Station, measured_pose
 from ppmcal.targets import pose_motor
 
-Array = NDArray[np.float64]
 OF_TOLERANCE = 0.1
 """Noise of the default instrument, as a part of the median length tolerance."""
 NAME = "plan"

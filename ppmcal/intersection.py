@@ -24,10 +24,9 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Closure, Model
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.forward import CONTRACTION, SMALLEST_STEP, Forward, moved
@@ -35,8 +34,6 @@ from ppmcal.inverse import home_state, solve_rows
 from ppmcal.mechanism import Mechanism
 from ppmcal.modes_planar import rotations, weights
 from ppmcal.modes_search import apart
-
-Array = NDArray[np.float64]
 
 MEETS = 1e-8
 """Bodies meet where every limb closes to this part of the reach: what a root's round-off leaves."""

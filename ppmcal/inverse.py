@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.errors import BadInput
 from ppmcal.limbs.chain import U
 from ppmcal.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 SURFACE_TOLERANCE = 1e-6
 """A full pose may miss the machine's surface by this part of its reach."""
 

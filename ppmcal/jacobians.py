@@ -12,16 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Closure, Model
 from ppmcal.forward import newton
 from ppmcal.inverse import home_state, solve_blocks
 from ppmcal.limbs.chain import cross_matrix
 
-Array = NDArray[np.float64]
 CHUNK = 8192
 ROUNDS, STARTS = 30, 150
 

@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
@@ -23,8 +22,6 @@ from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import measured_pose
 from ppmcal.targets import LACKING, Named, inverse_partial, pose_motor, pose_vector
-
-Array = NDArray[np.float64]
 
 SINGULAR = 0.02
 """A pose counts as singular below this part of the singular value at home."""

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 from ppmcal.dataset import Dataset
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, pivot
 
-Array = NDArray[np.float64]
 PARTS = ("x", "y", "z", "rx", "ry", "rz")
 
 

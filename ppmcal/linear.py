@@ -10,13 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import svd
+from ppmcal.arrays import Array, Bools, svd
 from ppmcal.problem import Problem, State
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SOLVE_TOLERANCE = 1e-13
 """Directions below this part of the strongest are round-off: neither data nor prior see them."""

@@ -7,15 +7,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 from ppmcal.effects import EffectKind
 from ppmcal.limbs import LimbKind
 from ppmcal.parameters import Parameter, SlotMap, free_indices, with_values
 from ppmcal.units import Units
-
-Array = NDArray[np.float64]
 
 POSE_COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 MOTIONS = {"planar": (0, 1, 5), "translational": (0, 1, 2), "spatial": (0, 1, 2, 3, 4, 5)}

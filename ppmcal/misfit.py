@@ -14,10 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from ppmcal.arrays import known, thinned
+from ppmcal.arrays import Array, Bools, known, thinned
 from ppmcal.errors import NoResult
 from ppmcal.gauss_newton import gauss_newton
 from ppmcal.linear import parameter_scale, prior_weights
@@ -25,9 +24,6 @@ from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.robust import Distances, distances, huber_weights
 from ppmcal.units import Units
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 GROSS = 5.0
 """A gross error: a row so many times beyond what noise and tolerances explain."""

@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 from ppmcal.closure import Model
 from ppmcal.compensate import Compensation, Knowledge, compensate, station_of
 from ppmcal.conditions import conditions
@@ -21,8 +21,6 @@ from ppmcal.equilibrium import reach
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import predict
 from ppmcal.targets import base_station, pose_motor
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

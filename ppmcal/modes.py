@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import Ints, known
+from ppmcal.arrays import Array, Bools, Ints, known
 from ppmcal.closure import Closure, Model
 from ppmcal.errors import NoResult
 from ppmcal.forward import conditioning, forward
@@ -20,9 +19,6 @@ from ppmcal.kinematics import SINGULAR, home_conditioning
 from ppmcal.modes_planar import SAME, by_resultant, weights
 from ppmcal.modes_search import PLACE, Found, apart, point_pair, search
 from ppmcal.targets import pose_vector
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,13 +36,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.closure import Closure, Model
 from ppmcal.errors import NoResult
 from ppmcal.modes_search import PLACE, Found, closing
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 DEGREE = 3
 SAMPLES = 16

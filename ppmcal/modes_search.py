@@ -11,16 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array, Bools
 from ppmcal.closure import Closure
 from ppmcal.errors import NoResult
 from ppmcal.forward import CLOSED, newton
 from ppmcal.mechanism import Mechanism, joint_points
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 PLACE = "assembly modes"
 BATCH = 1000

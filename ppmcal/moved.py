@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 from ppmcal.closure import Model
 from ppmcal.earlier import Earlier
 from ppmcal.forward import forward
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

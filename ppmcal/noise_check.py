@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.fit import Fit, directions, prediction_covariance
 from ppmcal.linear import prior_square
 from ppmcal.variance import LEAST, noise_ratios
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ENOUGH_REPEATS = 30
 """Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""

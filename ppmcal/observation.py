@@ -11,16 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.dataset import Dataset
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.mechanism import POSE_COORDINATES
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 SCALARS = {"plane": 2, "distance": 0}
 """Instruments that measure one number, and its place among x, y, z, rx, ry, rz."""
 NUMBERS = {"plane": "height", "distance": "distance"}

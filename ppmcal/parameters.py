@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ppmcal.arrays import Array
 
 
 @dataclass(frozen=True)

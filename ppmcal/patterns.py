@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.closure import Model
 from ppmcal.errors import BadInput
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
-
-Array = NDArray[np.float64]
 
 MOST_TRIALS = 200
 HOPELESS_TRIALS = 10

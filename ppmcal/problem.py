@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.align import no_pose, start_station
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, Ints, known
 from ppmcal.closure import Closure, Model
 from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
@@ -33,9 +33,6 @@ from ppmcal.layout import Open, lay_out
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, View, noise, view, whitener
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 CHUNK = 2048
 
 

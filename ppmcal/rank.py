@@ -10,11 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import svd
-
-Array = NDArray[np.float64]
+from ppmcal.arrays import Array, svd
 
 RANK_TOLERANCE = 1e-9
 """A column counts as dependent below this part of the largest column."""

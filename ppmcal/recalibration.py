@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import svd
+from ppmcal.arrays import Array, svd
 from ppmcal.closure import Model
 from ppmcal.compensate import Knowledge, prediction_jacobian
 from ppmcal.conditions import unknown_conditions
@@ -34,7 +34,6 @@ from ppmcal.observation import SCALARS, Station, coordinates_of, predict, turn_b
 from ppmcal.problem import Problem, State
 from ppmcal.targets import pose_motor, pose_vector
 
-Array = NDArray[np.float64]
 ROUNDS = 12
 SETTLED = 1e-3
 """A fit has settled when a step changes no column by more than this part of its deviation."""

@@ -12,16 +12,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.closure import Model
 from ppmcal.compensate import named_only
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}
 """A box turns the platform from home by no more."""

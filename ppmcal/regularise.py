@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.arrays import svd
+from ppmcal.arrays import Array, Bools, svd
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.gauss_newton import Progress
@@ -18,8 +17,6 @@ from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE
 from ppmcal.words import counted
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 DAMPED_ITERATIONS, SOON = 6000, 60
 """Iterations of the damped scheme at most, and how many more are worth their time once the
 residuals are no more than the noise."""

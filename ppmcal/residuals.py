@@ -6,18 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.closure import Model
 from ppmcal.forward import moved
 from ppmcal.influence import shifted
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.targets import carried_back
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.problem import Problem, State
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 HUBER = 1.5
 """Rows farther than this many standard deviations (root mean square) are down-weighted."""

@@ -12,12 +12,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from ppmcal.arrays import Array, Bools, known
 
 ORDERS = tuple("".join(o) for letters in ("xyz", "XYZ") for o in product(letters, repeat=3)
                if o[0] != o[1] != o[2])

@@ -7,15 +7,12 @@ distances are measured from is the frame's origin.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
 from ppmcal.observation import Station, predict
-
-Array = NDArray[np.float64]
 
 
 def refuse_flat(kind: str, motion: str, source: str) -> None:

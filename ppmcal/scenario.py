@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.mechanism import Mechanism
 from ppmcal.units import Units
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.closure import Model
 from ppmcal.components import Source, geometry_only, natural_units, sources, tolerances
 from ppmcal.errors import BadInput, NoResult
@@ -34,8 +35,6 @@ from ppmcal.kinematics import Table, inverse_table
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import unmatched
 from ppmcal.targets import pose_motor, pose_vector
-
-Array = NDArray[np.float64]
 
 MULTIPLES = np.logspace(-3.0, 3.0, 25)
 """Multiples of the tolerances at which the linear model is tried."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Ints, known
 from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, conditions
 from ppmcal.equilibrium import reach
@@ -26,9 +26,6 @@ from ppmcal.patterns import commands
 from ppmcal.scalars import refuse_flat
 from ppmcal.scenario import Scenario
 from ppmcal.targets import pose_motor
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SECONDS_PER_ROW = 60.0
 OUTLIER_SIGMAS = 20.0

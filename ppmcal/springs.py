@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.closure import Closure
 from ppmcal.errors import BadInput
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 EXAMPLE = "stiffness: {bar: 5e4, drive: 2e5}"
 

@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.errors import NoResult
 from ppmcal.inverse import solve_blocks
@@ -34,8 +34,6 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.region import named, placed
 from ppmcal.springs import Spring, spring_columns, springs_of
 from ppmcal.targets import pose_motor
-
-Array = NDArray[np.float64]
 
 RIGID = 1e-11
 """A direction is rigid where the springs' largest motion is below this part of the largest of all

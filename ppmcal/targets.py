@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, unknown_conditions
 from ppmcal.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
@@ -20,7 +20,6 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.observation import Station, measured_pose
 from ppmcal.rotations import euler_rates, from_euler, to_euler
 
-Array = NDArray[np.float64]
 ITERATIONS = 50
 NEAR = 1e-11
 """Wanted coordinates are met to this, m (or part of a larger reach) and rad."""

@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from ppmcal.allocation import cost, demand, equal_parts, felt, least_cost, one_for_all
+from ppmcal.arrays import Array, Bools
 from ppmcal.closure import Model
 from ppmcal.components import Source
 from ppmcal.errors import BadInput
@@ -22,9 +22,6 @@ from ppmcal.fleet import Errors, Fleet, Judged, batches, run, together
 from ppmcal.jacobians import Poses, covariance, error_jacobian, root_sum_square
 from ppmcal.mechanism import Mechanism
 from ppmcal.parallel import over
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 DRAWS, BEYOND, MOST_DRAWS = 4000, 400, 40_000
 """Machines of the linear model from which the common scale follows: at least so many, and so many

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.fit import Fit, directions, posterior
 from ppmcal.limbs.chain import cross_matrix
@@ -22,8 +21,6 @@ from ppmcal.linear import column_scale, prior_weights, reduce_rows
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import is_joint_component
 from ppmcal.problem import Problem
-
-Array = NDArray[np.float64]
 
 SHARE = 0.7
 """A distance is held by tolerances where they leave less than this part of what the data do."""

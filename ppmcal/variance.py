@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options, prediction_covariance
 from ppmcal.gauss_newton import Progress, gauss_newton
@@ -20,7 +20,6 @@ from ppmcal.identify import identify
 from ppmcal.linear import reduce_rows
 from ppmcal.problem import Problem
 
-Array = NDArray[np.float64]
 LEAST = 5.0
 """A data set of less redundancy keeps its stated noise."""
 ROUNDS, SETTLED = 30, 0.005

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.closure import Model
 from ppmcal.dexterity import CHUNK, Quality, measured
 from ppmcal.errors import NoResult
@@ -29,9 +29,6 @@ from ppmcal.kinematics import Table, home_conditioning, inverse_table, limit_rea
 from ppmcal.mechanism import Mechanism
 from ppmcal.region import Grid
 from ppmcal.targets import inverse_partial, pose_vector
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 ON_CURVE = 1e-5
 """A pose is on the singular curve where A's smallest singular value is below this part of home's:

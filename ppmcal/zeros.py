@@ -10,17 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.arrays import thinned
+from ppmcal.arrays import Array, Bools, Ints, thinned
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit
 from ppmcal.problem import Problem
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 SHIFTED = 1e-3
 """A zero has moved where chance would show such a shift this rarely in any session."""

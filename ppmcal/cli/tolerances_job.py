@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.closure import Model
 from ppmcal.components import Source, geometry_only, natural_units, sources, tolerances
 from ppmcal.errors import BadInput
@@ -28,7 +28,6 @@ from ppmcal.recalibration import Recipe, predicted
 from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.tolerances import Demand, allocate, check, simulate
 
-Array = NDArray[np.float64]
 OF_ACCURACY = 0.1
 """Noise of the default instrument, as a part of the accuracy demanded."""
 TASKS = 30

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 from ppmcal.closure import Model
 from ppmcal.errors import BadInput
 from ppmcal.files.hal import STRUTS, Geometry, Joint, Points
@@ -29,8 +30,6 @@ from ppmcal.forward import forward
 from ppmcal.inverse import home_state
 from ppmcal.limbs.chain import U
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.controllers.genhexkins import Drive, Setting, points, reached, right_shift
 from ppmcal.controllers.misses import Misses, misses
@@ -22,8 +22,6 @@ from ppmcal.files.hal import STRUTS
 from ppmcal.forward import forward
 from ppmcal.inverse import inverse
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 EXACT = 1e-9
 """genhexkins expresses a machine whose largest error is below this, m."""

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Ints
 from ppmcal.closure import Model
 from ppmcal.controllers.knots import knots
 from ppmcal.controllers.misses import Misses, misses
@@ -29,9 +29,6 @@ from ppmcal.inverse import home_state
 from ppmcal.mechanism import Effect, Mechanism
 from ppmcal.targets import inverse_partial, pose_motor
 from ppmcal.units import LENGTHS
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TARGET = 1e-8
 """Tables have as many points as bring their interpolation within this, m or rad, if they can."""

@@ -15,17 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 from ppmcal.closure import Model
 from ppmcal.errors import BadInput
 from ppmcal.files.klipper import TOWERS, Geometry
 from ppmcal.forward import forward
 from ppmcal.inverse import home_state
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 MM = 1e-3
 UPRIGHT = 0.95

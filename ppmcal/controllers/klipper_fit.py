@@ -12,16 +12,15 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from ppmcal.arrays import Array
 from ppmcal.controllers.klipper import MM, Drive, drawn, drive_of, follows, reached, travel, triple
 from ppmcal.controllers.klipper import axis as tower_axis
 from ppmcal.errors import NoResult
 from ppmcal.files.klipper import Geometry
 from ppmcal.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 Numbers = TypeVar("Numbers")
 
 EXACT = 1e-9

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.errors import NoResult
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.closure import Model
 from ppmcal.compensate import compensate
 from ppmcal.conditions import REFERENCE_TEMPERATURE, Conditions, conditions
@@ -29,9 +28,6 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.mechanism import Mechanism
 from ppmcal.region import Grid, largest_box, named, placed
 from ppmcal.targets import base_station, inverse_partial, pose_motor, wanted_poses
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 PLACES = {1: 101, 2: 31, 3: 11, 4: 7, 5: 5, 6: 5}
 TURNS = {1: 101, 2: 31, 3: 9, 4: 5, 5: 3, 6: 3}

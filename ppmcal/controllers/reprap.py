@@ -20,16 +20,14 @@ Here in double precision and without steps; the firmware has single precision, 3
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.controllers import klipper_fit
 from ppmcal.controllers.klipper import MM, Drive, drive_of, driven, triple
 from ppmcal.controllers.klipper_fit import Export, Terms, misses_at
 from ppmcal.files.klipper import ANGLES, Geometry
 from ppmcal.files.reprap import Delta
 from ppmcal.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 TERMS = Terms("RepRapFirmware", ("X", "Y", "Z"), "delta radius R",
               "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that")

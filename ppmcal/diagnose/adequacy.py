@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaincc, ndtri
 
+from ppmcal.arrays import Array
 from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.noise import PureError
 from ppmcal.diagnose.stage import Stage, explained
@@ -20,7 +21,6 @@ from ppmcal.diagnose.system import System
 from ppmcal.noise_check import ENOUGH_REPEATS
 from ppmcal.targets import pose_vector
 
-Array = NDArray[np.float64]
 MOST_ROWS = 600
 DRAWS = 1000
 LEVEL = 0.01

@@ -14,15 +14,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.diagnose.gap import Errors, Gap, errors_of, gap_of
 from ppmcal.diagnose.left_out import thirds
 from ppmcal.fit import Fit
 from ppmcal.problem import Problem
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 LEVELS = 3
 """A load of fewer levels cannot be left out: the others would not tell what it does."""
 SEEN = 1e-10

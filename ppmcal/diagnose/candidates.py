@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Bools
 from ppmcal.diagnose.forms import GEOMETRY, Collector, Form, Library, Untestable
 from ppmcal.diagnose.frozen import frozen_slots
 from ppmcal.diagnose.shapes import shapes
@@ -15,8 +15,6 @@ from ppmcal.diagnose.unrecorded import unrecorded_load
 from ppmcal.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.influence import lacking
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
 """Periods per stroke that are tried; a longer wave is a curvature."""
 STEP = 0.4

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.arrays import thinned
+from ppmcal.arrays import Array, Bools, thinned
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gram import log_p
 from ppmcal.diagnose.model import Added, with_named
@@ -32,8 +31,6 @@ from ppmcal.effects import find_effect
 from ppmcal.fit import Fit, posterior
 from ppmcal.fit import Options as FitOptions
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 SURE, MOSTLY_KNOWN = 0.01, 0.5
 """A size is known where chance gives it this rarely if there is nothing; of several, so many."""
 APART = 1e-3

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.acting import joint_quantity, resolved
 from ppmcal.analysis import Identification
@@ -15,7 +14,6 @@ from ppmcal.conditions import unknown_conditions
 from ppmcal.influence import setting
 from ppmcal.mechanism import Effect
 
-Array = NDArray[np.float64]
 SMALL = 1e-3
 """Slopes are taken over this part of a standard deviation."""
 

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.diagnose.system import System
 from ppmcal.effects import Shift
 
-Array = NDArray[np.float64]
 GEOMETRY = "geometry"
 
 

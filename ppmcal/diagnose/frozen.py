@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import GEOMETRY, Collector, Form
 from ppmcal.diagnose.system import System
 from ppmcal.effects import Shift
 from ppmcal.parameters import is_joint_component
-
-Array = NDArray[np.float64]
 
 
 def frozen_slots(to: Collector, tried: Sequence[int]) -> None:

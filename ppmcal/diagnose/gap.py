@@ -6,16 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
+from ppmcal.arrays import Array, Ints
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, prediction_covariance
 from ppmcal.holdout import fresh_state
 from ppmcal.problem import Problem, Rows
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 DRAWS = 2000
 REJECT = 0.05
 

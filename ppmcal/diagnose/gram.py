@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betainc, betaln
 
+from ppmcal.arrays import Array, Ints
 from ppmcal.diagnose.system import unit_columns
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 VISIBLE = 1e-8
 """Squared length left of a column, over its own, below which the geometry swallows it."""
 TINY = 1e-200

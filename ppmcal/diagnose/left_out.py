@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtrc, gammaln
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit
@@ -20,8 +20,6 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem
 from ppmcal.words import counted
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 GROSS_SHARE = 0.1
 """Gross errors may be this part of the rows; more is a finding,"""
 LEVEL = 0.01

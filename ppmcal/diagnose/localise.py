@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.diagnose.stage import Stage, explained
 from ppmcal.problem import Problem
 from ppmcal.targets import pose_vector
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 DRAWS = 400
 
 

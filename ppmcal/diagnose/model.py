@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.acting import Given, with_effect
+from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.search import Search, columns_of
 from ppmcal.effects import EffectParameter, find_effect
 from ppmcal.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 SMALLEST = 1e-3
 """A coefficient outside its range starts at this part of its standard deviation inside."""
 

@@ -11,9 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.diagnose.candidates import library
@@ -26,7 +25,6 @@ from ppmcal.problem import State
 from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.words import counted, shorter
 
-Array = NDArray[np.float64]
 POSES = 150
 WIDER = 0.25
 """Poses are drawn from the measured range, wider by this part on each side."""

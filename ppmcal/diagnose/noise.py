@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import GEOMETRY, Library
 from ppmcal.diagnose.system import System, Whitening, plain, range_basis, unit_columns
 
-Array = NDArray[np.float64]
 SIGNIFICANT = 1e-3
 """A covariance or correlation is whitened away where chance would show it this rarely."""
 SAME, SAME_TEMPERATURE = 0.02, 0.05

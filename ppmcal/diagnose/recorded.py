@@ -11,16 +11,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Bools, known
 from ppmcal.conditions import WRENCH, Conditions
 from ppmcal.dataset import Dataset
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 ENOUGH = 0.8
 """A column counts as recorded where this part of the rows has it."""
 

@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ppmcal.arrays import known
+from ppmcal.arrays import Bools, known
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem, State
-
-Bools = NDArray[np.bool_]
 
 
 def with_mechanism(fit: Fit, mechanism: Mechanism, options: Options) -> Fit:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Form, united
 from ppmcal.diagnose.search import (
     Search,
@@ -18,7 +18,6 @@ from ppmcal.diagnose.search import (
     possible,
 )
 
-Array = NDArray[np.float64]
 NOTICEABLE = float(np.log(1e-3))
 """A rival has to explain something itself: log p."""
 ADDS_NOTHING = 0.01

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.analysis import report
 from ppmcal.dataset import Dataset
@@ -47,7 +46,6 @@ from ppmcal.noise_check import ENOUGH_REPEATS
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem
 
-Bools = NDArray[np.bool_]
 Say = Callable[[str], None]
 ROUNDS = 3
 

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gram import Gram, log_p
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 MOST_EFFECTS = 6
 STARTS = 6
 DETECT, NAME = 0.03, 0.01

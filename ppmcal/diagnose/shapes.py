@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Collector, Form
 from ppmcal.effects import Shift
 
-Array = NDArray[np.float64]
 LOCAL, DISTORTION = "local", "distortion"
 SHAPES = (*((i / 12.0, w) for i in range(13) for w in (0.05, 0.1)),
           *((i / 24.0, 0.0) for i in range(2, 23)))

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import thinned
+from ppmcal.arrays import Array, Bools, thinned
 from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.forms import Form, Library
@@ -28,8 +27,6 @@ from ppmcal.diagnose.system import (
 from ppmcal.linear import column_scale
 from ppmcal.problem import Problem, State
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 DRAWS = 2000
 WEAK_SURVIVAL = 0.2
 """Effects of which the geometry leaves less than this are weakly testable."""

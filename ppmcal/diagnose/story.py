@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, known
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.result import Diagnosis
 from ppmcal.diagnose.search import columns_of, own_log_p
@@ -24,8 +23,6 @@ from ppmcal.gauss_newton import gauss_newton
 from ppmcal.linear import prior_weights
 from ppmcal.problem import Problem
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 MOST_RANKED, OF_ONE_KIND = 14, 2
 """Hypotheses shown, and how many of one kind besides those named and their alternatives."""
 ITERATIONS = 60

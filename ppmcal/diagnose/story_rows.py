@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from ppmcal.arrays import known, thinned
+from ppmcal.arrays import Array, Bools, Ints, known, thinned
 from ppmcal.conditions import REFERENCE_TEMPERATURE
 from ppmcal.fit import Fit
 from ppmcal.mechanism import Mechanism
@@ -23,9 +22,6 @@ from ppmcal.observation import coordinates
 from ppmcal.problem import Rows
 from ppmcal.targets import pose_vector
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 MOST_ROWS = 6000
 """Pictures are drawn from at most so many rows, evenly spread."""
 BINS, FEWEST = 16, 3

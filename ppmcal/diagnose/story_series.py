@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Ints
 from ppmcal.diagnose.result import Diagnosis, NamedEffect
-from ppmcal.diagnose.story_rows import Binned, Errors, Inputs, Ints, binned
+from ppmcal.diagnose.story_rows import Binned, Errors, Inputs, binned
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 
-Array = NDArray[np.float64]
 MOST_SERIES = 12
 EACH, NOTICEABLE = 2, 0.2
 """An effect of the whole machine is shown in so many coordinates, where it is strongest, and

@@ -12,17 +12,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import svd
+from ppmcal.arrays import Array, Bools, Ints, svd
 from ppmcal.effects import Setting, Shift
 from ppmcal.influence import Response
 from ppmcal.linear import column_scale
 from ppmcal.problem import Problem, State
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 MOST_ROWS = 1500
 """Effects are searched in at most so many rows, evenly spread; fits use them all."""
 RANK = 1e-9

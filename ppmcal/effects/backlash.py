@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ppmcal.arrays import Bools
 from ppmcal.effects.kind import (
     STROKE,
-    Bools,
     EffectKind,
     EffectParameter,
     Setting,

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.polynomial import legendre
 
+from ppmcal.arrays import Bools
 from ppmcal.effects.kind import (
     STROKE,
-    Bools,
     EffectKind,
     EffectParameter,
     Setting,

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ppmcal.arrays import Bools
 from ppmcal.effects.kind import (
     COORDINATES,
     PLACE,
-    Bools,
     EffectKind,
     EffectParameter,
     Setting,

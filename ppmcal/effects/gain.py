@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ppmcal.arrays import Bools
 from ppmcal.effects.kind import (
-    Bools,
     EffectKind,
     EffectParameter,
     Setting,

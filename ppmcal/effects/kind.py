@@ -15,10 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.errors import unknown
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Rows = NDArray[np.int64] | NDArray[np.bool_]
 
 COORDINATES = {"planar": ("x", "y", "rz"), "translational": ("x", "y", "z"),

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ppmcal.arrays import Bools
 from ppmcal.effects.kind import (
     STROKE,
-    Bools,
     EffectKind,
     EffectParameter,
     Setting,

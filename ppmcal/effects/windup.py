@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ppmcal.arrays import Bools
 from ppmcal.effects.kind import (
-    Bools,
     EffectKind,
     EffectParameter,
     Setting,

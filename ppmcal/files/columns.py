@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.pose_text import (
     COORDINATES,
@@ -20,8 +21,6 @@ from ppmcal.files.schema import hint
 from ppmcal.files.table import Table, refuse_absurd
 from ppmcal.mechanism import Mechanism
 from ppmcal.units import Units
-
-Array = NDArray[np.float64]
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 CONDITIONS = ("temperature", "payload", "time", *WRENCH)

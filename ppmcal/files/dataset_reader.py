@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files import columns as cols
-from ppmcal.files.columns import Array, further_columns, row_list, stacked
+from ppmcal.files.columns import further_columns, row_list, stacked
 from ppmcal.files.measured import Measured, measured
 from ppmcal.files.sidecar import (
     SidecarFile,

@@ -12,11 +12,9 @@ in the file (``rotation``), because those frames turn with the constants' own ax
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
-
-Array = NDArray[np.float64]
 
 SQUARE_TOLERANCE = 2e-3
 

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ppmcal.arrays import Array
 from ppmcal.limbs import LimbKind
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

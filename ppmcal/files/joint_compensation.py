@@ -19,12 +19,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.yaml_text import read_bytes
-
-Array = NDArray[np.float64]
 
 MOST = 256
 """Lines that LinuxCNC takes, EMCMOT_COMP_SIZE."""

@@ -12,8 +12,8 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.directions import square, to_nominal, unit
 from ppmcal.files.drafts import Draft, Entry
@@ -24,7 +24,6 @@ from ppmcal.limbs import LimbKind, find_kind
 from ppmcal.limbs.chain import SlotSpec
 from ppmcal.units import Units
 
-Array = NDArray[np.float64]
 RODS = ("length", "proximal", "distal")
 
 

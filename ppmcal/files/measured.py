@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
-from ppmcal.files.columns import Array, rotations, row_list, stacked
+from ppmcal.files.columns import rotations, row_list, stacked
 from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.sidecar import SidecarFile, sigma_needs
 from ppmcal.files.table import Table

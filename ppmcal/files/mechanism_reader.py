@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files import parameter_reader as assemble
 from ppmcal.files.directions import rotation, square
@@ -26,8 +26,6 @@ from ppmcal.files.stiffness_reader import read_stiffness
 from ppmcal.mechanism import MOTIONS, Limb, Mechanism, Registration
 from ppmcal.parameters import Parameter, free_indices
 from ppmcal.units import Units
-
-Array = NDArray[np.float64]
 
 
 def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.files.effects import effects_tree
 from ppmcal.files.exact import to_file
 from ppmcal.files.mechanism_schema import FORMAT
@@ -17,8 +17,6 @@ from ppmcal.files.stiffness_reader import stiffness_trees
 from ppmcal.files.yaml_text import dump_yaml
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import free_indices
-
-Array = NDArray[np.float64]
 
 
 def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:

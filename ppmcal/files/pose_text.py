@@ -9,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.schema import Number as _Number
 from ppmcal.files.schema import Strict, check
 from ppmcal.units import Units
-
-Array = NDArray[np.float64]
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")

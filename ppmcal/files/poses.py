@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files import columns as cols
 from ppmcal.files.columns import further_columns, joint_factors, stacked
@@ -18,7 +19,6 @@ from ppmcal.files.schema import hint
 from ppmcal.files.table import Table, read_table
 from ppmcal.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.dataset import Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.columns import ZERO_CELSIUS, joint_factors
@@ -23,8 +23,6 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import Parameter
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 from ppmcal.units import Units
-
-Array = NDArray[np.float64]
 
 
 def read_scenario(path: str | os.PathLike[str], mechanism: Mechanism) -> Scenario:

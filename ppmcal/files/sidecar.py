@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator
 
+from ppmcal.arrays import Array
 from ppmcal.dataset import KINDS, Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.pose_text import OF_FRAME, pose_from_map
@@ -28,7 +28,6 @@ from ppmcal.files.yaml_text import read_yaml
 from ppmcal.mechanism import Mechanism
 from ppmcal.units import Units
 
-Array = NDArray[np.float64]
 FORMAT = "ppmcal/dataset/1"
 EXAMPLE = """format: ppmcal/dataset/1
 units: {length: mm, angle: deg}

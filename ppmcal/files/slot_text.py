@@ -8,7 +8,6 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.files.directions import rotation
 from ppmcal.files.exact import to_file
@@ -16,8 +15,6 @@ from ppmcal.files.slot_forms import groups
 from ppmcal.limbs.chain import SlotSpec
 from ppmcal.mechanism import Limb, Mechanism
 from ppmcal.parameters import Parameter
-
-Array = NDArray[np.float64]
 
 
 class SlotWriter:

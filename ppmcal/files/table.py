@@ -17,13 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic_core import from_json
 
+from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.yaml_text import read_bytes
 
-Array = NDArray[np.float64]
 CHUNK = 1 << 20
 _NUMERIC = b"0123456789+-.,eE\nnaN "
 _PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|NaN|NAN|[-+]?(inf|Inf|INF)",

@@ -18,11 +18,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array
 
-Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 """Slot name -> scalar or (N,) array, direction name -> (3,) array, all SI."""
 

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal.arrays import Array
 from ppmcal.errors import unknown
-from ppmcal.limbs.chain import Array, Carried, Chain, SlotSpec, Step, Values
+from ppmcal.limbs.chain import Carried, Chain, SlotSpec, Step, Values
 
 
 @dataclass(frozen=True)

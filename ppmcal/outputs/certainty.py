@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.compensate import model_sigma
 from ppmcal.controllers.pose_grid import rest_columns
 from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.knowledge import read_knowledge
 
-Array = NDArray[np.float64]
 KNOWLEDGE = "identification.json"
 
 

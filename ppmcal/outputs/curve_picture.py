@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ppmcal.arrays import Array
 from ppmcal.outputs.picture import (
     BODY,
     EDGE,
@@ -28,8 +29,6 @@ from ppmcal.outputs.picture import (
     png,
     tame,
 )
-
-Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 6.6, 3.9
 """Size of the picture without title and legend, inches."""

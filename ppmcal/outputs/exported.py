@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.controllers.misses import Misses
 from ppmcal.errors import unknown
 from ppmcal.files import json_text
@@ -21,7 +21,6 @@ FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
            "reprap": "reprap_export", "joints": "joints_export", "grid": "grid_export"}
 """Formats, and the modules beside this one that write them; each is one more file."""
 NO_GAIN = 1e-9
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

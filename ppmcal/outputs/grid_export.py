@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
@@ -25,8 +25,6 @@ from ppmcal.outputs.exported import Exported, Lacking, figure
 from ppmcal.outputs.joints_export import INSTRUMENT, instrument_notes
 from ppmcal.outputs.tables import joint_columns, pose_columns, unit_map
 from ppmcal.region import Grid, named
-
-Array = NDArray[np.float64]
 
 TABLE = "grid.csv"
 SEED = 1

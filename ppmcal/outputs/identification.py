@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.analysis import Estimate, Identification
+from ppmcal.arrays import Array
 from ppmcal.earlier import of_data
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fit import Fit
@@ -23,7 +23,6 @@ from ppmcal.residuals import Residuals
 from ppmcal.targets import pose_vector
 from ppmcal.units import Units
 
-Array = NDArray[np.float64]
 CORRELATED = 0.95
 
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.controllers.genhexkins import (
     Drive,
     Setting,
@@ -40,8 +39,6 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, Number, figure, words
 from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.units import LENGTHS
-
-Array = NDArray[np.float64]
 
 HAL, JOINTS = "genhexkins.hal", "joints.ini"
 WORD = {"mm": "mm", "in": "inch"}

@@ -12,8 +12,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.outputs.picture import (
     BODY,
     GROUND,
@@ -26,8 +26,6 @@ from ppmcal.outputs.picture import (
     robust_range,
     round_numbers,
 )
-
-Array = NDArray[np.float64]
 
 COLOURS = "viridis"
 """Even steps for the eye, and darker to lighter also in grey."""

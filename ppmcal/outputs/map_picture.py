@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.map_panel import Scale, draw_panel
 from ppmcal.outputs.map_profile import draw_profile
@@ -33,8 +33,6 @@ from ppmcal.outputs.picture import (
     with_unit,
 )
 from ppmcal.region import Grid, placed
-
-Array = NDArray[np.float64]
 
 LEFT, GAP_X, GAP_Y, BAR, BAR_GAP, BAR_ROOM = 0.85, 0.22, 0.34, 0.2, 0.18, 1.25
 """Room before and between panels, and for the colour bar and its words, inches."""

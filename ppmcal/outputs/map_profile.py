@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.outputs.map_panel import NO_POSE, NO_VALUE, SINGULAR_CURVE, Scale
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.picture import (
@@ -31,8 +31,6 @@ from ppmcal.outputs.picture import (
     png,
     with_unit,
 )
-
-Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, LEFT = 6.4, 3.4, 0.95
 BEYOND = "value beyond the axis"

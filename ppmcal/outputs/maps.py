@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ppmcal.arrays import Array
 from ppmcal.files import csv_text
 from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.tables import pose_columns
 from ppmcal.region import Grid
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,8 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator, NullFormatter
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ppmcal.arrays import Array
 
 DPI = 150
 INK, SOFT, GROUND, HATCH = "#1c2227", "#5a6670", "#e6e8ea", "#aab1b7"

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.mechanism import Mechanism
@@ -15,7 +15,6 @@ from ppmcal.outputs.plan_words import findings, said
 from ppmcal.outputs.tables import joint_columns, pose_columns, unit_map
 from ppmcal.plan.result import Plan
 
-Array = NDArray[np.float64]
 PICTURE = "accuracy.png"
 DIGITS = 4
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.dataset import Unknown
 from ppmcal.observation import NUMBERS
@@ -13,7 +12,6 @@ from ppmcal.plan.accuracy import PAYS, reaching
 from ppmcal.plan.result import Plan
 from ppmcal.words import counted
 
-Array = NDArray[np.float64]
 FEWEST = 2
 """The smallest plan that can be asked for."""
 SHOWN = 6

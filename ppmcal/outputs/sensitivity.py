@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, known
 from ppmcal.closure import Model
 from ppmcal.components import Source
 from ppmcal.files import csv_text, json_text
@@ -18,8 +17,6 @@ from ppmcal.outputs.maps import Map, map_table
 from ppmcal.region import Grid
 from ppmcal.sensitivity import Sensitivity
 from ppmcal.targets import pose_motor
-
-Array = NDArray[np.float64]
 
 MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.files import json_text
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.maps import Map, map_table
@@ -23,8 +23,6 @@ from ppmcal.outputs.stiffness_words import (
 from ppmcal.outputs.tables import unit_map
 from ppmcal.region import Grid
 from ppmcal.stiffness import Home, Principal, Stiffnesses
-
-Array = NDArray[np.float64]
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WIDE = 30.0

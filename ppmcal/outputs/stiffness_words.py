@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.check import SINGULAR_HOME
 from ppmcal.kinematics import home_conditioning
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.stiffness import Home, Principal, Stiffnesses
-
-Array = NDArray[np.float64]
 
 ROUND_OFF = 1e-9
 """What is smaller by this is shown as 0."""

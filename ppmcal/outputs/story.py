@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.diagnose.story import Story
 from ppmcal.diagnose.story_series import Series
 from ppmcal.units import Units
-
-Array = NDArray[np.float64]
 
 
 def story_entry(story: Story, units: Units) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.compensate import Compensation
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.rotation_text import EULER, columns_of
@@ -16,7 +17,6 @@ from ppmcal.kinematics import Table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.rotations import to_euler, to_quaternion
 
-Array = NDArray[np.float64]
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
 
 

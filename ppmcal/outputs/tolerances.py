@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.components import Source
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fleet import Errors, Fleet, Judged
@@ -17,7 +17,6 @@ from ppmcal.outputs.tables import pose_columns
 from ppmcal.targets import pose_vector
 from ppmcal.tolerances import Allocation, Check, Demand, Share, count
 
-Array = NDArray[np.float64]
 STAGES = (("built", "as built"), ("registered", "registered only"), ("calibrated", "calibrated"))
 
 

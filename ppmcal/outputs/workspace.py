@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.arrays import known
 from ppmcal.files import csv_text, json_text
@@ -19,8 +18,6 @@ from ppmcal.outputs.workspace_units import ModeRow, distance_unit, size_unit, si
 from ppmcal.outputs.workspace_words import left_table, modes_table
 from ppmcal.targets import pose_vector
 from ppmcal.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 MEANING = {
     "condition": "smallest singular value of A, rotation columns divided by length_scale",

@@ -6,13 +6,9 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ppmcal.arrays import Array
 from ppmcal.modes import Modes
 from ppmcal.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,16 +6,12 @@ from collections.abc import Sequence
 from math import log10
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ppmcal.arrays import Array
 from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.tables import pose_columns
 from ppmcal.outputs.workspace_units import ModeRow, distance_unit, size_unit, size_word, why
 from ppmcal.targets import pose_vector
 from ppmcal.workspace import Workspace
-
-Array = NDArray[np.float64]
 
 
 def reach(found: Workspace) -> list[str]:

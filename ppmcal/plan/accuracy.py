@@ -11,12 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.plan.model import Offer
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DETERMINED = 1e-10
 """A design is too small while a direction (of columns scaled to 1) has less information."""

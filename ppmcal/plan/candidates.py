@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.closure import Model
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.forward import forward
@@ -24,9 +25,6 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.plan.clearance import too_close
 from ppmcal.region import extent, named, placed
 from ppmcal.targets import pose_motor
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 NEAR_SINGULAR = 0.25
 """Left out: poses whose smallest singular value is below this part of home's. Errors grow

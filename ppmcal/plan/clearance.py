@@ -5,15 +5,12 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.arrays import Array, Bools
 from ppmcal.closure import Model
 from ppmcal.inverse import home_state
 from ppmcal.targets import pose_motor
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 OF_HOME = 0.5
 OF_REACH = 0.02

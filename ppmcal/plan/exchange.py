@@ -19,13 +19,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.plan.model import Offer
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 LOOSE = 1e-3
 """Weight, per natural unit, that stands for no prior at all while rows are still too few: a

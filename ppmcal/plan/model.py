@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.arrays import known
+from ppmcal.arrays import Array, Bools, Ints, known
 from ppmcal.closure import Model
 from ppmcal.compensate import Knowledge, prediction_jacobian
 from ppmcal.conditions import conditions
@@ -20,10 +19,6 @@ from ppmcal.plan.candidates import Candidates
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, analyse, pivoted
 from ppmcal.targets import pose_motor
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

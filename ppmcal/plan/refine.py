@@ -12,16 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Ints
 from ppmcal.instrument import Instrument
 from ppmcal.mechanism import Mechanism
 from ppmcal.plan.candidates import Candidates, Region, nearby, same_mode
 from ppmcal.plan.exchange import Design
 from ppmcal.plan.model import Offer, offer
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SCALES = (0.3, 0.15, 0.08, 0.04)
 """Steps, in parts of the region's box."""

@@ -5,18 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ppmcal.arrays import Array, Ints
 from ppmcal.instrument import Instrument
 from ppmcal.mechanism import Mechanism
 from ppmcal.plan.accuracy import Curve
 from ppmcal.plan.candidates import Candidates
 from ppmcal.plan.model import Offer
 from ppmcal.plan.route import Route
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

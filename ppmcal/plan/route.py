@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Ints
 from ppmcal.closure import Model
 from ppmcal.forward import conditioning, forward
 from ppmcal.inverse import home_state
@@ -15,9 +15,6 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.plan.candidates import same_pose
 from ppmcal.plan.clearance import too_close
 from ppmcal.targets import pose_vector
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STOPS = 8
 """Places along each move at which it is looked at."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array, Ints
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.instrument import Instrument
 from ppmcal.kinematics import home_conditioning
@@ -22,9 +22,6 @@ from ppmcal.plan.result import Plan
 from ppmcal.plan.route import route
 from ppmcal.plan.settings import Asked, offered, refuse, with_kinds
 from ppmcal.rank import analyse, observability
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CANDIDATES = 400
 TASKS = 50

@@ -6,18 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.acting import Given, joint_quantity, resolved, with_effect
+from ppmcal.arrays import Array, Ints
 from ppmcal.conditions import STANDARD_GRAVITY
 from ppmcal.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.errors import BadInput, unknown
 from ppmcal.influence import with_strokes
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import free_indices
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PLACE = "--for"
 SETTABLE = ("dir", "vel", "load", "wrench", "temperature")

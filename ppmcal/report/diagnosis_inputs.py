@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ppmcal.arrays import Array
 from ppmcal.report import svg
 from ppmcal.report.bars import Picture, fitting, width
 from ppmcal.report.diagnosis_words import (
@@ -20,7 +20,6 @@ from ppmcal.report.diagnosis_words import (
 from ppmcal.report.numbers import number
 from ppmcal.words import where
 
-Array = NDArray[np.float64]
 Record = Mapping[str, Any]
 APART = 2.5
 """Before and after are drawn so many pixels to each side of their place."""

@@ -7,13 +7,13 @@ from html import escape
 
 import numpy as np
 
+from ppmcal.arrays import Array, Bools
 from ppmcal.report import svg
-from ppmcal.report.data import Array, Columns, Comparison, Identified, Rows
+from ppmcal.report.data import Columns, Comparison, Identified, Rows
 from ppmcal.report.numbers import count, sig, whole, with_unit
 from ppmcal.report.residuals import (
     BINS,
     POINTS,
-    Bools,
     Group,
     boundaries,
     coordinates,

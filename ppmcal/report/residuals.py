@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.report.data import Array, Columns
-
-Bools = NDArray[np.bool_]
+from ppmcal.arrays import Array, Bools
+from ppmcal.report.data import Columns
 
 POINTS = 1200
 """More rows than this are drawn thinned."""
