@@ -23,7 +23,7 @@ from ppmcal.closure import Model
 from ppmcal.effects.kind import Shift
 from ppmcal.forward import forward, moved
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, measured_pose
+from ppmcal.station import Station, measured_pose
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]

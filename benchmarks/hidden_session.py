@@ -23,7 +23,8 @@ from ppmcal.forward import conditioning, forward
 from ppmcal.inverse import inverse
 from ppmcal.kinematics import home_conditioning
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, coordinates
+from ppmcal.observation import coordinates
+from ppmcal.station import Station
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 WELL_CONDITIONED = 0.3

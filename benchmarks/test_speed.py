@@ -34,8 +34,8 @@ from ppmcal.fit import Fit, Options  # noqa: E402
 from ppmcal.forward import forward  # noqa: E402
 from ppmcal.identify import identify  # noqa: E402
 from ppmcal.kinematics import inverse_table, pose_motor, pose_vector  # noqa: E402
-from ppmcal.observation import Station, predict  # noqa: E402
 from ppmcal.problem import CHUNK, Problem  # noqa: E402
+from ppmcal.station import Station, predict  # noqa: E402
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,9 @@ from ppmcal.errors import BadInput
 from ppmcal.inverse import home_state
 from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import SCALARS, Station, predict, rotation_residual
+from ppmcal.observation import SCALARS, rotation_residual
 from ppmcal.scalars import start_scalar
+from ppmcal.station import Station, predict
 
 SUSPECT, BLUNDER = 5.0, 10.0
 """A row that misses by so many medians makes the start a robust one; one that then misses by so

@@ -13,7 +13,6 @@ import numpy as np
 
 from ppmcal.arrays import Array, known
 from ppmcal.closure import Closure, Model
-from ppmcal.compensate import named_only
 from ppmcal.dataset import Dataset
 from ppmcal.inverse import home_state, limb_roots, to_joint
 from ppmcal.kinematics import home_conditioning, inverse_table
@@ -22,6 +21,7 @@ from ppmcal.mechanism import Mechanism
 from ppmcal.misfit import MEND, misfit
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, analyse
+from ppmcal.targets import named_only
 from ppmcal.untold import Untold, foreseen
 
 SINGULAR_HOME = 0.02

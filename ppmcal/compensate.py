@@ -13,18 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, Bools, known
+from ppmcal.arrays import Array, Bools
 from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, conditions
 from ppmcal.dataset import Dataset
 from ppmcal.equilibrium import reach
 from ppmcal.forward import forward
-from ppmcal.inverse import home_state
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import Mechanism, Registration
-from ppmcal.observation import Station, measured_pose, predict
 from ppmcal.problem import Problem, State
-from ppmcal.targets import base_station, pose_motor, pose_vector, wanted_poses
+from ppmcal.station import Station, measured_pose, predict
+from ppmcal.targets import base_station, named_only, pose_motor, pose_vector, wanted_poses
 
 FAR_OUTSIDE = 0.5
 """Refused: farther outside the measured range than this part of its width."""
@@ -151,27 +150,6 @@ def _uncorrected(model: Model, nominal: Model, station: Station, believed: Stati
     table = inverse_table(nominal, asked)
     real = reach(model, table.q, rows)
     return _errors(station, real.pose, pose_motor(full)), table.q
-
-
-def named_only(mechanism: Mechanism, asked: Array) -> Array:
-    """Leave open what a constrained machine's own closure decides.
-
-    Full poses lie on the identified machine's surface, not on the nominal one's.
-    """
-    out = asked.copy()
-    short = mechanism.conditions - len(mechanism.actuators)
-    model = Model(mechanism)
-    closure = model.closure(home_state(mechanism).q)
-    a = closure.pose_matrix(mechanism.home[None])[0]
-    jq = closure.joint_matrix(mechanism.home[None])[0]
-    # coordinates that the joints drive least at home are the parasitic ones
-    mobility = np.abs(np.linalg.solve(a, jq))
-    scale = np.where(np.array(mechanism.dof) < 3, mechanism.length_scale, 1.0)
-    strength = np.linalg.norm(mobility / scale[:, None], axis=1)
-    weakest = [mechanism.dof[i] for i in np.argsort(strength, kind="stable")[:short]]
-    full = known(out[:, mechanism.dof])
-    out[np.ix_(full, weakest)] = np.nan
-    return out
 
 
 def _after(model: Model, nominal: Model, station: Station, q: Array, full: Array, good: Bools,

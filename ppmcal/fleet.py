@@ -16,9 +16,10 @@ from ppmcal.closure import Model
 from ppmcal.forward import newton
 from ppmcal.jacobians import Poses, displacement
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, coordinates_of, predict, turn_between
+from ppmcal.observation import coordinates_of, turn_between
 from ppmcal.recalibration import Calibrated, Recipe, calibrate
 from ppmcal.region import named
+from ppmcal.station import Station, predict
 from ppmcal.targets import solve_named
 
 BATCH = 100

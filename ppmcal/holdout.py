@@ -12,9 +12,10 @@ from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
-from ppmcal.observation import Station, coordinates
+from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import residuals
+from ppmcal.station import Station
 from ppmcal.targets import pose_vector
 from ppmcal.variance import with_noise
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Closure, Model
+from ppmcal.closure import Model
 from ppmcal.conditions import (
     Conditions,
     conditions,
@@ -21,7 +20,6 @@ from ppmcal.effects import LimbSetting, Setting, Shift, Terms, total
 from ppmcal.forward import forward
 from ppmcal.inverse import solve_rows
 from ppmcal.mechanism import Effect, Mechanism
-from ppmcal.observation import View
 
 ROUNDS = 40
 SETTLED = 1e-12
@@ -144,66 +142,6 @@ def _apart(before: Model, now: Model) -> float:
     old, new = (m.shift.slots if m.shift else {} for m in (before, now))
     return max((float(np.max(np.abs(v - old[s])[np.isfinite(v)], initial=0.0)) if s in old
                 else np.inf for s, v in new.items()), default=0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Response:
-    """How the predictions of n rows move along shifts of any kind.
-
-    ``spread`` (n, m, d) is d prediction/d condition at closed poses ``pose`` (n, 8), which are
-    number ``end`` of those seen.
-    """
-
-    closure: Closure
-    pose: Array
-    lines: Array
-    spread: Array
-    seen: View
-    rows: Conditions
-    end: int = 0
-
-    @cached_property
-    def _by_slot(self) -> dict[tuple[int, str], Array]:
-        return {}
-
-    def by_slot(self, limb: int, slot: str) -> Array:
-        """Return d prediction/d slot (n, m)."""
-        if (limb, slot) not in self._by_slot:
-            block = self.closure.slot_matrix(self.pose, limb, (slot,), self.lines)
-            self._by_slot[limb, slot] = (self.spread @ block)[..., 0]
-        return self._by_slot[limb, slot]
-
-    def column(self, shift: Shift) -> Array:
-        """Return how predictions (n, m) move along a shift."""
-        out = np.zeros(self.seen.residual.shape)
-        for (limb, slot), change in shift.slots.items():
-            out += self.by_slot(limb, slot) * np.broadcast_to(change, (len(out),))[:, None]
-        if shift.pose is not None:
-            out += (self.seen.by_poses[self.end] @ shift.pose[..., None])[..., 0]
-        if shift.stretch is not None:
-            moved = shift.stretch @ self.seen.points[self.end][..., None]
-            out += (self.seen.by_points[self.end] @ moved)[..., 0]
-        return out
-
-    def setting(self) -> Setting:
-        """Return what effects may know of these rows."""
-        model = self.closure.model
-        return setting(replace(model, shift=None), self.rows, self.closure.q, self.pose, model)
-
-    def effect_columns(self, out: Array, free: Sequence[int]) -> None:
-        """Fill the columns of free effect parameters (n, m, C), in place.
-
-        The change of an actuator's load with the pose is left out: it is smaller by deflection
-        over reach, and only the step, not the minimum, depends on it.
-        """
-        model = self.closure.model
-        if not model.mechanism.effects:
-            return
-        place = {p: c for c, p in enumerate(free)}
-        for effect, terms in effect_terms(model.mechanism, model.parameters, self.setting()):
-            for name, p in effect.parameters.items():
-                if p in place:
-                    out[..., place[p]] += self.column(terms.by[name])
 
 
 def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:

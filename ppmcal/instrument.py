@@ -10,7 +10,8 @@ import numpy as np
 from ppmcal.arrays import Array
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import SCALARS, Station, measured_pose
+from ppmcal.observation import SCALARS
+from ppmcal.station import Station, measured_pose
 from ppmcal.targets import pose_motor
 
 OF_TOLERANCE = 0.1

@@ -20,7 +20,7 @@ from ppmcal.forward import Forward, conditioning, forward
 from ppmcal.inverse import home_state, solve_rows
 from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import measured_pose
+from ppmcal.station import measured_pose
 from ppmcal.targets import LACKING, Named, inverse_partial, pose_motor, pose_vector
 
 SINGULAR = 0.02

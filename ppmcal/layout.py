@@ -11,7 +11,8 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import Array
 from ppmcal.dataset import Dataset
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, pivot
+from ppmcal.observation import pivot
+from ppmcal.station import Station
 
 PARTS = ("x", "y", "z", "rx", "ry", "rz")
 

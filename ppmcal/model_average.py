@@ -19,7 +19,7 @@ from ppmcal.compensate import Compensation, Knowledge, compensate, station_of
 from ppmcal.conditions import conditions
 from ppmcal.equilibrium import reach
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import predict
+from ppmcal.station import predict
 from ppmcal.targets import base_station, pose_motor
 
 

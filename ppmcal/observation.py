@@ -17,25 +17,12 @@ from ppmcal.arrays import Array, Bools, known
 from ppmcal.dataset import Dataset
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.mechanism import POSE_COORDINATES
+from ppmcal.station import Station, predict
 
 SCALARS = {"plane": 2, "distance": 0}
 """Instruments that measure one number, and its place among x, y, z, rx, ry, rz."""
 NUMBERS = {"plane": "height", "distance": "distance"}
 """What that number is called, as a column and among the sigmas."""
-
-
-@dataclass(frozen=True)
-class Station:
-    """Where one data set's instrument stands, at present.
-
-    ``frame`` motor (8,); ``target`` (3,); ``target_rotation`` rotation vector (3,);
-    ``homing`` (k,): shift of the joint values of this file, unit of q.
-    """
-
-    frame: Array
-    target: Array
-    target_rotation: Array
-    homing: Array
 
 
 @dataclass(frozen=True)
@@ -101,20 +88,6 @@ def pivot(data: Dataset) -> Array:
     seen = np.isfinite(data.position)
     count = np.maximum(seen.sum(axis=0), 1)
     return np.asarray(np.where(seen, data.position, 0.0).sum(axis=0) / count, dtype=float)
-
-
-def predict(station: Station, pose: Array) -> tuple[Array, Array]:
-    """Return predicted positions (n, 3) and rotation matrices (n, 3, 3) in the frame."""
-    seen = cga.compose(station.frame, pose)
-    body = cga.rotation_matrix(cga.motor_from_rotation_vector(station.target_rotation, np.zeros(3)))
-    return cga.move_point(seen, station.target), cga.rotation_matrix(seen) @ body
-
-
-def measured_pose(station: Station, pose: Array) -> Array:
-    """Return predicted measurements (n, 6): position and rotation vector in the frame."""
-    point, turn = predict(station, pose)
-    return np.concatenate([point, cga.rotation_vector(
-        cga.motor_from_matrix(turn, np.zeros(3)))], axis=-1)
 
 
 def view(data: Dataset, station: Station, poses: Sequence[Array], motion: str, about: Array,

@@ -27,11 +27,13 @@ from ppmcal.dataset import Dataset
 from ppmcal.earlier import Earlier
 from ppmcal.effects import Shift
 from ppmcal.equilibrium import platform_pose, reach, settle
-from ppmcal.influence import Response, conditions_of, shifted
+from ppmcal.influence import conditions_of, shifted
 from ppmcal.inverse import solve_blocks
 from ppmcal.layout import Open, lay_out
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, View, noise, view, whitener
+from ppmcal.observation import View, noise, view, whitener
+from ppmcal.response import Response
+from ppmcal.station import Station
 
 CHUNK = 2048
 

@@ -30,8 +30,9 @@ from ppmcal.instrument import Instrument
 from ppmcal.layout import Open, turned_about
 from ppmcal.linear import column_scale, prior_weights
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import SCALARS, Station, coordinates_of, predict, turn_between
+from ppmcal.observation import SCALARS, coordinates_of, turn_between
 from ppmcal.problem import Problem, State
+from ppmcal.station import Station, predict
 from ppmcal.targets import pose_motor, pose_vector
 
 ROUNDS = 12

@@ -15,10 +15,10 @@ import numpy as np
 
 from ppmcal.arrays import Array, Bools
 from ppmcal.closure import Model
-from ppmcal.compensate import named_only
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics import inverse_table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.targets import named_only
 
 LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}
 """A box turns the platform from home by no more."""

@@ -21,10 +21,11 @@ from ppmcal.equilibrium import reach
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.influence import missing_columns, with_strokes
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import SCALARS, Station, predict, stretched
+from ppmcal.observation import SCALARS, stretched
 from ppmcal.patterns import commands
 from ppmcal.scalars import refuse_flat
 from ppmcal.scenario import Scenario
+from ppmcal.station import Station, predict
 from ppmcal.targets import pose_motor
 
 SECONDS_PER_ROW = 60.0

@@ -17,8 +17,8 @@ from ppmcal.influence import shifted
 from ppmcal.inverse import Inverse, home_state, inverse, solve_blocks, solve_rows
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, measured_pose
 from ppmcal.rotations import euler_rates, from_euler, to_euler
+from ppmcal.station import Station, measured_pose
 
 ITERATIONS = 50
 NEAR = 1e-11
@@ -267,3 +267,24 @@ def _turning(measured: Array, euler: str) -> Array:
     if not euler:
         return np.asarray(np.linalg.inv(left_jacobian(measured[:, 3:])), dtype=float)
     return solve_blocks(euler_rates(to_euler(measured[:, 3:], euler)[0], euler), np.eye(3)[None])
+
+
+def named_only(mechanism: Mechanism, asked: Array) -> Array:
+    """Leave open what a constrained machine's own closure decides.
+
+    Full poses lie on the identified machine's surface, not on the nominal one's.
+    """
+    out = asked.copy()
+    short = mechanism.conditions - len(mechanism.actuators)
+    model = Model(mechanism)
+    closure = model.closure(home_state(mechanism).q)
+    a = closure.pose_matrix(mechanism.home[None])[0]
+    jq = closure.joint_matrix(mechanism.home[None])[0]
+    # coordinates that the joints drive least at home are the parasitic ones
+    mobility = np.abs(np.linalg.solve(a, jq))
+    scale = np.where(np.array(mechanism.dof) < 3, mechanism.length_scale, 1.0)
+    strength = np.linalg.norm(mobility / scale[:, None], axis=1)
+    weakest = [mechanism.dof[i] for i in np.argsort(strength, kind="stable")[:short]]
+    full = known(out[:, mechanism.dof])
+    out[np.ix_(full, weakest)] = np.nan
+    return out

@@ -24,8 +24,8 @@ from ppmcal.forward import forward
 from ppmcal.identify import identify
 from ppmcal.inverse import inverse
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, measured_pose
 from ppmcal.problem import Problem
+from ppmcal.station import Station, measured_pose
 from ppmcal.targets import pose_motor
 
 Array = NDArray[np.float64]

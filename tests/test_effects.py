@@ -28,8 +28,9 @@ from ppmcal.influence import conditions_of, loads, missing_columns, shifted, wit
 from ppmcal.inverse import inverse
 from ppmcal.kinematics import forward_table, inverse_table, pose_motor, pose_vector
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, measured_pose, stretched
+from ppmcal.observation import stretched
 from ppmcal.problem import Problem, State
+from ppmcal.station import Station, measured_pose
 from ppmcal.units import SI
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

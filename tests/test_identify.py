@@ -28,11 +28,12 @@ from ppmcal.holdout import fresh_state
 from ppmcal.identify import identify
 from ppmcal.kinematics import pose_motor, pose_vector
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, coordinates, predict
+from ppmcal.observation import coordinates
 from ppmcal.outputs.simulation import files
 from ppmcal.problem import Problem, State
 from ppmcal.scenario import Circle, Random, Scenario
 from ppmcal.simulate import Campaign, simulate
+from ppmcal.station import Station, predict
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from ppmcal.forward import forward
 from ppmcal.identify import identify
 from ppmcal.inverse import inverse
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import Station, predict
 from ppmcal.problem import Problem
+from ppmcal.station import Station, predict
 from ppmcal.targets import pose_motor
 from ppmcal.variance import noise_ratios, with_estimated_noise
 

@@ -17,8 +17,8 @@ from ppmcal.conditions import unknown_conditions
 from ppmcal.equilibrium import reach
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.mechanism import Registration
-from ppmcal.observation import predict
 from ppmcal.simulate import simulate
+from ppmcal.station import predict
 
 Array = NDArray[np.float64]
 MACHINE = Path(__file__).resolve().parent.parent / "sample_data" / "hexapod.yaml"

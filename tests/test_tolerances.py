@@ -25,12 +25,13 @@ from ppmcal.jacobians import Poses
 from ppmcal.kinematics import inverse_table
 from ppmcal.linear import column_scale
 from ppmcal.mechanism import Mechanism
-from ppmcal.observation import coordinates_of, predict
+from ppmcal.observation import coordinates_of
 from ppmcal.parallel import over
 from ppmcal.plan.candidates import evenly, region_of
 from ppmcal.problem import Problem
 from ppmcal.recalibration import Recipe, calibrate, predicted
 from ppmcal.region import named
+from ppmcal.station import predict
 from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.tolerances import Demand, Share, check, count
 

@@ -194,7 +194,8 @@ def _as_measured(mechanism: Mechanism, dataset: str, result: Table, rows: Condit
     from ppmcal.compensate import station_of
     from ppmcal.errors import unknown
     from ppmcal.influence import shifted
-    from ppmcal.observation import measured_pose, stretched
+    from ppmcal.observation import stretched
+    from ppmcal.station import measured_pose
     from ppmcal.targets import pose_motor
 
     if dataset not in mechanism.registrations:

@@ -15,9 +15,9 @@ import numpy as np
 
 from ppmcal.arrays import Array, Bools, Ints, svd
 from ppmcal.effects import Setting, Shift
-from ppmcal.influence import Response
 from ppmcal.linear import column_scale
 from ppmcal.problem import Problem, State
+from ppmcal.response import Response
 
 MOST_ROWS = 1500
 """Effects are searched in at most so many rows, evenly spread; fits use them all."""

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ppmcal.arrays import Array
-from ppmcal.files import csv_text
-from ppmcal.mechanism import Mechanism
-from ppmcal.outputs.tables import pose_columns
-from ppmcal.region import Grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +25,3 @@ class Map:
     log: bool = False
 
 
-def map_table(mechanism: Mechanism, pose: Array, maps: Sequence[Map], status: Sequence[str],
-              reason: Sequence[str]) -> str:
-    """Return map.csv: poses (N, 6), every map's value, ``status, reason``."""
-    table: dict[str, object] = {**pose_columns(mechanism, pose),
-                                **{m.name: m.values.ravel() for m in maps},
-                                "status": list(status), "reason": list(reason)}
-    return csv_text(list(table), list(table.values()))
-
-
-__all__ = ["Grid", "Map", "map_table"]

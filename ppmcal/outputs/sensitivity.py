@@ -13,7 +13,8 @@ from ppmcal.components import Source
 from ppmcal.files import csv_text, json_text
 from ppmcal.jacobians import Poses, determinants, error_jacobian
 from ppmcal.mechanism import POSE_COORDINATES
-from ppmcal.outputs.maps import Map, map_table
+from ppmcal.outputs.maps import Map
+from ppmcal.outputs.tables import map_table
 from ppmcal.region import Grid
 from ppmcal.sensitivity import Sensitivity
 from ppmcal.targets import pose_motor

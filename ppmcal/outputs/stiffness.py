@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal.arrays import Array
 from ppmcal.files import json_text
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.outputs.maps import Map, map_table
+from ppmcal.outputs.maps import Map
 from ppmcal.outputs.stiffness_words import (
     Load,
     across_words,
@@ -20,7 +20,7 @@ from ppmcal.outputs.stiffness_words import (
     map_findings,
     model_words,
 )
-from ppmcal.outputs.tables import unit_map
+from ppmcal.outputs.tables import map_table, unit_map
 from ppmcal.region import Grid
 from ppmcal.stiffness import Home, Principal, Stiffnesses
 

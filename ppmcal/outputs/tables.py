@@ -15,6 +15,7 @@ from ppmcal.files import csv_text, json_text
 from ppmcal.files.rotation_text import EULER, columns_of
 from ppmcal.kinematics import Table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.outputs.maps import Map
 from ppmcal.rotations import to_euler, to_quaternion
 
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
@@ -164,3 +165,12 @@ def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[s
             "units": unit_map(mechanism, names), "provenance": dict(provenance)}
     return {"commands.csv": csv_text(names, [*(c for _, c in kept), *added.values()]),
             "commands.json": json_text(meta)}
+
+
+def map_table(mechanism: Mechanism, pose: Array, maps: Sequence[Map], status: Sequence[str],
+              reason: Sequence[str]) -> str:
+    """Return map.csv: poses (N, 6), every map's value, ``status, reason``."""
+    table: dict[str, object] = {**pose_columns(mechanism, pose),
+                                **{m.name: m.values.ravel() for m in maps},
+                                "status": list(status), "reason": list(reason)}
+    return csv_text(list(table), list(table.values()))

@@ -1,0 +1,78 @@
+"""How the predictions of rows move along shifts of any kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ppmcal.arrays import Array
+from ppmcal.closure import Closure
+from ppmcal.conditions import (
+    Conditions,
+)
+from ppmcal.effects import Setting, Shift
+from ppmcal.influence import effect_terms, setting
+from ppmcal.observation import View
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How the predictions of n rows move along shifts of any kind.
+
+    ``spread`` (n, m, d) is d prediction/d condition at closed poses ``pose`` (n, 8), which are
+    number ``end`` of those seen.
+    """
+
+    closure: Closure
+    pose: Array
+    lines: Array
+    spread: Array
+    seen: View
+    rows: Conditions
+    end: int = 0
+
+    @cached_property
+    def _by_slot(self) -> dict[tuple[int, str], Array]:
+        return {}
+
+    def by_slot(self, limb: int, slot: str) -> Array:
+        """Return d prediction/d slot (n, m)."""
+        if (limb, slot) not in self._by_slot:
+            block = self.closure.slot_matrix(self.pose, limb, (slot,), self.lines)
+            self._by_slot[limb, slot] = (self.spread @ block)[..., 0]
+        return self._by_slot[limb, slot]
+
+    def column(self, shift: Shift) -> Array:
+        """Return how predictions (n, m) move along a shift."""
+        out = np.zeros(self.seen.residual.shape)
+        for (limb, slot), change in shift.slots.items():
+            out += self.by_slot(limb, slot) * np.broadcast_to(change, (len(out),))[:, None]
+        if shift.pose is not None:
+            out += (self.seen.by_poses[self.end] @ shift.pose[..., None])[..., 0]
+        if shift.stretch is not None:
+            moved = shift.stretch @ self.seen.points[self.end][..., None]
+            out += (self.seen.by_points[self.end] @ moved)[..., 0]
+        return out
+
+    def setting(self) -> Setting:
+        """Return what effects may know of these rows."""
+        model = self.closure.model
+        return setting(replace(model, shift=None), self.rows, self.closure.q, self.pose, model)
+
+    def effect_columns(self, out: Array, free: Sequence[int]) -> None:
+        """Fill the columns of free effect parameters (n, m, C), in place.
+
+        The change of an actuator's load with the pose is left out: it is smaller by deflection
+        over reach, and only the step, not the minimum, depends on it.
+        """
+        model = self.closure.model
+        if not model.mechanism.effects:
+            return
+        place = {p: c for c, p in enumerate(free)}
+        for effect, terms in effect_terms(model.mechanism, model.parameters, self.setting()):
+            for name, p in effect.parameters.items():
+                if p in place:
+                    out[..., place[p]] += self.column(terms.by[name])
