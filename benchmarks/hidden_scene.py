@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
-from ppmcal.closure import Model
 from ppmcal.effects.kind import Shift
-from ppmcal.forward import forward, moved
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward, moved
+from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.mechanism import Mechanism
-from ppmcal.station import Station, measured_pose
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
-from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.files import read_mechanism
-from ppmcal.forward import conditioning, forward
-from ppmcal.inverse import inverse
-from ppmcal.kinematics import home_conditioning
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import conditioning, forward
+from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.registration import Station
+from ppmcal.kinematics.tables import home_conditioning
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import coordinates
-from ppmcal.station import Station
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 WELL_CONDITIONED = 0.3

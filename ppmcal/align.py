@@ -14,12 +14,12 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
 from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
-from ppmcal.inverse import home_state
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.registration import Station, predict
 from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import SCALARS, rotation_residual
 from ppmcal.scalars import start_scalar
-from ppmcal.station import Station, predict
 
 SUSPECT, BLUNDER = 5.0, 10.0
 """A row that misses by so many medians makes the start a robust one; one that then misses by so

@@ -14,8 +14,8 @@ import numpy as np
 
 from ppmcal.arrays import Array
 from ppmcal.fit import Fit, prediction_covariance
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.observation import NUMBERS, SCALARS, coordinates, shown
-from ppmcal.station import measured_pose
 from ppmcal.zeros import Shift, zeros
 
 UNCHECKED = 0.1

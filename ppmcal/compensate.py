@@ -14,16 +14,22 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Bools
-from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, conditions
 from ppmcal.dataset import Dataset
-from ppmcal.equilibrium import reach
-from ppmcal.forward import forward
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.partial_pose import (
+    base_station,
+    named_only,
+    pose_motor,
+    pose_vector,
+    wanted_poses,
+)
+from ppmcal.kinematics.registration import Station, measured_pose, predict
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.mechanism import Mechanism, Registration
 from ppmcal.problem import Problem, State
-from ppmcal.station import Station, measured_pose, predict
-from ppmcal.targets import base_station, named_only, pose_motor, pose_vector, wanted_poses
 
 FAR_OUTSIDE = 0.5
 """Refused: farther outside the measured range than this part of its width."""

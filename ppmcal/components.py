@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.inverse import home_state
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.limbs.chain import SlotSpec
 from ppmcal.mechanism import Limb, Mechanism
 from ppmcal.parameters import Parameter, SlotMap

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.mechanism import Mechanism
-from ppmcal.targets import pose_motor
 
 CHUNK = 20_000
 """Poses evaluated at once."""
@@ -28,7 +28,7 @@ class Quality:
 
     Attributes:
         determinant: det A.
-        condition: smallest singular value of A, as :func:`ppmcal.forward.conditioning`.
+        condition: smallest singular value of A, as :func:`ppmcal.kinematics.forward.conditioning`.
         legs: smallest over largest singular value of A: how evenly the legs hold the platform.
         dexterity: smallest over largest singular value of the Jacobian from joint rates to the
             platform's twist, J = -A^-1 Jq, rotation rows multiplied by the length scale, joint

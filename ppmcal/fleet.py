@@ -12,15 +12,15 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Bools, Ints
-from ppmcal.closure import Model
-from ppmcal.forward import newton
 from ppmcal.jacobians import Poses, displacement
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.partial_pose import solve_named
+from ppmcal.kinematics.region import named
+from ppmcal.kinematics.registration import Station, predict
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import coordinates_of, turn_between
 from ppmcal.recalibration import Calibrated, Recipe, calibrate
-from ppmcal.region import named
-from ppmcal.station import Station, predict
-from ppmcal.targets import solve_named
 
 BATCH = 100
 """Machines in one batch; the same whatever it runs on."""

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.arrays import Bools, known
-from ppmcal.closure import Model
 from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.registration import Station
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import residuals
-from ppmcal.station import Station
-from ppmcal.targets import pose_vector
 from ppmcal.variance import with_noise
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from ppmcal.arrays import Array
 from ppmcal.dataset import Dataset, Unknown
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import SCALARS
-from ppmcal.station import Station, measured_pose
-from ppmcal.targets import pose_motor
 
 OF_TOLERANCE = 0.1
 """Noise of the default instrument, as a part of the median length tolerance."""

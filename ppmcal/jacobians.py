@@ -15,9 +15,9 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Closure, Model
-from ppmcal.forward import newton
-from ppmcal.inverse import home_state, solve_blocks
+from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.inverse import home_state, solve_blocks
 from ppmcal.limbs.chain import cross_matrix
 
 CHUNK = 8192

@@ -10,9 +10,9 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
 from ppmcal.dataset import Dataset
+from ppmcal.kinematics.registration import Station
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import pivot
-from ppmcal.station import Station
 
 PARTS = ("x", "y", "z", "rx", "ry", "rz")
 

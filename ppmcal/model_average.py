@@ -14,13 +14,13 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
-from ppmcal.closure import Model
 from ppmcal.compensate import Compensation, Knowledge, compensate, station_of
 from ppmcal.conditions import conditions
-from ppmcal.equilibrium import reach
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.partial_pose import base_station, pose_motor
+from ppmcal.kinematics.registration import predict
 from ppmcal.mechanism import Mechanism
-from ppmcal.station import predict
-from ppmcal.targets import base_station, pose_motor
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.arrays import Array, Bools, Ints, known
-from ppmcal.closure import Closure, Model
 from ppmcal.errors import NoResult
-from ppmcal.forward import conditioning, forward
-from ppmcal.kinematics import SINGULAR, home_conditioning
+from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.forward import conditioning, forward
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.tables import SINGULAR, home_conditioning
 from ppmcal.modes_planar import SAME, by_resultant, weights
 from ppmcal.modes_search import PLACE, Found, apart, point_pair, search
-from ppmcal.targets import pose_vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +28,10 @@ class Modes:
     Attributes:
         motors: platform-to-base motors (n, 8).
         sign: of det A (n,); condition: smallest singular value of A (n,), as
-            :func:`ppmcal.forward.conditioning`.
-        singular: whether condition is below :data:`ppmcal.kinematics.SINGULAR` of home's, or two
+            :func:`ppmcal.kinematics.forward.conditioning`.
+        singular: whether condition is below :data:`tables.SINGULAR` of home's, or two
             modes coincide there as far as numbers can tell (n,).
-        home: which one home's assembly mode is, as :func:`ppmcal.forward.forward` reaches it;
+        home: which one home's assembly mode is, as :func:`forward.forward` reaches it;
             None where the way there meets a singularity or there is no such pose.
         complete: whether there can be no others.
         method: ``resultant``, ``point pair`` or ``search``.

@@ -37,8 +37,8 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Bools, known
-from ppmcal.closure import Closure, Model
 from ppmcal.errors import NoResult
+from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.modes_search import PLACE, Found, closing
 
 DEGREE = 3

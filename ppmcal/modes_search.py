@@ -14,9 +14,9 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Bools
-from ppmcal.closure import Closure
 from ppmcal.errors import NoResult
-from ppmcal.forward import CLOSED, newton
+from ppmcal.kinematics.closure import Closure
+from ppmcal.kinematics.forward import CLOSED, newton
 from ppmcal.mechanism import Mechanism, joint_points
 
 PLACE = "assembly modes"
@@ -58,7 +58,7 @@ def closing(closure: Closure, starts: Array) -> Found:
     """Return the distinct poses that close, by Newton from ``starts`` (M, 8).
 
     At a double root Newton's steps end in round-off before they are small; a pose that closes
-    to :data:`ppmcal.forward.CLOSED` of the reach is kept all the same.
+    to :data:`ppmcal.kinematics.forward.CLOSED` of the reach is kept all the same.
     """
     if not len(starts):
         return Found(np.zeros((0, 8)), np.zeros(0, dtype=bool))

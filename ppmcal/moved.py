@@ -8,10 +8,10 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
-from ppmcal.closure import Model
 from ppmcal.earlier import Earlier
-from ppmcal.forward import forward
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.mechanism import Mechanism
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Bools, known
 from ppmcal.dataset import Dataset
+from ppmcal.kinematics.registration import Station, predict
 from ppmcal.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.mechanism import POSE_COORDINATES
-from ppmcal.station import Station, predict
 
 SCALARS = {"plane": 2, "distance": 0}
 """Instruments that measure one number, and its place among x, y, z, rx, ry, rz."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.closure import Model
 from ppmcal.errors import BadInput
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.mechanism import Mechanism
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.arrays import Array, Bools, known
-from ppmcal.closure import Model
-from ppmcal.forward import moved
-from ppmcal.influence import shifted
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.forward import moved
+from ppmcal.kinematics.partial_pose import carried_back
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
-from ppmcal.targets import carried_back
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.closure import Closure
 from ppmcal.conditions import (
     Conditions,
 )
 from ppmcal.effects import Setting, Shift
-from ppmcal.influence import effect_terms, setting
+from ppmcal.kinematics.closure import Closure
+from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.observation import View
 
 

@@ -12,7 +12,7 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
 from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
-from ppmcal.station import Station, predict
+from ppmcal.kinematics.registration import Station, predict
 
 
 def refuse_flat(kind: str, motion: str, source: str) -> None:

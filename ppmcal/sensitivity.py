@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.arrays import Array
-from ppmcal.closure import Model
 from ppmcal.components import Source, geometry_only, natural_units, sources, tolerances
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.inverse import home_state
 from ppmcal.jacobians import (
     Linearity,
     Poses,
@@ -31,10 +29,12 @@ from ppmcal.jacobians import (
     survey,
     worst_signs,
 )
-from ppmcal.kinematics import Table, inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.tables import Table, inverse_table
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import unmatched
-from ppmcal.targets import pose_motor, pose_vector
 
 MULTIPLES = np.logspace(-3.0, 3.0, 25)
 """Multiples of the tolerances at which the linear model is tried."""

@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Ints, known
-from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, conditions
-from ppmcal.equilibrium import reach
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.influence import missing_columns, with_strokes
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import missing_columns, with_strokes
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import Station, predict
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import SCALARS, stretched
 from ppmcal.patterns import commands
 from ppmcal.scalars import refuse_flat
 from ppmcal.scenario import Scenario
-from ppmcal.station import Station, predict
-from ppmcal.targets import pose_motor
 
 SECONDS_PER_ROW = 60.0
 OUTLIER_SIGMAS = 20.0

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.closure import Closure
 from ppmcal.errors import BadInput
+from ppmcal.kinematics.closure import Closure
 from ppmcal.mechanism import Mechanism
 
 EXAMPLE = "stiffness: {bar: 5e4, drive: 2e5}"

@@ -25,15 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
 from ppmcal.errors import NoResult
-from ppmcal.inverse import solve_blocks
 from ppmcal.jacobians import to_tool
-from ppmcal.kinematics import Table, home_conditioning, inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import solve_blocks
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.region import named, placed
+from ppmcal.kinematics.tables import Table, home_conditioning, inverse_table
 from ppmcal.mechanism import Mechanism
-from ppmcal.region import named, placed
 from ppmcal.springs import Spring, spring_columns, springs_of
-from ppmcal.targets import pose_motor
 
 RIGID = 1e-11
 """A direction is rigid where the springs' largest motion is below this part of the largest of all
@@ -222,7 +222,7 @@ def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None
 
     Args:
         mechanism: the machine; its effects are left out.
-        coordinates: wanted poses, see :func:`ppmcal.kinematics.inverse_table`.
+        coordinates: wanted poses, see :func:`ppmcal.kinematics.tables.inverse_table`.
         tool: tool point in platform axes (3,), m; default the platform's origin.
         wrench: load at the tool point, base axes (6,), N and N m.
 

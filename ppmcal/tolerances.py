@@ -15,11 +15,11 @@ from scipy.special import betaincinv
 
 from ppmcal.allocation import cost, demand, equal_parts, felt, least_cost, one_for_all
 from ppmcal.arrays import Array, Bools
-from ppmcal.closure import Model
 from ppmcal.components import Source
 from ppmcal.errors import BadInput
 from ppmcal.fleet import Errors, Fleet, Judged, batches, run, together
 from ppmcal.jacobians import Poses, covariance, error_jacobian, root_sum_square
+from ppmcal.kinematics.closure import Model
 from ppmcal.mechanism import Mechanism
 from ppmcal.parallel import over
 

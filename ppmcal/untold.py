@@ -14,8 +14,8 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
 from ppmcal.fit import Fit, directions, posterior
+from ppmcal.kinematics.closure import Model
 from ppmcal.limbs.chain import cross_matrix
 from ppmcal.linear import column_scale, prior_weights, reduce_rows
 from ppmcal.mechanism import Mechanism

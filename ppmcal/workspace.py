@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ppmcal.arrays import Array, Bools, known
-from ppmcal.closure import Model
 from ppmcal.dexterity import CHUNK, Quality, measured
 from ppmcal.errors import NoResult
-from ppmcal.inverse import home_state
-from ppmcal.kinematics import Table, home_conditioning, inverse_table, limit_reason
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
+from ppmcal.kinematics.region import Grid
+from ppmcal.kinematics.tables import Table, home_conditioning, inverse_table, limit_reason
 from ppmcal.mechanism import Mechanism
-from ppmcal.region import Grid
-from ppmcal.targets import inverse_partial, pose_vector
 
 ON_CURVE = 1e-5
 """A pose is on the singular curve where A's smallest singular value is below this part of home's:

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
-from ppmcal.closure import Model
 from ppmcal.files import read_mechanism
-from ppmcal.forward import forward
-from ppmcal.inverse import home_state
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.mechanism import Mechanism
 
 Array = NDArray[np.float64]

@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.analysis import rank_of
-from ppmcal.closure import Model
 from ppmcal.compare import Comparison, between, posterior_of
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.earlier import Posterior
 from ppmcal.files import read_mechanism
 from ppmcal.fit import Fit, Options, posterior, prediction_covariance
-from ppmcal.forward import forward
 from ppmcal.identify import identify
-from ppmcal.inverse import inverse
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem
-from ppmcal.station import Station, measured_pose
-from ppmcal.targets import pose_motor
 
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.closure import Model
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.files.scenario import Circle, Random, Scenario
-from ppmcal.forward import conditioning, forward
-from ppmcal.inverse import Inverse, home_state
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import conditioning, forward
+from ppmcal.kinematics.inverse import Inverse, home_state
+from ppmcal.kinematics.partial_pose import inverse_partial
 from ppmcal.limbs import kinds
 from ppmcal.mechanism import Mechanism
-from ppmcal.targets import inverse_partial
 
 Array = NDArray[np.float64]
 

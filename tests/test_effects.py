@@ -16,21 +16,27 @@ import pytest
 from machines import KINDS, Array, delta, difference, full, mixed, spread
 
 from ppmcal import algebra as cga
-from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, conditions, unknown_conditions, ways
 from ppmcal.dataset import Dataset
 from ppmcal.effects import EffectKind, LimbSetting, Setting, effect_kinds
-from ppmcal.equilibrium import reach, uses_load
 from ppmcal.files import read_mechanism
 from ppmcal.files.effects import with_effects
-from ppmcal.forward import forward
-from ppmcal.influence import conditions_of, loads, missing_columns, shifted, with_strokes
-from ppmcal.inverse import inverse
-from ppmcal.kinematics import forward_table, inverse_table, pose_motor, pose_vector
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import (
+    conditions_of,
+    loads,
+    missing_columns,
+    shifted,
+    with_strokes,
+)
+from ppmcal.kinematics.equilibrium import reach, uses_load
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.registration import Station, measured_pose
+from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import stretched
 from ppmcal.problem import Problem, State
-from ppmcal.station import Station, measured_pose
 from ppmcal.units import SI
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

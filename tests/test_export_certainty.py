@@ -15,13 +15,13 @@ from commands import ppmcal
 
 from ppmcal.compensate import compensate, station_of
 from ppmcal.files import read_mechanism
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.outputs.certainty import certainty
 from ppmcal.outputs.exported import exporter
 from ppmcal.outputs.knowledge import read_knowledge
 from ppmcal.report.data import Other
 from ppmcal.report.export_section import export_section
-from ppmcal.station import measured_pose
-from ppmcal.targets import pose_motor
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 

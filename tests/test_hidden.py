@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ppmcal.closure import Model
 from ppmcal.fit import Options as FitOptions
 from ppmcal.identify import identify
+from ppmcal.kinematics.closure import Model
 from ppmcal.problem import Problem, State
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))

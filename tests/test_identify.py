@@ -18,22 +18,22 @@ from machines import KINDS, delta, full, read_text, spread
 from numpy.typing import NDArray
 
 from ppmcal.analysis import estimates, rank_of, report
-from ppmcal.closure import Model
 from ppmcal.compensate import Knowledge, compensate
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_campaign, read_mechanism, read_scenario
 from ppmcal.fit import Fit, Options, posterior
-from ppmcal.forward import forward
 from ppmcal.holdout import fresh_state
 from ppmcal.identify import identify
-from ppmcal.kinematics import pose_motor, pose_vector
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.registration import Station, predict
+from ppmcal.kinematics.tables import pose_motor, pose_vector
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import coordinates
 from ppmcal.outputs.simulation import files
 from ppmcal.problem import Problem, State
 from ppmcal.scenario import Circle, Random, Scenario
 from ppmcal.simulate import Campaign, simulate
-from ppmcal.station import Station, predict
 
 Array = NDArray[np.float64]
 

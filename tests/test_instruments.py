@@ -13,17 +13,17 @@ from commands import ppmcal, rows
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.closure import Model
 from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_mechanism
 from ppmcal.fit import Fit, Options, prediction_covariance
-from ppmcal.forward import forward
 from ppmcal.identify import identify
-from ppmcal.inverse import inverse
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import Station, predict
 from ppmcal.mechanism import Mechanism
 from ppmcal.problem import Problem
-from ppmcal.station import Station, predict
-from ppmcal.targets import pose_motor
 from ppmcal.variance import noise_ratios, with_estimated_noise
 
 Array = NDArray[np.float64]

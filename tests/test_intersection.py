@@ -10,14 +10,14 @@ from commands import ppmcal
 from machines import PLANAR
 
 from ppmcal import algebra as cga
-from ppmcal import forward as newton
-from ppmcal.closure import Model
 from ppmcal.errors import NoResult
 from ppmcal.files import read_mechanism
-from ppmcal.forward import forward
 from ppmcal.intersection import flat_point, forward_by_intersection, intersections
-from ppmcal.inverse import home_state
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics import forward as newton
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.modes import assembly_modes
 
 CONFIGS = sorted((Path(__file__).parents[1] / "configs").glob("*.yaml"))

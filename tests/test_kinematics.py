@@ -12,11 +12,12 @@ import pytest
 from machines import KINDS, PLANAR, Array
 
 from ppmcal import algebra as cga
-from ppmcal.closure import Model
-from ppmcal.forward import forward
 from ppmcal.intersection import intersection_pose, limb_ends
-from ppmcal.inverse import home_state, inverse
-from ppmcal.kinematics import (
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state, inverse
+from ppmcal.kinematics.partial_pose import inverse_partial
+from ppmcal.kinematics.tables import (
     forward_table,
     inverse_table,
     pose_motor,
@@ -25,7 +26,6 @@ from ppmcal.kinematics import (
 )
 from ppmcal.limbs import kinds
 from ppmcal.mechanism import Mechanism
-from ppmcal.targets import inverse_partial
 
 ANY_POSE = ("R(P)R", "(R)PR", "(P)PR", "P(P)R", "(P)RP", "R(P)P", "U(P)S", "R(P)S")
 SHORT_REACH = tuple(k for k in KINDS if k not in ANY_POSE)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from machines import KINDS, Array
 
-from ppmcal.closure import Model
-from ppmcal.forward import newton
-from ppmcal.inverse import home_state
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.limbs import kinds
 from ppmcal.mechanism import Mechanism
 

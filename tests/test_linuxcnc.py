@@ -33,9 +33,9 @@ from ppmcal.files.hal import (
     parse_joints,
     read_geometry,
 )
+from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.outputs.exported import Exported
 from ppmcal.outputs.linuxcnc_export import export
-from ppmcal.targets import pose_motor
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 UPS = CONFIGS / "6-UPS.yaml"

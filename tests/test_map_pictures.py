@@ -10,9 +10,11 @@ import pytest
 from matplotlib import image
 from matplotlib.contour import ContourSet
 
-from ppmcal.closure import Model
 from ppmcal.files import read_mechanism
 from ppmcal.files.grid_text import read_grid
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import inverse_partial
+from ppmcal.kinematics.region import Grid, named, slice_axes, slice_grid
 from ppmcal.outputs import picture
 from ppmcal.outputs.curve_picture import draw_curves
 from ppmcal.outputs.map_panel import NO_VALUE, SINGULAR_CURVE, Scale, draw_panel
@@ -28,8 +30,6 @@ from ppmcal.outputs.picture import (
     robust_range,
     round_numbers,
 )
-from ppmcal.region import Grid, named, slice_axes, slice_grid
-from ppmcal.targets import inverse_partial
 
 CONFIGS = ("3-RPR", "linapod", "delta-linear", "3-RPS", "6-UPS", "mixed-planar")
 NAN, INF = np.nan, np.inf

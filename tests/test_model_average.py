@@ -11,14 +11,14 @@ import pytest
 from commands import ppmcal
 from numpy.typing import NDArray
 
-from ppmcal.closure import Model
 from ppmcal.compensate import station_of
 from ppmcal.conditions import unknown_conditions
-from ppmcal.equilibrium import reach
 from ppmcal.files import read_mechanism, read_scenario
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.registration import predict
 from ppmcal.mechanism import Registration
 from ppmcal.simulate import simulate
-from ppmcal.station import predict
 
 Array = NDArray[np.float64]
 MACHINE = Path(__file__).resolve().parent.parent / "sample_data" / "hexapod.yaml"

@@ -12,12 +12,12 @@ from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 from ppmcal.check import check
-from ppmcal.closure import Model
-from ppmcal.forward import forward
-from ppmcal.inverse import home_state, inverse
-from ppmcal.kinematics import pose_vector, velocity_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state, inverse
+from ppmcal.kinematics.partial_pose import inverse_partial
+from ppmcal.kinematics.tables import pose_vector, velocity_table
 from ppmcal.mechanism import Mechanism
-from ppmcal.targets import inverse_partial
 
 # --- [IK] section 3.1 and 3.2: 3-RPS ------------------------------------------------
 

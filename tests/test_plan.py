@@ -12,13 +12,14 @@ import yaml
 from commands import ppmcal, rows, write_csv
 from scipy.optimize import minimize
 
-from ppmcal.closure import Model
 from ppmcal.effects import effect_kinds
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import read_mechanism
 from ppmcal.instrument import default_instrument
-from ppmcal.inverse import home_state
-from ppmcal.kinematics import forward_table, inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.tables import forward_table, inverse_table
 from ppmcal.outputs.plan import accuracy_table, pose_table
 from ppmcal.plan import accuracy
 from ppmcal.plan.candidates import NEAR_SINGULAR, draw, evenly, listed, region_of
@@ -29,7 +30,6 @@ from ppmcal.plan.refine import PRICE, refined
 from ppmcal.plan.route import by_way_of_home, lengths, moves, route, two_opt
 from ppmcal.plan.run import Options, plan
 from ppmcal.plan.settings import SETTABLE, Asked, needs, offered, refuse, with_kinds
-from ppmcal.targets import pose_motor
 from ppmcal.units import Units
 
 CONFIGS = Path(__file__).parents[1] / "configs"

@@ -10,11 +10,8 @@ import pytest
 from commands import columns, number, ppmcal, rows, write_csv
 
 from ppmcal import algebra as cga
-from ppmcal.closure import Model
 from ppmcal.components import all_components, geometry_only, group_of, sources, tolerances
 from ppmcal.files import read_mechanism
-from ppmcal.forward import forward
-from ppmcal.inverse import home_state
 from ppmcal.jacobians import (
     Linearity,
     Poses,
@@ -26,6 +23,9 @@ from ppmcal.jacobians import (
     survey,
     worst_case,
 )
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.mechanism import Mechanism
 from ppmcal.sensitivity import Asked, analyse
 

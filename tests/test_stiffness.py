@@ -20,22 +20,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ppmcal.closure import Model
 from ppmcal.conditions import conditions
 from ppmcal.effects import Shift
-from ppmcal.equilibrium import reach
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import csv_text, read_mechanism, write_mechanism
 from ppmcal.files.stiffness_reader import joint_names
-from ppmcal.forward import forward
-from ppmcal.inverse import home_state
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.region import Grid, slice_axes
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.mechanism import Limb, Mechanism
 from ppmcal.outputs.tables import pose_columns
-from ppmcal.region import Grid, slice_axes
 from ppmcal.springs import springs_of
 from ppmcal.stiffness import Compliance, compliance, stiffness_at_home, stiffness_table
-from ppmcal.targets import pose_motor, pose_vector
 
 Array = np.ndarray
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

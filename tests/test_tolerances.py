@@ -12,17 +12,20 @@ from scipy.optimize import minimize
 
 from ppmcal import algebra as cga
 from ppmcal.allocation import cost, demand, equal_parts, felt, least_cost, one_for_all
-from ppmcal.closure import Model
 from ppmcal.components import geometry_only, sources, tolerances
 from ppmcal.dataset import Dataset
 from ppmcal.files import read_mechanism, write_mechanism
 from ppmcal.fit import Options
 from ppmcal.fleet import Errors, Fleet, batches, run, together
-from ppmcal.forward import newton
 from ppmcal.identify import identify
 from ppmcal.instrument import Instrument, default_instrument
 from ppmcal.jacobians import Poses
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.region import named
+from ppmcal.kinematics.registration import predict
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linear import column_scale
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import coordinates_of
@@ -30,9 +33,6 @@ from ppmcal.parallel import over
 from ppmcal.plan.candidates import evenly, region_of
 from ppmcal.problem import Problem
 from ppmcal.recalibration import Recipe, calibrate, predicted
-from ppmcal.region import named
-from ppmcal.station import predict
-from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.tolerances import Demand, Share, check, count
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

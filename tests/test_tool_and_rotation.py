@@ -9,14 +9,14 @@ import pytest
 from commands import ppmcal
 from scipy.spatial.transform import Rotation
 
-from ppmcal.closure import Model
 from ppmcal.conditions import conditions
 from ppmcal.errors import BadInput
 from ppmcal.files.rotation_text import check_convention
-from ppmcal.inverse import home_state
-from ppmcal.kinematics import forward_table, inverse_table, tool_poses, velocity_table
-from ppmcal.rotations import ORDERS, euler_rates, from_euler, to_euler, to_quaternion
-from ppmcal.targets import Named, pose_motor, pose_vector
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import Named, pose_motor, pose_vector
+from ppmcal.kinematics.rotations import ORDERS, euler_rates, from_euler, to_euler, to_quaternion
+from ppmcal.kinematics.tables import forward_table, inverse_table, tool_poses, velocity_table
 
 TOOL = {"planar": np.array([0.031, -0.047, 0.0])}
 SPATIAL_TOOL = np.array([0.021, -0.034, -0.09])

@@ -24,10 +24,10 @@ from machines import (
 
 from ppmcal.errors import NoResult
 from ppmcal.files import read_mechanism
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.region import Grid, placed, slice_axes, slice_grid
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.mechanism import POSE_COORDINATES
-from ppmcal.region import Grid, placed, slice_axes, slice_grid
-from ppmcal.targets import pose_motor
 from ppmcal.workspace import workspace
 
 CONFIGS = Path(__file__).parent.parent / "configs"

@@ -19,7 +19,7 @@ def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
 
     from ppmcal.errors import unknown
     from ppmcal.files import read_mechanism
-    from ppmcal.influence import with_strokes
+    from ppmcal.kinematics.effect_response import with_strokes
     from ppmcal.parameters import unmatched
 
     mechanism = read_mechanism(mech)
@@ -40,7 +40,7 @@ def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
 def _recorded(mechanism: Mechanism, data: Dataset) -> None:
     """Refuse data without a column that the machine's effects depend on."""
     from ppmcal.errors import BadInput
-    from ppmcal.influence import conditions_of, missing_columns
+    from ppmcal.kinematics.effect_response import conditions_of, missing_columns
 
     missing = missing_columns(mechanism, conditions_of(mechanism, data))
     if missing:
@@ -52,7 +52,7 @@ def _recorded(mechanism: Mechanism, data: Dataset) -> None:
 def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]:
     """Read measurements, with joints."""
     from ppmcal.files import read_campaign
-    from ppmcal.kinematics import with_joints
+    from ppmcal.kinematics.tables import with_joints
 
     datasets = read_campaign(list(paths), mechanism)
     return tuple(with_joints(mechanism, d) for d in datasets)

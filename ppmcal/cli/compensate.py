@@ -140,7 +140,7 @@ def _enough(mechanism: Mechanism, poses: PoseTable, targets: Path, sequence: boo
 
     from ppmcal.conditions import conditions
     from ppmcal.errors import BadInput
-    from ppmcal.influence import missing_columns
+    from ppmcal.kinematics.effect_response import missing_columns
 
     n = len(poses.rows)
     # in a sequence every joint's direction follows from the order

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ppmcal.conditions import Conditions
-    from ppmcal.kinematics import Table
+    from ppmcal.kinematics.tables import Table
     from ppmcal.mechanism import Mechanism
     from ppmcal.outputs.tables import Shown
 
@@ -128,8 +128,8 @@ def _point(tool: str | None, mechanism: Mechanism) -> NDArray[Any] | None:
 def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: Table,
            rows: Conditions) -> Shown:
     """Return how the results are to be written."""
-    from ppmcal.closure import Model
-    from ppmcal.kinematics import tool_poses
+    from ppmcal.kinematics.closure import Model
+    from ppmcal.kinematics.tables import tool_poses
     from ppmcal.outputs.tables import Shown
 
     pose = None
@@ -143,7 +143,7 @@ def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: Tab
 def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
     """Refuse a table that lacks a column which the machine's effects depend on."""
     from ppmcal.errors import BadInput
-    from ppmcal.influence import missing_columns
+    from ppmcal.kinematics.effect_response import missing_columns
 
     missing = missing_columns(mechanism, rows)
     if missing:
@@ -155,13 +155,13 @@ def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
 def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Conditions]:
     import numpy as np
 
-    from ppmcal.closure import Model
     from ppmcal.conditions import conditions
     from ppmcal.errors import BadInput
     from ppmcal.files import read_joints, read_poses, twists
     from ppmcal.intersection import forward_by_intersection
-    from ppmcal.kinematics import forward_table, inverse_table, velocity_table
-    from ppmcal.targets import Named
+    from ppmcal.kinematics.closure import Model
+    from ppmcal.kinematics.partial_pose import Named
+    from ppmcal.kinematics.tables import forward_table, inverse_table, velocity_table
 
     model = Model(mechanism)
     if asked.which == "forward":
@@ -190,13 +190,13 @@ def _as_measured(mechanism: Mechanism, dataset: str, result: Table, rows: Condit
     import numpy as np
 
     from ppmcal.arrays import known
-    from ppmcal.closure import Model
     from ppmcal.compensate import station_of
     from ppmcal.errors import unknown
-    from ppmcal.influence import shifted
+    from ppmcal.kinematics.closure import Model
+    from ppmcal.kinematics.effect_response import shifted
+    from ppmcal.kinematics.partial_pose import pose_motor
+    from ppmcal.kinematics.registration import measured_pose
     from ppmcal.observation import stretched
-    from ppmcal.station import measured_pose
-    from ppmcal.targets import pose_motor
 
     if dataset not in mechanism.registrations:
         raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "

@@ -24,8 +24,8 @@ from ppmcal.cli.common import (
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from ppmcal.kinematics.region import Grid
     from ppmcal.mechanism import Mechanism
-    from ppmcal.region import Grid
     from ppmcal.sensitivity import Sensitivity
 
 SHOWN = 10
@@ -207,8 +207,8 @@ def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
 
 def home_limits(machine: Mechanism) -> str:
     """Return which joint is outside its limits at home, empty if none."""
-    from ppmcal.inverse import home_state
-    from ppmcal.kinematics import limit_reason
+    from ppmcal.kinematics.inverse import home_state
+    from ppmcal.kinematics.tables import limit_reason
 
     return limit_reason(machine, home_state(machine).q)
 

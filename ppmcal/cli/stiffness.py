@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from ppmcal.kinematics.region import Grid
     from ppmcal.mechanism import Mechanism
     from ppmcal.outputs.stiffness_words import Load
-    from ppmcal.region import Grid
 
     Array = NDArray[np.float64]
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.closure import Model
 from ppmcal.components import Source, geometry_only, natural_units, sources, tolerances
 from ppmcal.errors import BadInput
 from ppmcal.files import read_poses
@@ -17,15 +16,16 @@ from ppmcal.files.instrument import read_instrument
 from ppmcal.files.point_text import metric_length, read_point
 from ppmcal.fleet import Fleet
 from ppmcal.instrument import Instrument, default_instrument
-from ppmcal.inverse import home_state
 from ppmcal.jacobians import Poses, covariance, root_sum_square
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.tolerances import Result
 from ppmcal.parallel import cores as all_cores
 from ppmcal.plan.candidates import evenly, region_of
 from ppmcal.recalibration import Recipe, predicted
-from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.tolerances import Demand, allocate, check, simulate
 
 OF_ACCURACY = 0.1

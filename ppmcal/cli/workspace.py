@@ -85,10 +85,10 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
 
 def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
     """Return the assembly modes at home's joints, or for each row of a file."""
-    from ppmcal.closure import Model
     from ppmcal.errors import BadInput, NoResult
     from ppmcal.files import read_joints
-    from ppmcal.inverse import home_state
+    from ppmcal.kinematics.closure import Model
+    from ppmcal.kinematics.inverse import home_state
     from ppmcal.modes import assembly_modes
     from ppmcal.outputs.workspace_units import ModeRow
 

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
-from ppmcal.closure import Model
 from ppmcal.errors import BadInput
 from ppmcal.files.hal import STRUTS, Geometry, Joint, Points
-from ppmcal.forward import forward
-from ppmcal.inverse import home_state
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.limbs.chain import U
 from ppmcal.mechanism import Mechanism
 

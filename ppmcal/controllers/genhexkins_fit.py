@@ -15,12 +15,12 @@ from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
 from ppmcal.controllers.genhexkins import Drive, Setting, points, reached, right_shift
 from ppmcal.controllers.misses import Misses, misses
 from ppmcal.files.hal import STRUTS
-from ppmcal.forward import forward
-from ppmcal.inverse import inverse
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import inverse
 from ppmcal.mechanism import Mechanism
 
 EXACT = 1e-9

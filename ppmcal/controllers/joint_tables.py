@@ -17,17 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.arrays import Array, Ints
-from ppmcal.closure import Model
 from ppmcal.controllers.knots import knots
 from ppmcal.controllers.misses import Misses, misses
 from ppmcal.controllers.pose_grid import at_rest, default_grid, refuse_open, targets
-from ppmcal.equilibrium import reach
 from ppmcal.errors import NoResult
 from ppmcal.files.joint_compensation import DIGITS, MOST, Triplets, correction
-from ppmcal.influence import shifted
-from ppmcal.inverse import home_state
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
 from ppmcal.mechanism import Effect, Mechanism
-from ppmcal.targets import inverse_partial, pose_motor
 from ppmcal.units import LENGTHS
 
 TARGET = 1e-8

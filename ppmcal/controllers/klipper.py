@@ -18,11 +18,11 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
-from ppmcal.closure import Model
 from ppmcal.errors import BadInput
 from ppmcal.files.klipper import TOWERS, Geometry
-from ppmcal.forward import forward
-from ppmcal.inverse import home_state
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.mechanism import Mechanism
 
 MM = 1e-3

@@ -18,8 +18,8 @@ from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.noise import PureError
 from ppmcal.diagnose.stage import Stage, explained
 from ppmcal.diagnose.system import System
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.noise_check import ENOUGH_REPEATS
-from ppmcal.targets import pose_vector
 
 MOST_ROWS = 600
 DRAWS = 1000

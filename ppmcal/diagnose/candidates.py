@@ -13,7 +13,7 @@ from ppmcal.diagnose.shapes import shapes
 from ppmcal.diagnose.system import System
 from ppmcal.diagnose.unrecorded import unrecorded_load
 from ppmcal.effects import EffectKind, EffectParameter, effect_kinds
-from ppmcal.influence import lacking
+from ppmcal.kinematics.effect_response import lacking
 
 FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
 """Periods per stroke that are tried; a longer wave is a curvature."""

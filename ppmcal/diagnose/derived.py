@@ -9,9 +9,9 @@ import numpy as np
 
 from ppmcal.acting import joint_quantity, resolved
 from ppmcal.analysis import Identification
-from ppmcal.closure import Model
 from ppmcal.conditions import unknown_conditions
-from ppmcal.influence import setting
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import setting
 from ppmcal.mechanism import Effect
 
 SMALL = 1e-3

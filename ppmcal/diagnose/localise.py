@@ -14,8 +14,8 @@ import numpy as np
 
 from ppmcal.arrays import Array, Bools
 from ppmcal.diagnose.stage import Stage, explained
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.problem import Problem
-from ppmcal.targets import pose_vector
 
 DRAWS = 400
 

@@ -17,10 +17,10 @@ from scipy.special import stdtrit
 from ppmcal.arrays import Array, Bools, Ints, known, thinned
 from ppmcal.conditions import REFERENCE_TEMPERATURE
 from ppmcal.fit import Fit
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.mechanism import Mechanism
 from ppmcal.observation import coordinates
 from ppmcal.problem import Rows
-from ppmcal.targets import pose_vector
 
 MOST_ROWS = 6000
 """Pictures are drawn from at most so many rows, evenly spread."""

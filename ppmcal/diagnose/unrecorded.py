@@ -16,7 +16,7 @@ from ppmcal.diagnose.forms import Collector, Form
 from ppmcal.diagnose.search import Search, columns_of
 from ppmcal.diagnose.system import Part
 from ppmcal.effects import Setting, effect_kinds
-from ppmcal.influence import setting
+from ppmcal.kinematics.effect_response import setting
 
 KIND, PARAMETER = "compliance", "stiffness"
 ALIKE = 0.5

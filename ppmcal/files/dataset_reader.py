@@ -28,9 +28,9 @@ from ppmcal.files.sidecar import (
 )
 from ppmcal.files.table import Table, read_table
 from ppmcal.files.yaml_text import number_text
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.mechanism import Mechanism
 from ppmcal.scalars import refuse_flat
-from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.units import Units
 
 

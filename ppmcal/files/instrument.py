@@ -22,9 +22,9 @@ from ppmcal.files.sidecar import (
 )
 from ppmcal.files.yaml_text import read_yaml
 from ppmcal.instrument import Instrument
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.mechanism import Mechanism
 from ppmcal.scalars import refuse_flat
-from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.units import Units
 
 

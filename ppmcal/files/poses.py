@@ -55,7 +55,7 @@ def read_poses(path: str | os.PathLike[str], mechanism: Mechanism, rotation: str
                ) -> PoseTable:
     """Return the poses of a CSV: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
 
-    ``rotation`` is one of :data:`ppmcal.rotations.CONVENTIONS`; Euler angles stand in the places of
+    ``rotation`` is one of :data:`rotations.CONVENTIONS`; Euler angles stand in the places of
     the rotation vector, rad.
 
     Coordinates of the machine may be left empty or out (nan): as many must be given as there

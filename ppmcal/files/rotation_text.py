@@ -1,7 +1,7 @@
 """How tables of poses write spatial rotations: rotation vector, quaternion or Euler angles.
 
 Euler angles stand in the columns ``euler_1, euler_2, euler_3``, in the order of the convention's
-letters (:mod:`ppmcal.rotations`) and in the file's angle unit.
+letters (:mod:`ppmcal.kinematics.rotations`) and in the file's angle unit.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import replace
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.table import Table
+from ppmcal.kinematics.rotations import CONVENTIONS
 from ppmcal.mechanism import Mechanism
-from ppmcal.rotations import CONVENTIONS
 
 EULER = ("euler_1", "euler_2", "euler_3")
 VECTOR = COORDINATES[3:]

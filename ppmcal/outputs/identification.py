@@ -12,6 +12,7 @@ from ppmcal.arrays import Array
 from ppmcal.earlier import of_data
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fit import Fit
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.mechanism import POSE_COORDINATES, Registration
 from ppmcal.observation import labels
 from ppmcal.outputs.blunder_words import entry as blunder_entry
@@ -20,7 +21,6 @@ from ppmcal.outputs.untold_words import entry as untold_entry
 from ppmcal.outputs.untold_words import flat_entries
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import Residuals
-from ppmcal.targets import pose_vector
 from ppmcal.units import Units
 
 CORRELATED = 0.95

@@ -35,9 +35,9 @@ from ppmcal.files.hal import (
     read_geometry,
     read_hal,
 )
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.mechanism import Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, Number, figure, words
-from ppmcal.targets import pose_motor, pose_vector
 from ppmcal.units import LENGTHS
 
 HAL, JOINTS = "genhexkins.hal", "joints.ini"

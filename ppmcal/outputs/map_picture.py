@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ppmcal.arrays import Array
+from ppmcal.kinematics.region import Grid, placed
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.map_panel import Scale, draw_panel
 from ppmcal.outputs.map_profile import draw_profile
@@ -32,7 +33,6 @@ from ppmcal.outputs.picture import (
     tame,
     with_unit,
 )
-from ppmcal.region import Grid, placed
 
 LEFT, GAP_X, GAP_Y, BAR, BAR_GAP, BAR_ROOM = 0.85, 0.22, 0.34, 0.2, 0.18, 1.25
 """Room before and between panels, and for the colour bar and its words, inches."""

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
 from ppmcal.components import Source
 from ppmcal.files import csv_text, json_text
 from ppmcal.jacobians import Poses, determinants, error_jacobian
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.region import Grid
 from ppmcal.mechanism import POSE_COORDINATES
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.tables import map_table
-from ppmcal.region import Grid
 from ppmcal.sensitivity import Sensitivity
-from ppmcal.targets import pose_motor
 
 MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""

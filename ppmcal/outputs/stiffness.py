@@ -10,6 +10,7 @@ import numpy as np
 
 from ppmcal.arrays import Array
 from ppmcal.files import json_text
+from ppmcal.kinematics.region import Grid
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.stiffness_words import (
@@ -21,7 +22,6 @@ from ppmcal.outputs.stiffness_words import (
     model_words,
 )
 from ppmcal.outputs.tables import map_table, unit_map
-from ppmcal.region import Grid
 from ppmcal.stiffness import Home, Principal, Stiffnesses
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.arrays import Array
 from ppmcal.check import SINGULAR_HOME
-from ppmcal.kinematics import home_conditioning
+from ppmcal.kinematics.tables import home_conditioning
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.stiffness import Home, Principal, Stiffnesses
 

@@ -13,10 +13,10 @@ from ppmcal.arrays import Array
 from ppmcal.compensate import Compensation
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.rotation_text import EULER, columns_of
-from ppmcal.kinematics import Table
+from ppmcal.kinematics.rotations import to_euler, to_quaternion
+from ppmcal.kinematics.tables import Table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.maps import Map
-from ppmcal.rotations import to_euler, to_quaternion
 
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
 
@@ -63,7 +63,7 @@ class Shown:
     Attributes:
         tool: the point whose poses they are, platform axes (3,), m; None for the origin.
         pose: poses (N, 6), SI, in place of the table's; None for those.
-        rotation: a convention of :mod:`ppmcal.rotations`.
+        rotation: a convention of :mod:`ppmcal.kinematics.rotations`.
         method: by which forward kinematics was solved, else empty.
     """
 

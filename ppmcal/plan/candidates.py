@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from ppmcal.arrays import Array, Bools
-from ppmcal.closure import Model
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.forward import forward
-from ppmcal.inverse import home_state
-from ppmcal.kinematics import home_conditioning, inverse_table, limit_reason
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.region import extent, named, placed
+from ppmcal.kinematics.tables import home_conditioning, inverse_table, limit_reason
 from ppmcal.mechanism import Mechanism
 from ppmcal.plan.clearance import too_close
-from ppmcal.region import extent, named, placed
-from ppmcal.targets import pose_motor
 
 NEAR_SINGULAR = 0.25
 """Left out: poses whose smallest singular value is below this part of home's. Errors grow

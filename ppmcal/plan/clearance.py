@@ -8,9 +8,9 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Bools
-from ppmcal.closure import Model
-from ppmcal.inverse import home_state
-from ppmcal.targets import pose_motor
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_motor
 
 OF_HOME = 0.5
 OF_REACH = 0.02

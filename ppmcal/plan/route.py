@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.arrays import Array, Ints
-from ppmcal.closure import Model
-from ppmcal.forward import conditioning, forward
-from ppmcal.inverse import home_state
-from ppmcal.kinematics import SINGULAR, home_conditioning
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import conditioning, forward
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.tables import SINGULAR, home_conditioning
 from ppmcal.mechanism import Mechanism
 from ppmcal.plan.candidates import same_pose
 from ppmcal.plan.clearance import too_close
-from ppmcal.targets import pose_vector
 
 STOPS = 8
 """Places along each move at which it is looked at."""

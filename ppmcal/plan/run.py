@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.arrays import Array, Ints
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.instrument import Instrument
-from ppmcal.kinematics import home_conditioning
+from ppmcal.kinematics.tables import home_conditioning
 from ppmcal.mechanism import Mechanism
 from ppmcal.plan import accuracy
 from ppmcal.plan.accuracy import Curve

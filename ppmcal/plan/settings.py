@@ -12,7 +12,7 @@ from ppmcal.arrays import Array, Ints
 from ppmcal.conditions import STANDARD_GRAVITY
 from ppmcal.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.errors import BadInput, unknown
-from ppmcal.influence import with_strokes
+from ppmcal.kinematics.effect_response import with_strokes
 from ppmcal.mechanism import Mechanism
 from ppmcal.parameters import free_indices
 

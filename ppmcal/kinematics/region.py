@@ -14,11 +14,11 @@ from functools import lru_cache
 import numpy as np
 
 from ppmcal.arrays import Array, Bools
-from ppmcal.closure import Model
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.kinematics import inverse_table
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import named_only
+from ppmcal.kinematics.tables import inverse_table
 from ppmcal.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.targets import named_only
 
 LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}
 """A box turns the platform from home by no more."""

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
 from ppmcal.conditions import (
     Conditions,
     conditions,
@@ -17,8 +16,9 @@ from ppmcal.conditions import (
 )
 from ppmcal.dataset import Dataset
 from ppmcal.effects import LimbSetting, Setting, Shift, Terms, total
-from ppmcal.forward import forward
-from ppmcal.inverse import solve_rows
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import solve_rows
 from ppmcal.mechanism import Effect, Mechanism
 
 ROUNDS = 40

@@ -1,6 +1,6 @@
 """Kinematics of tables of poses: status row by row, paths checked for singularities.
 
-Platform poses of joint values come from Newton on the closure (:mod:`ppmcal.forward`) unless
+Platform poses of joint values come from Newton on the closure (:mod:`kinematics.forward`) unless
 the caller brings others (:mod:`ppmcal.intersection`).
 """
 
@@ -12,16 +12,16 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
 from ppmcal.conditions import Conditions
 from ppmcal.dataset import Dataset
-from ppmcal.equilibrium import reach
-from ppmcal.forward import Forward, conditioning, forward
-from ppmcal.inverse import home_state, solve_rows
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.forward import Forward, conditioning, forward
+from ppmcal.kinematics.inverse import home_state, solve_rows
+from ppmcal.kinematics.partial_pose import LACKING, Named, inverse_partial, pose_motor, pose_vector
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.limbs.chain import cross_matrix
 from ppmcal.mechanism import Mechanism
-from ppmcal.station import measured_pose
-from ppmcal.targets import LACKING, Named, inverse_partial, pose_motor, pose_vector
 
 SINGULAR = 0.02
 """A pose counts as singular below this part of the singular value at home."""
@@ -34,7 +34,7 @@ class Table:
     Attributes:
         q: joint values (N, k); pose: full poses (N, 6) x, y, z, rotation vector.
         rate: joint rates (N, k), nan where not asked for.
-        condition: smallest singular value of A (see :func:`ppmcal.forward.conditioning`).
+        condition: smallest singular value of A (see :func:`forward.conditioning`).
         status: ``ok``, ``unreachable``, ``limits``, ``singular``, ``crossed``, ``jump`` or
             ``not converged``; reason in words, empty for ``ok``.
     """

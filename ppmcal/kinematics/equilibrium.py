@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
 from ppmcal.conditions import Conditions, unknown_conditions
 from ppmcal.effects import Shift
-from ppmcal.forward import Forward, forward, moved, newton
-from ppmcal.influence import shifted
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.forward import Forward, forward, moved, newton
 from ppmcal.mechanism import Mechanism
 
 ROUNDS = 40

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.closure import Model
 from ppmcal.errors import BadInput
+from ppmcal.kinematics.closure import Model
 from ppmcal.limbs.chain import U
 from ppmcal.mechanism import Mechanism
 
