@@ -32,12 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.analysis import Z95, estimates, rank_of
-from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.fit import Fit, Options, posterior, prediction_covariance
 from ppmcal.holdout import fresh_state
 from ppmcal.identify import identify
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.noise_check import noise_check
 from ppmcal.problem import Problem
 from ppmcal.scenario import Circle, Random, Scenario

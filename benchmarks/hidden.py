@@ -46,8 +46,8 @@ from hidden_unknown import KINDS, UNKNOWN
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ppmcal.dataset import Dataset
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 

@@ -23,7 +23,7 @@ from hidden_scene import (
 )
 from numpy.typing import NDArray
 
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 STRUTS = ("R(P)R", "U(P)S", "R(P)S")
 """Limbs whose driven slide is the strut itself."""

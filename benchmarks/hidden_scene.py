@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
-from ppmcal.effects.kind import Shift
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, moved
 from ppmcal.kinematics.registration import Station, measured_pose
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.effects.kind import Shift
+from ppmcal.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]

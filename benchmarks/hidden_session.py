@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
-from ppmcal.dataset import Dataset
 from ppmcal.files import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import conditioning, forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.registration import Station
 from ppmcal.kinematics.tables import home_conditioning
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import coordinates
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

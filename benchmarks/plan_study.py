@@ -41,7 +41,7 @@ from ppmcal.fit import Fit, posterior  # noqa: E402
 from ppmcal.holdout import fresh_state  # noqa: E402
 from ppmcal.identify import identify  # noqa: E402
 from ppmcal.instrument import Instrument, default_instrument  # noqa: E402
-from ppmcal.mechanism import Mechanism  # noqa: E402
+from ppmcal.model.mechanism import Mechanism  # noqa: E402
 from ppmcal.plan.candidates import evenly, region_of  # noqa: E402
 from ppmcal.plan.run import Options, plan  # noqa: E402
 from ppmcal.problem import Problem  # noqa: E402

@@ -30,13 +30,13 @@ from real_deltas import mechanism_text, write_data
 from ppmcal.analysis import report
 from ppmcal.arrays import known
 from ppmcal.compare import Change, between, posterior_of
-from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_campaign, read_mechanism
 from ppmcal.fit import Fit, Options
 from ppmcal.flatness import flats
 from ppmcal.holdout import fresh_state, register_only
 from ppmcal.identify import identify
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.noise_check import noise_check
 from ppmcal.problem import Problem
 from ppmcal.residuals import residuals

@@ -25,7 +25,7 @@ from ppmcal.files import read_campaign, read_mechanism
 from ppmcal.fit import Fit, Options
 from ppmcal.holdout import register_only
 from ppmcal.identify import identify
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.noise_check import noise_check
 from ppmcal.problem import Problem
 from ppmcal.residuals import closure_lengths

@@ -27,7 +27,6 @@ import pytest  # noqa: E402
 import yaml  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from ppmcal.dataset import Dataset, Unknown  # noqa: E402
 from ppmcal.files import read_mechanism, read_scenario  # noqa: E402
 from ppmcal.fit import Fit, Options  # noqa: E402
 from ppmcal.identify import identify  # noqa: E402
@@ -35,6 +34,7 @@ from ppmcal.kinematics.closure import Model  # noqa: E402
 from ppmcal.kinematics.forward import forward  # noqa: E402
 from ppmcal.kinematics.registration import Station, predict  # noqa: E402
 from ppmcal.kinematics.tables import inverse_table, pose_motor, pose_vector  # noqa: E402
+from ppmcal.model.dataset import Dataset, Unknown  # noqa: E402
 from ppmcal.problem import CHUNK, Problem  # noqa: E402
 
 Array = NDArray[np.float64]

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.limbs.chain import cross_matrix
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.limbs.chain import cross_matrix
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import SCALARS, rotation_residual
 from ppmcal.scalars import start_scalar
 

@@ -13,14 +13,14 @@ import numpy as np
 
 from ppmcal.arrays import Array, svd
 from ppmcal.blunders import Blunders, blunders
-from ppmcal.dataset import Dataset
 from ppmcal.earlier import BENT, Posterior
 from ppmcal.fit import Fit, Options, posterior, prediction_covariance
 from ppmcal.flatness import Flat, flats
 from ppmcal.holdout import held_out, on_other, register_only
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linear import SOLVE_TOLERANCE
-from ppmcal.mechanism import Mechanism, Registration
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism, Registration
 from ppmcal.noise_check import Noise, noise_check
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, Rank, analyse, observability

@@ -20,7 +20,7 @@ from ppmcal.earlier import BENT, Earlier, Posterior, of_data
 from ppmcal.errors import BadInput
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.moved import Moved, moved
 from ppmcal.noise_check import noise_check
 from ppmcal.variance import with_noise

@@ -14,8 +14,6 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Bools
-from ppmcal.conditions import Conditions, conditions
-from ppmcal.dataset import Dataset
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.forward import forward
@@ -28,7 +26,8 @@ from ppmcal.kinematics.partial_pose import (
 )
 from ppmcal.kinematics.registration import Station, measured_pose, predict
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.mechanism import Mechanism, Registration
+from ppmcal.model.dataset import Conditions, Dataset, conditions
+from ppmcal.model.mechanism import Mechanism, Registration
 from ppmcal.problem import Problem, State
 
 FAR_OUTSIDE = 0.5
@@ -95,7 +94,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
         registration: frame and target; None for wanted platform poses in the base frame.
         knowledge: covariance and measured volume, None where not available.
         dataset: name of the data set that ``registration`` belongs to.
-        columns: what effects depend on, as in :func:`ppmcal.conditions.conditions`.
+        columns: what effects depend on, as in :func:`ppmcal.model.dataset.conditions`.
         sequence: targets are visited in order, which gives the directions of approach.
 
     An instrument's own scale error or tilt (effects ``sensor_scale``, ``tilt``) is not
@@ -209,7 +208,7 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration |
         registration: frame and target in which the pose is measured; None: the base frame.
         knowledge: what the identification knows.
         dataset: name of the data set that ``registration`` belongs to.
-        columns: what effects depend on, as in :func:`ppmcal.conditions.conditions`.
+        columns: what effects depend on, as in :func:`ppmcal.model.dataset.conditions`.
 
     Poses that the machine does not take are nan.
     """

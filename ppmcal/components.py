@@ -13,9 +13,9 @@ import numpy as np
 
 from ppmcal.arrays import Array
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.limbs.chain import SlotSpec
-from ppmcal.mechanism import Limb, Mechanism
-from ppmcal.parameters import Parameter, SlotMap
+from ppmcal.model.limbs.chain import SlotSpec
+from ppmcal.model.mechanism import Limb, Mechanism
+from ppmcal.model.parameters import Parameter, SlotMap
 
 PLATFORM_POINT = "platform.point"
 RATIO = "ratio"

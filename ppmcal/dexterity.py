@@ -12,7 +12,7 @@ import numpy as np
 from ppmcal.arrays import Array, known
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 CHUNK = 20_000
 """Poses evaluated at once."""

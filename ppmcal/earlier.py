@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.arrays import Array, svd
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 ROUND_OFF = 1e-9
 """Frames and targets that others imitate are so little of their own length apart."""

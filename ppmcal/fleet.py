@@ -18,7 +18,7 @@ from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import solve_named
 from ppmcal.kinematics.region import named
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import coordinates_of, turn_between
 from ppmcal.recalibration import Calibrated, Recipe, calibrate
 

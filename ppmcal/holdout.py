@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.arrays import Bools, known
-from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.registration import Station
+from ppmcal.model.dataset import Dataset
 from ppmcal.observation import coordinates
 from ppmcal.problem import Problem, State
 from ppmcal.residuals import residuals

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.dataset import Dataset, Unknown
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, measured_pose
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import SCALARS
 
 OF_TOLERANCE = 0.1

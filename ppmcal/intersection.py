@@ -31,7 +31,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import CONTRACTION, SMALLEST_STEP, Forward, moved
 from ppmcal.kinematics.inverse import home_state, solve_rows
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.modes_planar import rotations, weights
 from ppmcal.modes_search import apart
 

@@ -18,7 +18,7 @@ from ppmcal.arrays import Array, known
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.inverse import home_state, solve_blocks
-from ppmcal.limbs.chain import cross_matrix
+from ppmcal.model.limbs.chain import cross_matrix
 
 CHUNK = 8192
 ROUNDS, STARTS = 30, 150

@@ -9,9 +9,9 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
-from ppmcal.dataset import Dataset
 from ppmcal.kinematics.registration import Station
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import pivot
 
 PARTS = ("x", "y", "z", "rx", "ry", "rz")

@@ -15,12 +15,12 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
 from ppmcal.compensate import Compensation, Knowledge, compensate, station_of
-from ppmcal.conditions import conditions
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import base_station, pose_motor
 from ppmcal.kinematics.registration import predict
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import conditions
+from ppmcal.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True)

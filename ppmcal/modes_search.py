@@ -17,7 +17,7 @@ from ppmcal.arrays import Array, Bools
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.forward import CLOSED, newton
-from ppmcal.mechanism import Mechanism, joint_points
+from ppmcal.model.mechanism import Mechanism, joint_points
 
 PLACE = "assembly modes"
 BATCH = 1000

@@ -12,7 +12,7 @@ from ppmcal.earlier import Earlier
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True)

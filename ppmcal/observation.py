@@ -14,10 +14,10 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Bools, known
-from ppmcal.dataset import Dataset
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.limbs.chain import cross_matrix, left_jacobian
-from ppmcal.mechanism import POSE_COORDINATES
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
+from ppmcal.model.mechanism import POSE_COORDINATES
 
 SCALARS = {"plane": 2, "distance": 0}
 """Instruments that measure one number, and its place among x, y, z, rx, ry, rz."""

@@ -8,7 +8,7 @@ from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 
 MOST_TRIALS = 200

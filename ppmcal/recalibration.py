@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, svd
 from ppmcal.compensate import Knowledge, prediction_jacobian
-from ppmcal.conditions import unknown_conditions
-from ppmcal.dataset import Dataset
 from ppmcal.errors import PpmcalError
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
@@ -31,7 +29,8 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.layout import Open, turned_about
 from ppmcal.linear import column_scale, prior_weights
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, unknown_conditions
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import SCALARS, coordinates_of, turn_between
 from ppmcal.problem import Problem, State
 

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal.arrays import Array, Bools, svd
-from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.gauss_newton import Progress
 from ppmcal.linear import column_scale, reduce_rows, small_problem
+from ppmcal.model.dataset import Dataset
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE
 from ppmcal.words import counted

@@ -9,12 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.conditions import (
-    Conditions,
-)
-from ppmcal.effects import Setting, Shift
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.effect_response import effect_terms, setting
+from ppmcal.model.dataset import Conditions
+from ppmcal.model.effects import Setting, Shift
 from ppmcal.observation import View
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.dataset import Dataset
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.registration import Station, predict
+from ppmcal.model.dataset import Dataset
 
 
 def refuse_flat(kind: str, motion: str, source: str) -> None:

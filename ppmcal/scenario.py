@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.arrays import Array
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
 

@@ -33,8 +33,8 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import Table, inverse_table
-from ppmcal.mechanism import Mechanism
-from ppmcal.parameters import unmatched
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.parameters import unmatched
 
 MULTIPLES = np.logspace(-3.0, 3.0, 25)
 """Multiples of the tolerances at which the linear model is tried."""

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, Ints, known
-from ppmcal.conditions import Conditions, conditions
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, with_strokes
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Conditions, conditions
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import SCALARS, stretched
 from ppmcal.patterns import commands
 from ppmcal.scalars import refuse_flat

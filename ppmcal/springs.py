@@ -14,7 +14,7 @@ import numpy as np
 from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Closure
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 EXAMPLE = "stiffness: {bar: 5e4, drive: 2e5}"
 

@@ -32,7 +32,7 @@ from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import named, placed
 from ppmcal.kinematics.tables import Table, home_conditioning, inverse_table
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.springs import Spring, spring_columns, springs_of
 
 RIGID = 1e-11

@@ -20,7 +20,7 @@ from ppmcal.errors import BadInput
 from ppmcal.fleet import Errors, Fleet, Judged, batches, run, together
 from ppmcal.jacobians import Poses, covariance, error_jacobian, root_sum_square
 from ppmcal.kinematics.closure import Model
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.parallel import over
 
 DRAWS, BEYOND, MOST_DRAWS = 4000, 400, 40_000

@@ -16,10 +16,10 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
 from ppmcal.fit import Fit, directions, posterior
 from ppmcal.kinematics.closure import Model
-from ppmcal.limbs.chain import cross_matrix
 from ppmcal.linear import column_scale, prior_weights, reduce_rows
-from ppmcal.mechanism import Mechanism
-from ppmcal.parameters import is_joint_component
+from ppmcal.model.limbs.chain import cross_matrix
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.parameters import is_joint_component
 from ppmcal.problem import Problem
 
 SHARE = 0.7

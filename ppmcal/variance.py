@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options, prediction_covariance
 from ppmcal.gauss_newton import Progress, gauss_newton
 from ppmcal.identify import identify
 from ppmcal.linear import reduce_rows
+from ppmcal.model.dataset import Dataset
 from ppmcal.problem import Problem
 
 LEAST = 5.0

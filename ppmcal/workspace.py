@@ -28,7 +28,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
 from ppmcal.kinematics.region import Grid
 from ppmcal.kinematics.tables import Table, home_conditioning, inverse_table, limit_reason
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 ON_CURVE = 1e-5
 """A pose is on the singular curve where A's smallest singular value is below this part of home's:

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal.arrays import Array, Bools, Ints, thinned
-from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit
+from ppmcal.model.dataset import Dataset
 from ppmcal.problem import Problem
 
 SHIFTED = 1e-3

@@ -25,7 +25,7 @@ from ppmcal.files import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 Limbs = list[dict[str, Any]]

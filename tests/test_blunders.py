@@ -16,10 +16,10 @@ from test_instruments import data_of, truth
 from test_untold import joints_at, printer, touches
 
 from ppmcal.blunders import blunders
-from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.blunder_words import sentences, shifts
 from ppmcal.problem import Problem
 from ppmcal.zeros import Shift

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.analysis import rank_of
 from ppmcal.compare import Comparison, between, posterior_of
-from ppmcal.dataset import Dataset, Unknown
 from ppmcal.earlier import Posterior
 from ppmcal.files import read_mechanism
 from ppmcal.fit import Fit, Options, posterior, prediction_covariance
@@ -25,7 +24,8 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, measured_pose
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.problem import Problem
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import conditioning, forward
 from ppmcal.kinematics.inverse import Inverse, home_state
 from ppmcal.kinematics.partial_pose import inverse_partial
-from ppmcal.limbs import kinds
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.limbs import kinds
+from ppmcal.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 

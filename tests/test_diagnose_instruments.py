@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from test_instruments import data_of, truth
 from test_untold import joints_at, printer, touches
 
-from ppmcal.acting import Given, with_effect
-from ppmcal.dataset import Dataset
 from ppmcal.diagnose.result import Diagnosis
 from ppmcal.diagnose.run import diagnose
 from ppmcal.diagnose.stage import run_stage
-from ppmcal.effects import effect_kinds
 from ppmcal.identify import identify
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.effects import effect_kinds
+from ppmcal.model.mechanism import Given, Mechanism, with_effect
 from ppmcal.problem import Problem
 
 Array = NDArray[np.float64]

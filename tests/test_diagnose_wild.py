@@ -24,13 +24,13 @@ from test_diagnose_commands import (
     value,
 )
 
-from ppmcal.dataset import Dataset
 from ppmcal.diagnose import run as diagnosing
 from ppmcal.diagnose.refit import of_rows
 from ppmcal.files import read_campaign, read_mechanism
 from ppmcal.fit import OUTLIER, Fit
 from ppmcal.fit import Options as FitOptions
 from ppmcal.identify import identify
+from ppmcal.model.dataset import Dataset
 from ppmcal.problem import Problem
 
 SIDECAR = "s/measurements.yaml"

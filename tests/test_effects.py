@@ -16,9 +16,6 @@ import pytest
 from machines import KINDS, Array, delta, difference, full, mixed, spread
 
 from ppmcal import algebra as cga
-from ppmcal.conditions import Conditions, conditions, unknown_conditions, ways
-from ppmcal.dataset import Dataset
-from ppmcal.effects import EffectKind, LimbSetting, Setting, effect_kinds
 from ppmcal.files import read_mechanism
 from ppmcal.files.effects import with_effects
 from ppmcal.kinematics.closure import Model
@@ -34,7 +31,9 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Conditions, Dataset, conditions, unknown_conditions, ways
+from ppmcal.model.effects import EffectKind, LimbSetting, Setting, effect_kinds
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import stretched
 from ppmcal.problem import Problem, State
 from ppmcal.units import SI

@@ -14,8 +14,8 @@ import pytest
 import yaml
 from commands import EXECUTABLE, columns, number, pick, ppmcal, rows, write_csv
 
-from ppmcal.effects import effect_kinds
 from ppmcal.files import read_mechanism
+from ppmcal.model.effects import effect_kinds
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 POSES: dict[str, Any] = {

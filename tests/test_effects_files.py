@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
-from ppmcal.effects import effect_kinds
 from ppmcal.errors import BadInput
 from ppmcal.files import read_mechanism, read_scenario, write_mechanism
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.effects import effect_kinds
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -18,7 +18,7 @@ from ppmcal.files import (
 )
 from ppmcal.files.exact import decimals, to_file
 from ppmcal.files.yaml_text import dump_yaml, number_text, read_yaml
-from ppmcal.limbs import kinds
+from ppmcal.model.limbs import kinds
 
 GOOD = Path(__file__).parent / "broken"
 SETTINGS = settings(max_examples=30, deadline=None,

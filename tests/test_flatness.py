@@ -11,10 +11,10 @@ from test_instruments import truth
 from test_untold import fitted, printer, touches
 
 from ppmcal import algebra as cga
-from ppmcal.dataset import Unknown
 from ppmcal.flatness import Flat, flats
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
+from ppmcal.model.dataset import Unknown
 
 SCATTER = 1e-5
 """What :func:`touches` adds to every height."""

@@ -25,7 +25,7 @@ from ppmcal.controllers.pose_grid import (
 from ppmcal.files import read_mechanism, write_mechanism
 from ppmcal.files.folder import RECORD
 from ppmcal.kinematics.region import Grid, named
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 COUNTS = {"3-RPR": 11 * 11 * 9, "delta-linear": 11**3, "6-UPS": 5**3 * 3**3, "3-RPS": 11 * 9 * 9}

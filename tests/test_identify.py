@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from ppmcal.analysis import estimates, rank_of, report
 from ppmcal.compensate import Knowledge, compensate
-from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_campaign, read_mechanism, read_scenario
 from ppmcal.fit import Fit, Options, posterior
 from ppmcal.holdout import fresh_state
@@ -28,7 +27,8 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.kinematics.tables import pose_motor, pose_vector
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import coordinates
 from ppmcal.outputs.simulation import files
 from ppmcal.problem import Problem, State

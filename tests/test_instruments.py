@@ -13,7 +13,6 @@ from commands import ppmcal, rows
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_mechanism
 from ppmcal.fit import Fit, Options, prediction_covariance
 from ppmcal.identify import identify
@@ -22,7 +21,8 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.problem import Problem
 from ppmcal.variance import noise_ratios, with_estimated_noise
 

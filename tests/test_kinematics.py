@@ -24,8 +24,8 @@ from ppmcal.kinematics.tables import (
     pose_vector,
     velocity_table,
 )
-from ppmcal.limbs import kinds
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.limbs import kinds
+from ppmcal.model.mechanism import Mechanism
 
 ANY_POSE = ("R(P)R", "(R)PR", "(P)PR", "P(P)R", "(P)RP", "R(P)P", "U(P)S", "R(P)S")
 SHORT_REACH = tuple(k for k in KINDS if k not in ANY_POSE)

@@ -16,8 +16,8 @@ from machines import KINDS, Array
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.limbs import kinds
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.limbs import kinds
+from ppmcal.model.mechanism import Mechanism
 
 each = pytest.mark.parametrize("kind", KINDS)
 six_legs = pytest.mark.parametrize("kind", ["U(P)S", "(P)US", "(R)US"])

@@ -12,12 +12,12 @@ from commands import ppmcal
 from numpy.typing import NDArray
 
 from ppmcal.compensate import station_of
-from ppmcal.conditions import unknown_conditions
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.registration import predict
-from ppmcal.mechanism import Registration
+from ppmcal.model.dataset import unknown_conditions
+from ppmcal.model.mechanism import Registration
 from ppmcal.simulate import simulate
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state, inverse
 from ppmcal.kinematics.partial_pose import inverse_partial
 from ppmcal.kinematics.tables import pose_vector, velocity_table
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 # --- [IK] section 3.1 and 3.2: 3-RPS ------------------------------------------------
 

@@ -12,7 +12,6 @@ import yaml
 from commands import ppmcal, rows, write_csv
 from scipy.optimize import minimize
 
-from ppmcal.effects import effect_kinds
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import read_mechanism
 from ppmcal.instrument import default_instrument
@@ -20,6 +19,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.tables import forward_table, inverse_table
+from ppmcal.model.effects import effect_kinds
 from ppmcal.outputs.plan import accuracy_table, pose_table
 from ppmcal.plan import accuracy
 from ppmcal.plan.candidates import NEAR_SINGULAR, draw, evenly, listed, region_of

@@ -15,11 +15,11 @@ import yaml
 from numpy.typing import NDArray
 
 from ppmcal.analysis import rank_of
-from ppmcal.dataset import Dataset, Unknown
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.fit import Fit
 from ppmcal.linear import column_scale, reduce_rows
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.problem import Problem
 from ppmcal.rank import analyse
 from ppmcal.scenario import Circle, Random, Scenario

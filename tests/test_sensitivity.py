@@ -26,7 +26,7 @@ from ppmcal.jacobians import (
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.sensitivity import Asked, analyse
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -20,8 +20,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ppmcal.conditions import conditions
-from ppmcal.effects import Shift
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import csv_text, read_mechanism, write_mechanism
 from ppmcal.files.stiffness_reader import joint_names
@@ -32,7 +30,9 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.region import Grid, slice_axes
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.mechanism import Limb, Mechanism
+from ppmcal.model.dataset import conditions
+from ppmcal.model.effects import Shift
+from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.outputs.tables import pose_columns
 from ppmcal.springs import springs_of
 from ppmcal.stiffness import Compliance, compliance, stiffness_at_home, stiffness_table

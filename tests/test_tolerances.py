@@ -13,7 +13,6 @@ from scipy.optimize import minimize
 from ppmcal import algebra as cga
 from ppmcal.allocation import cost, demand, equal_parts, felt, least_cost, one_for_all
 from ppmcal.components import geometry_only, sources, tolerances
-from ppmcal.dataset import Dataset
 from ppmcal.files import read_mechanism, write_mechanism
 from ppmcal.fit import Options
 from ppmcal.fleet import Errors, Fleet, batches, run, together
@@ -27,7 +26,8 @@ from ppmcal.kinematics.region import named
 from ppmcal.kinematics.registration import predict
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linear import column_scale
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import coordinates_of
 from ppmcal.parallel import over
 from ppmcal.plan.candidates import evenly, region_of

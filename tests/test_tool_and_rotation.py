@@ -9,7 +9,6 @@ import pytest
 from commands import ppmcal
 from scipy.spatial.transform import Rotation
 
-from ppmcal.conditions import conditions
 from ppmcal.errors import BadInput
 from ppmcal.files.rotation_text import check_convention
 from ppmcal.kinematics.closure import Model
@@ -17,6 +16,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import Named, pose_motor, pose_vector
 from ppmcal.kinematics.rotations import ORDERS, euler_rates, from_euler, to_euler, to_quaternion
 from ppmcal.kinematics.tables import forward_table, inverse_table, tool_poses, velocity_table
+from ppmcal.model.dataset import conditions
 
 TOOL = {"planar": np.array([0.031, -0.047, 0.0])}
 SPATIAL_TOOL = np.array([0.021, -0.034, -0.09])

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from test_instruments import data_of, joints, truth
 
 from ppmcal import algebra as cga
-from ppmcal.dataset import Dataset
 from ppmcal.files import read_mechanism
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
@@ -22,7 +21,8 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, measured_pose
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.untold_words import sentences
 from ppmcal.problem import Problem
 from ppmcal.untold import CALIPER, foreseen, untold

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ppmcal.dataset import Dataset
-    from ppmcal.mechanism import Mechanism
+    from ppmcal.model.dataset import Dataset
+    from ppmcal.model.mechanism import Mechanism
 
 
 def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
@@ -20,7 +20,7 @@ def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
     from ppmcal.errors import unknown
     from ppmcal.files import read_mechanism
     from ppmcal.kinematics.effect_response import with_strokes
-    from ppmcal.parameters import unmatched
+    from ppmcal.model.parameters import unmatched
 
     mechanism = read_mechanism(mech)
     if patterns == ("none",):

@@ -16,7 +16,7 @@ import click
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from ppmcal.mechanism import Mechanism
+    from ppmcal.model.mechanism import Mechanism
 
 F = TypeVar("F", bound=Callable[..., Any])
 WIDTH = 80

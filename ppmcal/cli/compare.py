@@ -22,7 +22,7 @@ from ppmcal.cli.common import (
 
 if TYPE_CHECKING:
     from ppmcal.compare import Comparison
-    from ppmcal.mechanism import Mechanism
+    from ppmcal.model.mechanism import Mechanism
 
 PATH = click.Path(path_type=Path)
 SHOWN = 12

@@ -23,7 +23,7 @@ from ppmcal.cli.common import (
 if TYPE_CHECKING:
     from ppmcal.compensate import Compensation, Knowledge
     from ppmcal.files.poses import PoseTable
-    from ppmcal.mechanism import Mechanism, Registration
+    from ppmcal.model.mechanism import Mechanism, Registration
 
 
 @click.command("compensate")
@@ -138,9 +138,9 @@ def _enough(mechanism: Mechanism, poses: PoseTable, targets: Path, sequence: boo
     """Refuse targets that lack a column which the machine's effects depend on."""
     import numpy as np
 
-    from ppmcal.conditions import conditions
     from ppmcal.errors import BadInput
     from ppmcal.kinematics.effect_response import missing_columns
+    from ppmcal.model.dataset import conditions
 
     n = len(poses.rows)
     # in a sequence every joint's direction follows from the order

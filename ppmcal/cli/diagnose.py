@@ -99,8 +99,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
 
 def _known_kinds(kinds: tuple[str, ...]) -> None:
     if kinds:
-        from ppmcal.effects import effect_kinds
         from ppmcal.errors import unknown
+        from ppmcal.model.effects import effect_kinds
 
         for kind in kinds:
             if kind != "geometry" and kind not in effect_kinds():

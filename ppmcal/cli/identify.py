@@ -25,9 +25,9 @@ from ppmcal.cli.identified import show_result
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ppmcal.dataset import Dataset
     from ppmcal.fit import Fit, Options
-    from ppmcal.mechanism import Mechanism
+    from ppmcal.model.dataset import Dataset
+    from ppmcal.model.mechanism import Mechanism
     from ppmcal.problem import Problem
 
 

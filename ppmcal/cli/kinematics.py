@@ -23,9 +23,9 @@ from ppmcal.words import counted
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ppmcal.conditions import Conditions
     from ppmcal.kinematics.tables import Table
-    from ppmcal.mechanism import Mechanism
+    from ppmcal.model.dataset import Conditions
+    from ppmcal.model.mechanism import Mechanism
     from ppmcal.outputs.tables import Shown
 
 
@@ -155,13 +155,13 @@ def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
 def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Conditions]:
     import numpy as np
 
-    from ppmcal.conditions import conditions
     from ppmcal.errors import BadInput
     from ppmcal.files import read_joints, read_poses, twists
     from ppmcal.intersection import forward_by_intersection
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.partial_pose import Named
     from ppmcal.kinematics.tables import forward_table, inverse_table, velocity_table
+    from ppmcal.model.dataset import conditions
 
     model = Model(mechanism)
     if asked.which == "forward":

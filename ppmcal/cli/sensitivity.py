@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ppmcal.kinematics.region import Grid
-    from ppmcal.mechanism import Mechanism
+    from ppmcal.model.mechanism import Mechanism
     from ppmcal.sensitivity import Sensitivity
 
 SHOWN = 10
@@ -139,7 +139,7 @@ def _narrowed(machine: Mechanism, patterns: tuple[str, ...]) -> Mechanism:
     from dataclasses import replace
 
     from ppmcal.errors import unknown
-    from ppmcal.parameters import unmatched
+    from ppmcal.model.parameters import unmatched
 
     for pattern in unmatched(machine.parameters, patterns):
         raise unknown("parameter", pattern, machine.names, "--free")

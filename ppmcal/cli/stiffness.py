@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ppmcal.kinematics.region import Grid
-    from ppmcal.mechanism import Mechanism
+    from ppmcal.model.mechanism import Mechanism
     from ppmcal.outputs.stiffness_words import Load
 
     Array = NDArray[np.float64]
@@ -150,8 +150,8 @@ def _payload(mass: float, mechanism: Mechanism) -> Load:
     """Return the weight of a mass; refuse one that acts across the machine's plane."""
     import numpy as np
 
-    from ppmcal.conditions import STANDARD_GRAVITY
     from ppmcal.errors import BadInput
+    from ppmcal.model.dataset import STANDARD_GRAVITY
     from ppmcal.outputs.stiffness_words import Load
 
     if not 0.0 < mass < LARGEST:

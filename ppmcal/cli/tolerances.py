@@ -23,7 +23,7 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.mechanism import Mechanism
+    from ppmcal.model.mechanism import Mechanism
     from ppmcal.outputs.tolerances import Result
 
 

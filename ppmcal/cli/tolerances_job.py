@@ -21,7 +21,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.tolerances import Result
 from ppmcal.parallel import cores as all_cores
 from ppmcal.plan.candidates import evenly, region_of

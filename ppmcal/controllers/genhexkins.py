@@ -28,8 +28,8 @@ from ppmcal.files.hal import STRUTS, Geometry, Joint, Points
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.limbs.chain import U
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.limbs.chain import U
+from ppmcal.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True, eq=False)

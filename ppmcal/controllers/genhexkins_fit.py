@@ -21,7 +21,7 @@ from ppmcal.files.hal import STRUTS
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 EXACT = 1e-9
 """genhexkins expresses a machine whose largest error is below this, m."""

@@ -27,7 +27,7 @@ from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
-from ppmcal.mechanism import Effect, Mechanism
+from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.units import LENGTHS
 
 TARGET = 1e-8

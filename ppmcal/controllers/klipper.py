@@ -23,7 +23,7 @@ from ppmcal.files.klipper import TOWERS, Geometry
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 MM = 1e-3
 UPRIGHT = 0.95

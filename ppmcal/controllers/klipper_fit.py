@@ -19,7 +19,7 @@ from ppmcal.controllers.klipper import MM, Drive, drawn, drive_of, follows, reac
 from ppmcal.controllers.klipper import axis as tower_axis
 from ppmcal.errors import NoResult
 from ppmcal.files.klipper import Geometry
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 Numbers = TypeVar("Numbers")
 

@@ -9,7 +9,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
 from ppmcal.errors import NoResult
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True)

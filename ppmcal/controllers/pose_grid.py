@@ -20,14 +20,14 @@ from scipy.interpolate import RegularGridInterpolator
 
 from ppmcal.arrays import Array, Bools, known
 from ppmcal.compensate import compensate
-from ppmcal.conditions import REFERENCE_TEMPERATURE, Conditions, conditions
 from ppmcal.controllers.misses import Misses, misses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import base_station, inverse_partial, pose_motor, wanted_poses
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Conditions, conditions
+from ppmcal.model.mechanism import Mechanism
 
 PLACES = {1: 101, 2: 31, 3: 11, 4: 7, 5: 5, 6: 5}
 TURNS = {1: 101, 2: 31, 3: 9, 4: 5, 5: 3, 6: 3}

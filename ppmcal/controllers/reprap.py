@@ -27,7 +27,7 @@ from ppmcal.controllers.klipper import MM, Drive, drive_of, driven, triple
 from ppmcal.controllers.klipper_fit import Export, Terms, misses_at
 from ppmcal.files.klipper import ANGLES, Geometry
 from ppmcal.files.reprap import Delta
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 TERMS = Terms("RepRapFirmware", ("X", "Y", "Z"), "delta radius R",
               "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that")

@@ -12,8 +12,8 @@ from ppmcal.diagnose.frozen import frozen_slots
 from ppmcal.diagnose.shapes import shapes
 from ppmcal.diagnose.system import System
 from ppmcal.diagnose.unrecorded import unrecorded_load
-from ppmcal.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.kinematics.effect_response import lacking
+from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
 
 FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
 """Periods per stroke that are tried; a longer wave is a curvature."""

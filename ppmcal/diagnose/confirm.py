@@ -27,9 +27,9 @@ from ppmcal.diagnose.system import (
     range_basis,
     unit_columns,
 )
-from ppmcal.effects import find_effect
 from ppmcal.fit import Fit, posterior
 from ppmcal.fit import Options as FitOptions
+from ppmcal.model.effects import find_effect
 
 SURE, MOSTLY_KNOWN = 0.01, 0.5
 """A size is known where chance gives it this rarely if there is nothing; of several, so many."""

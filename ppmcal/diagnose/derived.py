@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.acting import joint_quantity, resolved
 from ppmcal.analysis import Identification
-from ppmcal.conditions import unknown_conditions
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
-from ppmcal.mechanism import Effect
+from ppmcal.model.dataset import unknown_conditions
+from ppmcal.model.mechanism import Effect, joint_quantity, resolved
 
 SMALL = 1e-3
 """Slopes are taken over this part of a standard deviation."""

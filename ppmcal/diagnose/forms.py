@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.arrays import Array
 from ppmcal.diagnose.system import System
-from ppmcal.effects import Shift
+from ppmcal.model.effects import Shift
 
 GEOMETRY = "geometry"
 

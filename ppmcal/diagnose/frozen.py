@@ -9,8 +9,8 @@ import numpy as np
 from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import GEOMETRY, Collector, Form
 from ppmcal.diagnose.system import System
-from ppmcal.effects import Shift
-from ppmcal.parameters import is_joint_component
+from ppmcal.model.effects import Shift
+from ppmcal.model.parameters import is_joint_component
 
 
 def frozen_slots(to: Collector, tried: Sequence[int]) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from ppmcal.arrays import Array, Ints
-from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, prediction_covariance
 from ppmcal.holdout import fresh_state
+from ppmcal.model.dataset import Dataset
 from ppmcal.problem import Problem, Rows
 
 DRAWS = 2000

@@ -13,10 +13,9 @@ import numpy as np
 from scipy.special import bdtrc, gammaln
 
 from ppmcal.arrays import Array, Bools
-from ppmcal.conditions import Conditions
-from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Conditions, Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.problem import Problem
 from ppmcal.words import counted
 

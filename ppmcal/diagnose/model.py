@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.acting import Given, with_effect
 from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.search import Search, columns_of
-from ppmcal.effects import EffectParameter, find_effect
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.effects import EffectParameter, find_effect
+from ppmcal.model.mechanism import Given, Mechanism, with_effect
 
 SMALLEST = 1e-3
 """A coefficient outside its range starts at this part of its standard deviation inside."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ppmcal.arrays import Array, known
-from ppmcal.dataset import Dataset
 from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.stage import Stage, form_columns, of_single, without
@@ -21,6 +20,7 @@ from ppmcal.diagnose.system import build
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
+from ppmcal.model.dataset import Dataset
 from ppmcal.observation import SCALARS
 from ppmcal.problem import State
 from ppmcal.words import counted, shorter

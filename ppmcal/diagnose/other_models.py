@@ -18,7 +18,7 @@ from ppmcal.diagnose.rivals import Rival
 from ppmcal.diagnose.stage import Stage, named_only
 from ppmcal.errors import PpmcalError
 from ppmcal.fit import Fit, Options
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.model_average import Reading
 
 MOST = 4

@@ -9,7 +9,7 @@ import numpy as np
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.result import Found
 from ppmcal.diagnose.search import STARTS, Search, bic, columns_of, possible
-from ppmcal.effects import find_effect
+from ppmcal.model.effects import find_effect
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
            "vel": "the vel_ columns", "dir": "the dir_ columns", "temperature":

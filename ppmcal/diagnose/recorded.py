@@ -13,9 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.arrays import Bools, known
-from ppmcal.conditions import WRENCH, Conditions
-from ppmcal.dataset import Dataset
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import WRENCH, Conditions, Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.problem import Problem
 
 ENOUGH = 0.8

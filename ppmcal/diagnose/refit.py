@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ppmcal.arrays import Bools, known
-from ppmcal.dataset import Dataset
 from ppmcal.fit import Fit, Options
 from ppmcal.identify import identify
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.problem import Problem, State
 
 

@@ -9,7 +9,6 @@ from itertools import combinations
 import numpy as np
 
 from ppmcal.analysis import report
-from ppmcal.dataset import Dataset
 from ppmcal.diagnose import tables
 from ppmcal.diagnose.adequacy import Remainder, remainder
 from ppmcal.diagnose.blocks import block_gaps
@@ -41,6 +40,7 @@ from ppmcal.fit import Fit
 from ppmcal.fit import Options as FitOptions
 from ppmcal.holdout import split
 from ppmcal.identify import identify
+from ppmcal.model.dataset import Dataset
 from ppmcal.model_average import Reading
 from ppmcal.noise_check import ENOUGH_REPEATS
 from ppmcal.observation import coordinates

@@ -6,7 +6,7 @@ import numpy as np
 
 from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Collector, Form
-from ppmcal.effects import Shift
+from ppmcal.model.effects import Shift
 
 LOCAL, DISTORTION = "local", "distortion"
 SHAPES = (*((i / 12.0, w) for i in range(13) for w in (0.05, 0.1)),

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ppmcal.arrays import Array, Bools, Ints, known, thinned
-from ppmcal.conditions import REFERENCE_TEMPERATURE
 from ppmcal.fit import Fit
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import REFERENCE_TEMPERATURE
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import coordinates
 from ppmcal.problem import Rows
 

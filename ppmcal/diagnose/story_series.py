@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.arrays import Array, Ints
 from ppmcal.diagnose.result import Diagnosis, NamedEffect
 from ppmcal.diagnose.story_rows import Binned, Errors, Inputs, binned
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 MOST_SERIES = 12
 EACH, NOTICEABLE = 2, 0.2

@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal.arrays import Array, Bools, Ints, svd
-from ppmcal.effects import Setting, Shift
 from ppmcal.linear import column_scale
+from ppmcal.model.effects import Setting, Shift
 from ppmcal.problem import Problem, State
 from ppmcal.response import Response
 

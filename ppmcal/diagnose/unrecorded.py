@@ -15,8 +15,8 @@ from ppmcal.arrays import known
 from ppmcal.diagnose.forms import Collector, Form
 from ppmcal.diagnose.search import Search, columns_of
 from ppmcal.diagnose.system import Part
-from ppmcal.effects import Setting, effect_kinds
 from ppmcal.kinematics.effect_response import setting
+from ppmcal.model.effects import Setting, effect_kinds
 
 KIND, PARAMETER = "compliance", "stiffness"
 ALIKE = 0.5

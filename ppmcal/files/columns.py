@@ -19,7 +19,7 @@ from ppmcal.files.pose_text import (
 )
 from ppmcal.files.schema import hint
 from ppmcal.files.table import Table, refuse_absurd
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")

@@ -1,4 +1,4 @@
-"""Reading measurement files: CSV and sidecar to :class:`ppmcal.dataset.Dataset`, SI."""
+"""Reading measurement files: CSV and sidecar to :class:`ppmcal.model.dataset.Dataset`, SI."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
-from ppmcal.dataset import Dataset, Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files import columns as cols
 from ppmcal.files.columns import further_columns, row_list, stacked
@@ -29,7 +28,8 @@ from ppmcal.files.sidecar import (
 from ppmcal.files.table import Table, read_table
 from ppmcal.files.yaml_text import number_text
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.scalars import refuse_flat
 from ppmcal.units import Units
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ppmcal.arrays import Array
-from ppmcal.limbs import LimbKind
+from ppmcal.model.limbs import LimbKind
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from ppmcal.acting import Given, joint_quantity, resolved, with_effect
-from ppmcal.effects import EffectKind, EffectParameter, effect_kinds, find_effect
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.exact import to_file
 from ppmcal.files.schema import Flag, Label, Number, Spread, Strict, check, refuse, show
-from ppmcal.mechanism import Effect, Mechanism
-from ppmcal.parameters import free_indices
+from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds, find_effect
+from ppmcal.model.mechanism import Effect, Given, Mechanism, joint_quantity, resolved, with_effect
+from ppmcal.model.parameters import free_indices
 from ppmcal.units import Units
 
 GEOMETRY = "geometry"

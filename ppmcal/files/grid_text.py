@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.kinematics.region import Grid, slice_axes, slice_grid
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 LEVELS = {1: 201, 2: 41, 3: 15}
 """Levels of each coordinate where none are given, by how many coordinates the grid has."""

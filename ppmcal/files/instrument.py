@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.dataset import Unknown
 from ppmcal.errors import BadInput
 from ppmcal.files.columns import joint_factors
 from ppmcal.files.schema import check
@@ -23,7 +22,8 @@ from ppmcal.files.sidecar import (
 from ppmcal.files.yaml_text import read_yaml
 from ppmcal.instrument import Instrument
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.scalars import refuse_flat
 from ppmcal.units import Units
 

@@ -20,8 +20,8 @@ from ppmcal.files.drafts import Draft, Entry
 from ppmcal.files.mechanism_schema import DirectionFile, SlotFile
 from ppmcal.files.schema import check, show
 from ppmcal.files.slot_forms import TURNS, groups, point_parts, word
-from ppmcal.limbs import LimbKind, find_kind
-from ppmcal.limbs.chain import SlotSpec
+from ppmcal.model.limbs import LimbKind, find_kind
+from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.units import Units
 
 RODS = ("length", "proximal", "distal")

@@ -14,7 +14,7 @@ from ppmcal.files.columns import rotations, row_list, stacked
 from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.sidecar import SidecarFile, sigma_needs
 from ppmcal.files.table import Table
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.observation import NUMBERS
 from ppmcal.units import Units
 

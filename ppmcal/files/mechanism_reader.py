@@ -1,4 +1,4 @@
-"""Reading a mechanism file: from YAML to :class:`ppmcal.mechanism.Mechanism`, SI."""
+"""Reading a mechanism file: from YAML to :class:`ppmcal.model.mechanism.Mechanism`, SI."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from ppmcal.files.pose_text import COORDINATES, OF_FRAME, OF_MOTION, pose_from_m
 from ppmcal.files.schema import check, dotted
 from ppmcal.files.slot_forms import word
 from ppmcal.files.stiffness_reader import read_stiffness
-from ppmcal.mechanism import MOTIONS, Limb, Mechanism, Registration
-from ppmcal.parameters import Parameter, free_indices
+from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism, Registration
+from ppmcal.model.parameters import Parameter, free_indices
 from ppmcal.units import Units
 
 

@@ -15,8 +15,8 @@ from ppmcal.files.pose_text import OF_FRAME, OF_MOTION, pose_to_map
 from ppmcal.files.slot_text import SlotWriter
 from ppmcal.files.stiffness_reader import stiffness_trees
 from ppmcal.files.yaml_text import dump_yaml
-from ppmcal.mechanism import Mechanism
-from ppmcal.parameters import free_indices
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.parameters import free_indices
 
 
 def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from ppmcal.errors import BadInput
 from ppmcal.files.drafts import Draft, Entry
 from ppmcal.files.schema import hint
-from ppmcal.parameters import Parameter, SlotMap, unmatched
+from ppmcal.model.parameters import Parameter, SlotMap, unmatched
 
 ANGLE_DEFAULT = 1e-3
 REACH_FRACTION = 1e-3

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.arrays import Array
-from ppmcal.dataset import Dataset
 from ppmcal.files.columns import row_list
 from ppmcal.files.sidecar import sidecar_path
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 
 LENGTH_FACTORS = {1000.0: "mm against m", 25.4: "in against mm", 1e6: "um against m"}
 TURN = 2.0 * np.pi

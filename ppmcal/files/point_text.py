@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 LARGEST = 1e12
 

@@ -17,7 +17,7 @@ from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.rotation_text import EULER, under_vector_names
 from ppmcal.files.schema import hint
 from ppmcal.files.table import Table, read_table
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 

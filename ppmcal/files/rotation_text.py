@@ -12,7 +12,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.table import Table
 from ppmcal.kinematics.rotations import CONVENTIONS
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 EULER = ("euler_1", "euler_2", "euler_3")
 VECTOR = COORDINATES[3:]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ppmcal.arrays import Array
-from ppmcal.dataset import Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.columns import ZERO_CELSIUS, joint_factors
 from ppmcal.files.effects import with_effects
@@ -19,8 +18,9 @@ from ppmcal.files.scenario_schema import PosesFile, ScenarioFile
 from ppmcal.files.schema import LARGEST, check, hint, show
 from ppmcal.files.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.files.yaml_text import read_yaml
-from ppmcal.mechanism import Mechanism
-from ppmcal.parameters import Parameter
+from ppmcal.model.dataset import Unknown
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.parameters import Parameter
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 from ppmcal.units import Units
 

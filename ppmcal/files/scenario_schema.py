@@ -7,7 +7,6 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from ppmcal.dataset import KINDS
 from ppmcal.files.schema import (
     Count,
     Label,
@@ -20,6 +19,7 @@ from ppmcal.files.schema import (
     refuse,
     show,
 )
+from ppmcal.model.dataset import KINDS
 
 FORMAT = "ppmcal/scenario/1"
 _CENTER = {"center": "center: {x: 0, y: 0, rz: 0}", "count": "count: 30",

@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from ppmcal.arrays import Array
-from ppmcal.dataset import KINDS, Unknown
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.pose_text import OF_FRAME, pose_from_map
 from ppmcal.files.schema import (
@@ -25,7 +24,8 @@ from ppmcal.files.schema import (
     show,
 )
 from ppmcal.files.yaml_text import read_yaml
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import KINDS, Unknown
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
 FORMAT = "ppmcal/dataset/1"

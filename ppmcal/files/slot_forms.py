@@ -9,8 +9,8 @@ from pydantic import TypeAdapter, ValidationError
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.mechanism_schema import SlotFile
 from ppmcal.files.schema import Word, show
-from ppmcal.limbs import LimbKind
-from ppmcal.limbs.chain import SlotSpec
+from ppmcal.model.limbs import LimbKind
+from ppmcal.model.limbs.chain import SlotSpec
 
 TURNS = ("rx", "ry", "rz")
 

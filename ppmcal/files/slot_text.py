@@ -12,9 +12,9 @@ import numpy as np
 from ppmcal.files.directions import rotation
 from ppmcal.files.exact import to_file
 from ppmcal.files.slot_forms import groups
-from ppmcal.limbs.chain import SlotSpec
-from ppmcal.mechanism import Limb, Mechanism
-from ppmcal.parameters import Parameter
+from ppmcal.model.limbs.chain import SlotSpec
+from ppmcal.model.mechanism import Limb, Mechanism
+from ppmcal.model.parameters import Parameter
 
 
 class SlotWriter:

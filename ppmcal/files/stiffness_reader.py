@@ -15,9 +15,9 @@ from typing import Any
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.exact import to_file
 from ppmcal.files.schema import LARGEST, show
-from ppmcal.limbs import LimbKind
-from ppmcal.limbs.chain import JOINT_COMPONENTS
-from ppmcal.mechanism import Limb, Mechanism
+from ppmcal.model.limbs import LimbKind
+from ppmcal.model.limbs.chain import JOINT_COMPONENTS
+from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.units import Units
 
 KEY = "stiffness"

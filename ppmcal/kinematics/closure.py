@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
-from ppmcal.effects import Shift
-from ppmcal.limbs import Body
-from ppmcal.limbs.chain import Carried, U
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.effects import Shift
+from ppmcal.model.limbs import Body
+from ppmcal.model.limbs.chain import Carried, U
+from ppmcal.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.arrays import Array, known
-from ppmcal.conditions import (
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import solve_rows
+from ppmcal.model.dataset import (
     Conditions,
+    Dataset,
     conditions,
     unknown_conditions,
     with_platform_directions,
 )
-from ppmcal.dataset import Dataset
-from ppmcal.effects import LimbSetting, Setting, Shift, Terms, total
-from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.inverse import solve_rows
-from ppmcal.mechanism import Effect, Mechanism
+from ppmcal.model.effects import LimbSetting, Setting, Shift, Terms, total
+from ppmcal.model.mechanism import Effect, Mechanism
 
 ROUNDS = 40
 SETTLED = 1e-12

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.conditions import Conditions, unknown_conditions
-from ppmcal.effects import Shift
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import Forward, forward, moved, newton
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Conditions, unknown_conditions
+from ppmcal.model.effects import Shift
+from ppmcal.model.mechanism import Mechanism
 
 ROUNDS = 40
 SETTLED = 1e-12

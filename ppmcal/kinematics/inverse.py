@@ -18,8 +18,8 @@ from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
-from ppmcal.limbs.chain import U
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.limbs.chain import U
+from ppmcal.model.mechanism import Mechanism
 
 SURFACE_TOLERANCE = 1e-6
 """A full pose may miss the machine's surface by this part of its reach."""

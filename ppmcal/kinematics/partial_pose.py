@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.conditions import Conditions, unknown_conditions
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
@@ -17,8 +16,9 @@ from ppmcal.kinematics.forward import moved
 from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_blocks, solve_rows
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.rotations import euler_rates, from_euler, to_euler
-from ppmcal.limbs.chain import cross_matrix, left_jacobian
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Conditions, unknown_conditions
+from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
+from ppmcal.model.mechanism import Mechanism
 
 ITERATIONS = 50
 NEAR = 1e-11
@@ -47,7 +47,7 @@ class Named:
 
     Attributes:
         tool: the point whose position they are, platform axes (3,), m; axes are the platform's.
-        rotation: their convention, of :mod:`ppmcal.kinematics.rotations`; Euler angles stand in the places of
+        rotation: their convention, of :mod:`rotations`; Euler angles stand in the places of
             the rotation vector, so that each of them can be left open.
     """
 

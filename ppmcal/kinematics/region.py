@@ -18,7 +18,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}
 """A box turns the platform from home by no more."""

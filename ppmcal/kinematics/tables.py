@@ -12,16 +12,15 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array, known
-from ppmcal.conditions import Conditions
-from ppmcal.dataset import Dataset
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.forward import Forward, conditioning, forward
 from ppmcal.kinematics.inverse import home_state, solve_rows
 from ppmcal.kinematics.partial_pose import LACKING, Named, inverse_partial, pose_motor, pose_vector
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.limbs.chain import cross_matrix
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import Conditions, Dataset
+from ppmcal.model.limbs.chain import cross_matrix
+from ppmcal.model.mechanism import Mechanism
 
 SINGULAR = 0.02
 """A pose counts as singular below this part of the singular value at home."""

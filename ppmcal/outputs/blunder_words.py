@@ -6,7 +6,7 @@ from typing import Any
 
 from ppmcal import told
 from ppmcal.blunders import Blunder, Blunders
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.identification_units import column_factor, parameter_unit
 from ppmcal.zeros import Shift
 

@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal.arrays import Array
 from ppmcal.compensate import model_sigma
 from ppmcal.controllers.pose_grid import rest_columns
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.knowledge import read_knowledge
 
 KNOWLEDGE = "identification.json"

@@ -7,7 +7,7 @@ from typing import Any
 
 from ppmcal.compare import Change, Comparison
 from ppmcal.files import csv_text, json_text
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.identification_units import column_factor, parameter_unit
 
 

@@ -14,7 +14,7 @@ from ppmcal.diagnose.result import Diagnosis, NamedEffect
 from ppmcal.diagnose.story import story
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.files.columns import ZERO_CELSIUS
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model_average import Reading
 from ppmcal.outputs.identification import residuals_csv
 from ppmcal.outputs.identification import summary as identification_summary
@@ -186,8 +186,8 @@ def effects_csv(result: Diagnosis) -> str:
 
 def _detectable(mechanism: Mechanism, result: Diagnosis, candidate: Any) -> tuple[float, str]:
     """Return the smallest value that the data would show, and its unit."""
-    from ppmcal.acting import resolved
-    from ppmcal.effects import effect_kinds
+    from ppmcal.model.effects import effect_kinds
+    from ppmcal.model.mechanism import resolved
 
     if candidate.detectable <= 0.0:
         return np.nan, ""

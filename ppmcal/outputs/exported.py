@@ -14,7 +14,7 @@ from ppmcal.arrays import Array
 from ppmcal.controllers.misses import Misses
 from ppmcal.errors import unknown
 from ppmcal.files import json_text
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.certainty import UNKNOWN, Certainty
 
 FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",

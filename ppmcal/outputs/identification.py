@@ -13,7 +13,7 @@ from ppmcal.earlier import of_data
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fit import Fit
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.mechanism import POSE_COORDINATES, Registration
+from ppmcal.model.mechanism import POSE_COORDINATES, Registration
 from ppmcal.observation import labels
 from ppmcal.outputs.blunder_words import entry as blunder_entry
 from ppmcal.outputs.identification_units import column_factor

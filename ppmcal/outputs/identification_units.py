@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 
 
 def column_factor(mechanism: Mechanism, name: str) -> float:

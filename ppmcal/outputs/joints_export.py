@@ -20,7 +20,7 @@ from ppmcal.controllers.joint_tables import (
 )
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files.joint_compensation import MOST, format_triplets, parse_triplets
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, Number, figure
 
 SEED = 1

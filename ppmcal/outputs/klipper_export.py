@@ -19,7 +19,7 @@ from ppmcal.files.klipper import (
     read_config,
     read_geometry,
 )
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.exported import Exported, Figure, Lacking, Number, words
 
 CONFIG = "klipper.cfg"

@@ -12,7 +12,7 @@ from ppmcal.compensate import Knowledge
 from ppmcal.earlier import Posterior
 from ppmcal.errors import BadInput
 from ppmcal.files.records import FINITE, TEXT, read_json
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism, Registration
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.outputs.identification_units import column_factor
 from ppmcal.units import Units
 

@@ -36,7 +36,7 @@ from ppmcal.files.hal import (
     read_hal,
 )
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, Number, figure, words
 from ppmcal.units import LENGTHS
 

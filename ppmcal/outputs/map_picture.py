@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from ppmcal.arrays import Array
 from ppmcal.kinematics.region import Grid, placed
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.map_panel import Scale, draw_panel
 from ppmcal.outputs.map_profile import draw_profile
 from ppmcal.outputs.maps import Map

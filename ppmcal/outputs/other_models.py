@@ -8,7 +8,7 @@ from typing import Any
 from ppmcal.errors import BadInput
 from ppmcal.files import read_mechanism
 from ppmcal.files.records import FINITE, TEXT, read_json
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.model_average import Reading, Readings
 
 RECORD = "diagnosis.json"

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ppmcal.dataset import Unknown
+from ppmcal.model.dataset import Unknown
 from ppmcal.observation import NUMBERS
 from ppmcal.plan.accuracy import PAYS, reaching
 from ppmcal.plan.result import Plan

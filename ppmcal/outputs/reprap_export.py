@@ -19,7 +19,7 @@ from ppmcal.files.reprap import (
     read_delta,
     read_lines,
 )
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, Number, words
 from ppmcal.outputs.klipper_export import figure
 

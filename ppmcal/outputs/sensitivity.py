@@ -14,7 +14,7 @@ from ppmcal.jacobians import Poses, determinants, error_jacobian
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid
-from ppmcal.mechanism import POSE_COORDINATES
+from ppmcal.model.mechanism import POSE_COORDINATES
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.tables import map_table
 from ppmcal.sensitivity import Sensitivity

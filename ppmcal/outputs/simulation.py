@@ -11,7 +11,7 @@ import yaml
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.files.effects import effects_tree
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.observation import NUMBERS, SCALARS, coordinates_of
 from ppmcal.outputs.tables import joint_columns
 from ppmcal.scenario import Scenario

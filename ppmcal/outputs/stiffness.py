@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal.arrays import Array
 from ppmcal.files import json_text
 from ppmcal.kinematics.region import Grid
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.stiffness_words import (
     Load,

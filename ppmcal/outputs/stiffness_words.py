@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.arrays import Array
 from ppmcal.check import SINGULAR_HOME
 from ppmcal.kinematics.tables import home_conditioning
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.stiffness import Home, Principal, Stiffnesses
 
 ROUND_OFF = 1e-9

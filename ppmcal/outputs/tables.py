@@ -15,7 +15,7 @@ from ppmcal.files import csv_text, json_text
 from ppmcal.files.rotation_text import EULER, columns_of
 from ppmcal.kinematics.rotations import to_euler, to_quaternion
 from ppmcal.kinematics.tables import Table
-from ppmcal.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.maps import Map
 
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"

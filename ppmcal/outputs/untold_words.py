@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal import told
 from ppmcal.flatness import Flat
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.untold import CALIPER, Untold
 
 

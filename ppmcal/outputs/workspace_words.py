@@ -8,7 +8,7 @@ from typing import Any
 
 from ppmcal.arrays import Array
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.tables import pose_columns
 from ppmcal.outputs.workspace_units import ModeRow, distance_unit, size_unit, size_word, why
 from ppmcal.workspace import Workspace

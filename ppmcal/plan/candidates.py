@@ -23,7 +23,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import extent, named, placed
 from ppmcal.kinematics.tables import home_conditioning, inverse_table, limit_reason
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.clearance import too_close
 
 NEAR_SINGULAR = 0.25

@@ -9,13 +9,13 @@ import numpy as np
 
 from ppmcal.arrays import Array, Bools, Ints, known
 from ppmcal.compensate import Knowledge, prediction_jacobian
-from ppmcal.conditions import conditions
 from ppmcal.errors import NoResult
 from ppmcal.instrument import Instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linear import column_scale, prior_weights
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.dataset import conditions
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.candidates import Candidates
 from ppmcal.problem import Problem, State
 from ppmcal.rank import RANK_TOLERANCE, analyse, pivoted

@@ -15,7 +15,7 @@ import numpy as np
 
 from ppmcal.arrays import Array, Ints
 from ppmcal.instrument import Instrument
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.candidates import Candidates, Region, nearby, same_mode
 from ppmcal.plan.exchange import Design
 from ppmcal.plan.model import Offer, offer

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ppmcal.arrays import Array, Ints
 from ppmcal.instrument import Instrument
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.accuracy import Curve
 from ppmcal.plan.candidates import Candidates
 from ppmcal.plan.model import Offer

@@ -11,7 +11,7 @@ from ppmcal.arrays import Array, Ints
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.instrument import Instrument
 from ppmcal.kinematics.tables import home_conditioning
-from ppmcal.mechanism import Mechanism
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan import accuracy
 from ppmcal.plan.accuracy import Curve
 from ppmcal.plan.candidates import Candidates, Region, draw, evenly, listed, region_of

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.acting import Given, joint_quantity, resolved, with_effect
 from ppmcal.arrays import Array, Ints
-from ppmcal.conditions import STANDARD_GRAVITY
-from ppmcal.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.errors import BadInput, unknown
 from ppmcal.kinematics.effect_response import with_strokes
-from ppmcal.mechanism import Mechanism
-from ppmcal.parameters import free_indices
+from ppmcal.model.dataset import STANDARD_GRAVITY
+from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
+from ppmcal.model.mechanism import Given, Mechanism, joint_quantity, resolved, with_effect
+from ppmcal.model.parameters import free_indices
 
 PLACE = "--for"
 SETTABLE = ("dir", "vel", "load", "wrench", "temperature")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ppmcal.arrays import Bools
-from ppmcal.effects.kind import (
+from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,

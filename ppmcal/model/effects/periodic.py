@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.arrays import Bools
-from ppmcal.effects.kind import (
+from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,
@@ -18,7 +18,7 @@ from ppmcal.effects.kind import (
     register,
     total,
 )
-from ppmcal.effects.wave import wave
+from ppmcal.model.effects.wave import wave
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:

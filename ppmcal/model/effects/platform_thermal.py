@@ -1,11 +1,11 @@
-"""Thermal growth of the base: lengths grow with the temperature above 20 degrees Celsius."""
+"""Thermal growth of the platform: lengths grow with the temperature above 20 degrees Celsius."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from ppmcal.arrays import Bools
-from ppmcal.effects.kind import (
+from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
     Setting,
@@ -18,13 +18,13 @@ from ppmcal.effects.kind import (
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
-    """Base points x (1 + expansion (T - 20 C))."""
-    return linear(values, {"expansion": setting.at_slots("base", setting.temperature, on)})
+    """Platform points x (1 + expansion (T - 20 C))."""
+    return linear(values, {"expansion": setting.at_slots("platform", setting.temperature, on)})
 
 
-BASE_THERMAL = register(EffectKind(
-    "base_thermal", "base points x (1 + expansion (T - 20 C))",
+PLATFORM_THERMAL = register(EffectKind(
+    "platform_thermal", "platform points x (1 + expansion (T - 20 C))",
     "ISO 1: lengths refer to 20 degrees Celsius; ISO 230-3, thermal effects",
     fixed_list(EffectParameter("expansion", "1/K", low=-30e-6, high=30e-6, size=1e-6)),
     ("temperature",), _terms, per_actuator=False,
-    worked=Worked({"expansion": 11e-6}, {"temperature": 5.0, "base": 2.0}, 1.1e-4)))
+    worked=Worked({"expansion": 11e-6}, {"temperature": 5.0, "platform": 2.0}, 1.1e-4)))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ppmcal.limbs.chain import Chain, U, align, joint, shift, slide, turn
-from ppmcal.limbs.kind import LimbKind, register
-from ppmcal.limbs.surfaces import CIRCLE, SPHERE
+from ppmcal.model.limbs.chain import Chain, U, align, joint, shift, slide, turn
+from ppmcal.model.limbs.kind import LimbKind, register
+from ppmcal.model.limbs.surfaces import CIRCLE, SPHERE
 
 _BASE = shift("base.point", planar=False)
 _PLATFORM = Chain((shift("platform.point", planar=False),))

@@ -1,7 +1,7 @@
 """The four closure families: what the chain motors tie to what.
 
 Each builder yields, per condition, ``fixed, moving, scale, radius, middle line``; see
-:class:`ppmcal.limbs.kind.Body`. The middle line is the leg's line seen from the middle
+:class:`ppmcal.model.limbs.kind.Body`. The middle line is the leg's line seen from the middle
 chain's root: it turns errors of the middle chain into changes of radius or offset.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.arrays import Array
-from ppmcal.limbs.kind import Surface
+from ppmcal.model.limbs.kind import Surface
 
 Condition = tuple[Array, Array, Array, Array, Array]
 _Y = np.array([0.0, 1.0, 0.0])

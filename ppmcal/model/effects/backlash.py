@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ppmcal.arrays import Bools
-from ppmcal.effects.kind import (
+from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,

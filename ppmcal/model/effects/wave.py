@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from math import atan2, hypot, pi, remainder
 
-from ppmcal.effects.kind import Derived
+from ppmcal.model.effects.kind import Derived
 
 Values = Mapping[str, float]
 

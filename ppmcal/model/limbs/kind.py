@@ -19,7 +19,7 @@ import numpy as np
 
 from ppmcal.arrays import Array
 from ppmcal.errors import unknown
-from ppmcal.limbs.chain import Carried, Chain, SlotSpec, Step, Values
+from ppmcal.model.limbs.chain import Carried, Chain, SlotSpec, Step, Values
 
 
 @dataclass(frozen=True)

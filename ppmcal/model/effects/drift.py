@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.arrays import Bools
-from ppmcal.effects.kind import (
+from ppmcal.model.effects.kind import (
     COORDINATES,
     PLACE,
     EffectKind,

@@ -10,7 +10,7 @@ import importlib
 import pkgutil
 from importlib.metadata import entry_points
 
-from ppmcal.effects.kind import (
+from ppmcal.model.effects.kind import (
     Derived,
     EffectKind,
     EffectParameter,
