@@ -31,18 +31,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.analysis import Z95, estimates, rank_of
+from ppmcal.calibration.fit import Fit, Options, posterior, prediction_covariance
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.noise import noise_check, with_noise
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import Z95, estimates, rank_of
+from ppmcal.calibration.validation import fresh_state
 from ppmcal.files import read_mechanism, read_scenario
-from ppmcal.fit import Fit, Options, posterior, prediction_covariance
-from ppmcal.holdout import fresh_state
-from ppmcal.identify import identify
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.noise_check import noise_check
-from ppmcal.problem import Problem
 from ppmcal.scenario import Circle, Random, Scenario
 from ppmcal.simulate import Campaign, simulate
-from ppmcal.variance import with_noise
 
 Array = NDArray[np.float64]
 

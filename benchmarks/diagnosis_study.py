@@ -30,16 +30,16 @@ import numpy as np  # noqa: E402
 from hidden import Hidden, Impossible, Options, applicable, hide  # noqa: E402
 from hidden_unknown import UNKNOWN  # noqa: E402
 
+from ppmcal.calibration.identify import identify  # noqa: E402
+from ppmcal.calibration.problem import Problem  # noqa: E402
+from ppmcal.calibration.validation import split  # noqa: E402
 from ppmcal.diagnose.gap import measure_gap  # noqa: E402
 from ppmcal.diagnose.result import Diagnosis  # noqa: E402
 from ppmcal.diagnose.run import Options as RunOptions  # noqa: E402
 from ppmcal.diagnose.run import diagnose  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
-from ppmcal.holdout import split  # noqa: E402
-from ppmcal.identify import identify  # noqa: E402
 from ppmcal.model.effects import effect_kinds  # noqa: E402
 from ppmcal.model.mechanism import Given, with_effect  # noqa: E402
-from ppmcal.problem import Problem  # noqa: E402
 
 MACHINES = ("3-RPR", "3-RRR-1", "3-PRR-1", "delta-rotary", "delta-linear", "6-UPS", "linapod",
             "6-RUS")

@@ -46,10 +46,10 @@ from hidden_unknown import KINDS, UNKNOWN
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import coordinates
-from ppmcal.problem import Problem, State
 
 RANK = 1e-9
 """Directions of the Jacobian below this part of the strongest are none."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.observation import coordinates
 from ppmcal.files import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import conditioning, forward
@@ -24,7 +25,6 @@ from ppmcal.kinematics.registration import Station
 from ppmcal.kinematics.tables import home_conditioning
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import coordinates
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 WELL_CONDITIONED = 0.3

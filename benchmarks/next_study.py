@@ -28,6 +28,8 @@ from hidden_scene import Array, measure, solved  # noqa: E402
 from hidden_session import REFERENCE, recorded, with_noise  # noqa: E402
 from study_summary import interval  # noqa: E402
 
+from ppmcal.calibration.identify import identify  # noqa: E402
+from ppmcal.calibration.problem import Problem  # noqa: E402
 from ppmcal.diagnose.forms import Form  # noqa: E402
 from ppmcal.diagnose.nextup import possible_rows  # noqa: E402
 from ppmcal.diagnose.result import Diagnosis  # noqa: E402
@@ -38,9 +40,7 @@ from ppmcal.diagnose.search import Search, bic  # noqa: E402
 from ppmcal.diagnose.sharing import find  # noqa: E402
 from ppmcal.diagnose.stage import named_only, run_stage  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
-from ppmcal.identify import identify  # noqa: E402
 from ppmcal.model.dataset import Dataset  # noqa: E402
-from ppmcal.problem import Problem  # noqa: E402
 
 OFTEN = ("tilt", "gain", "curvature", "leg_thermal", "base_thermal", "platform_thermal",
          "compliance", "eccentricity", "drift", "clearance", "windup")

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.validation import residuals
 from ppmcal.files import read_campaign, read_mechanism
-from ppmcal.fit import Fit, Options
-from ppmcal.identify import identify
-from ppmcal.problem import Problem
-from ppmcal.residuals import residuals
 
 TOWERS = "abc"
 CLOSE = 0.002

@@ -27,20 +27,18 @@ import numpy as np
 import yaml
 from real_deltas import mechanism_text, write_data
 
-from ppmcal.analysis import report
-from ppmcal.arrays import known
-from ppmcal.compare import Change, between, posterior_of
+from ppmcal.calibration.change_detection import Change, between, posterior_of
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.flatness import flats
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.noise import noise_check, with_noise
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import report
+from ppmcal.calibration.validation import fresh_state, register_only, residuals
 from ppmcal.files import read_campaign, read_mechanism
-from ppmcal.fit import Fit, Options
-from ppmcal.flatness import flats
-from ppmcal.holdout import fresh_state, register_only
-from ppmcal.identify import identify
+from ppmcal.linalg import known
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.noise_check import noise_check
-from ppmcal.problem import Problem
-from ppmcal.residuals import residuals
-from ppmcal.variance import with_noise
 
 PARTS = 8
 TOLERANCES = {"point": 1.0, "angle": 0.5, "length": 0.3, "offset": 1.0}

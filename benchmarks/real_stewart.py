@@ -20,16 +20,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.analysis import estimates, rank_of
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.noise import noise_check, with_noise
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import estimates, rank_of
+from ppmcal.calibration.validation import closure_lengths, register_only
 from ppmcal.files import read_campaign, read_mechanism
-from ppmcal.fit import Fit, Options
-from ppmcal.holdout import register_only
-from ppmcal.identify import identify
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.noise_check import noise_check
-from ppmcal.problem import Problem
-from ppmcal.residuals import closure_lengths
-from ppmcal.variance import with_noise
 
 SPLITS, FOLDS = 10, 5
 SETS = {"60": "poses60_2025-02-12.csv", "108": "poses108_2025-02-13.csv"}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 
 NOTHING = 1e-9
 """An error does nothing where its sensitivity is below this part of the largest."""

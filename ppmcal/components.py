@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.kinematics.inverse import home_state
+from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.model.parameters import Parameter, SlotMap

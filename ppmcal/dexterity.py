@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, known
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import Mechanism
 
 CHUNK = 20_000

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, Bools, Ints
+from ppmcal.calibration.observation import coordinates_of, turn_between
 from ppmcal.jacobians import Poses, displacement
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import solve_named
 from ppmcal.kinematics.region import named
 from ppmcal.kinematics.registration import Station, predict
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import coordinates_of, turn_between
 from ppmcal.recalibration import Calibrated, Recipe, calibrate
 
 BATCH = 100

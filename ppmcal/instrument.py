@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array
+from ppmcal.calibration.observation import SCALARS
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, measured_pose
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import SCALARS
 
 OF_TOLERANCE = 0.1
 """Noise of the default instrument, as a part of the median length tolerance."""

@@ -26,11 +26,11 @@ from itertools import combinations
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import CONTRACTION, SMALLEST_STEP, Forward, moved
 from ppmcal.kinematics.inverse import home_state, solve_rows
+from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.modes_planar import rotations, weights
 from ppmcal.modes_search import apart

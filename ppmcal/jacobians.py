@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.inverse import home_state, solve_blocks
+from ppmcal.linalg import Array, known
 from ppmcal.model.limbs.chain import cross_matrix
 
 CHUNK = 8192

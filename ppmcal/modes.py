@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools, Ints, known
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import conditioning, forward
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import SINGULAR, home_conditioning
+from ppmcal.linalg import Array, Bools, Ints, known
 from ppmcal.modes_planar import SAME, by_resultant, weights
 from ppmcal.modes_search import PLACE, Found, apart, point_pair, search
 

@@ -36,9 +36,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, Bools, known
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.linalg import Array, Bools, known
 from ppmcal.modes_search import PLACE, Found, closing
 
 DEGREE = 3

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, Bools
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.forward import CLOSED, newton
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism, joint_points
 
 PLACE = "assembly modes"

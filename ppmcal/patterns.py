@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 

@@ -4,7 +4,7 @@ Machines that differ from one drawing by their tolerances share the linear probl
 drawing, so the estimate is one fixed matrix: theta += G r + H (drawing - theta), r the
 whitened residuals of the full nonlinear model at theta. That is Gauss-Newton with the
 Jacobian of the drawing (a chord method); where it comes to rest it is where
-:mod:`ppmcal.identify` ends, but for terms of second order in the errors, and where it does not,
+:mod:`identify` ends, but for terms of second order in the errors, and where it does not,
 that fits the machine. M machines, N measured poses, m numbers each, C columns.
 """
 
@@ -17,22 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, svd
-from ppmcal.compensate import Knowledge, prediction_jacobian
+from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.least_squares import column_scale, prior_weights
+from ppmcal.calibration.nuisance_columns import Open, turned_about
+from ppmcal.calibration.observation import SCALARS, coordinates_of, turn_between
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.errors import PpmcalError
-from ppmcal.fit import Fit, Options
-from ppmcal.identify import identify
 from ppmcal.instrument import Instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.layout import Open, turned_about
-from ppmcal.linear import column_scale, prior_weights
+from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset, unknown_conditions
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import SCALARS, coordinates_of, turn_between
-from ppmcal.problem import Problem, State
 
 ROUNDS = 12
 SETTLED = 1e-3
@@ -159,7 +159,7 @@ def calibrate(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibra
 
 
 def alone(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Fit | None:
-    """Return the fit of one machine (P,) by :mod:`ppmcal.identify`; None where there is none.
+    """Return the fit of one machine (P,) by :mod:`calibration.identify`; None where there is none.
 
     It starts at the truth, next to the minimum that matters: what a calibration is worth, not
     how it gets there from the drawing. ``noise``: white (N, m), as :func:`calibrate` takes it.

@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, Ints, known
+from ppmcal.calibration.observation import SCALARS, stretched
+from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, with_strokes
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, predict
+from ppmcal.linalg import Array, Ints, known
 from ppmcal.model.dataset import Conditions, conditions
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import SCALARS, stretched
 from ppmcal.patterns import commands
-from ppmcal.scalars import refuse_flat
 from ppmcal.scenario import Scenario
 
 SECONDS_PER_ROW = 60.0

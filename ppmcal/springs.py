@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Closure
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 EXAMPLE = "stiffness: {bar: 5e4, drive: 2e5}"

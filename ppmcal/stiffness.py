@@ -24,7 +24,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array, known
 from ppmcal.errors import NoResult
 from ppmcal.jacobians import to_tool
 from ppmcal.kinematics.closure import Model
@@ -32,6 +31,7 @@ from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import named, placed
 from ppmcal.kinematics.tables import Table, home_conditioning, inverse_table
+from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.springs import Spring, spring_columns, springs_of
 

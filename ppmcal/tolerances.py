@@ -14,12 +14,12 @@ import numpy as np
 from scipy.special import betaincinv
 
 from ppmcal.allocation import cost, demand, equal_parts, felt, least_cost, one_for_all
-from ppmcal.arrays import Array, Bools
 from ppmcal.components import Source
 from ppmcal.errors import BadInput
 from ppmcal.fleet import Errors, Fleet, Judged, batches, run, together
 from ppmcal.jacobians import Poses, covariance, error_jacobian, root_sum_square
 from ppmcal.kinematics.closure import Model
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.parallel import over
 

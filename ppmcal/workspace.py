@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ppmcal.arrays import Array, Bools, known
 from ppmcal.dexterity import CHUNK, Quality, measured
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
@@ -28,6 +27,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
 from ppmcal.kinematics.region import Grid
 from ppmcal.kinematics.tables import Table, home_conditioning, inverse_table, limit_reason
+from ppmcal.linalg import Array, Bools, known
 from ppmcal.model.mechanism import Mechanism
 
 ON_CURVE = 1e-5

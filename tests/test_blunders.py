@@ -15,14 +15,14 @@ from test_compare import session as poses
 from test_instruments import data_of, truth
 from test_untold import joints_at, printer, touches
 
-from ppmcal.blunders import blunders
-from ppmcal.fit import Fit, Options
-from ppmcal.identify import identify
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.homing_shift import Shift
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.outliers import blunders
+from ppmcal.calibration.problem import Problem
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.blunder_words import sentences, shifts
-from ppmcal.problem import Problem
-from ppmcal.zeros import Shift
 
 Array = NDArray[np.float64]
 

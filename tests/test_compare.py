@@ -13,12 +13,13 @@ from commands import ppmcal, rows
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.analysis import rank_of
-from ppmcal.compare import Comparison, between, posterior_of
-from ppmcal.earlier import Posterior
+from ppmcal.calibration.change_detection import Comparison, between, posterior_of
+from ppmcal.calibration.fit import Fit, Options, posterior, prediction_covariance
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.posterior import Posterior
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import rank_of
 from ppmcal.files import read_mechanism
-from ppmcal.fit import Fit, Options, posterior, prediction_covariance
-from ppmcal.identify import identify
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -26,7 +27,6 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.problem import Problem
 
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

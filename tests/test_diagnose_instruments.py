@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from test_instruments import data_of, truth
 from test_untold import joints_at, printer, touches
 
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
 from ppmcal.diagnose.result import Diagnosis
 from ppmcal.diagnose.run import diagnose
 from ppmcal.diagnose.stage import run_stage
-from ppmcal.identify import identify
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Given, Mechanism, with_effect
-from ppmcal.problem import Problem
 
 Array = NDArray[np.float64]
 

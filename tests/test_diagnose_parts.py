@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import betaln
 from scipy.stats import f as fisher
 
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
 from ppmcal.diagnose import gap as gaps
 from ppmcal.diagnose.adequacy import kernel_test
 from ppmcal.diagnose.candidates import library
@@ -26,8 +28,6 @@ from ppmcal.diagnose.search import DETECT, NAME, null_scan, scan
 from ppmcal.diagnose.sharing import find
 from ppmcal.diagnose.stage import Stage, of_single, run_stage
 from ppmcal.diagnose.system import System, build
-from ppmcal.identify import identify
-from ppmcal.problem import Problem
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

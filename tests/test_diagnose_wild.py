@@ -24,14 +24,14 @@ from test_diagnose_commands import (
     value,
 )
 
+from ppmcal.calibration.fit import OUTLIER, Fit
+from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
 from ppmcal.diagnose import run as diagnosing
 from ppmcal.diagnose.refit import of_rows
 from ppmcal.files import read_campaign, read_mechanism
-from ppmcal.fit import OUTLIER, Fit
-from ppmcal.fit import Options as FitOptions
-from ppmcal.identify import identify
 from ppmcal.model.dataset import Dataset
-from ppmcal.problem import Problem
 
 SIDECAR = "s/measurements.yaml"
 LOADED: dict[str, Any] = {"payload": [0, 15], "temperature": {"mean": 24, "swing": 6}}

@@ -20,18 +20,18 @@ from numpy.typing import NDArray
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.validation import fresh_state
 from ppmcal.diagnose.model import with_named
 from ppmcal.diagnose.result import Diagnosis
 from ppmcal.diagnose.run import Options, diagnose
 from ppmcal.diagnose.search import DETECT, NAME
 from ppmcal.diagnose.stage import Stage
 from ppmcal.files.output import plain
-from ppmcal.fit import Fit
-from ppmcal.fit import Options as FitOptions
-from ppmcal.holdout import fresh_state
-from ppmcal.identify import identify
 from ppmcal.outputs.diagnosis import summary
-from ppmcal.problem import Problem
 from ppmcal.report.bars import EDGE, width
 from ppmcal.report.data import Diagnosed
 from ppmcal.report.diagnosis_figures import pictures

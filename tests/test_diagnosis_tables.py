@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ppmcal.calibration.problem import Problem
 from ppmcal.cli.common import Console, number
 from ppmcal.cli.diagnose import tell
 from ppmcal.diagnose.gap import Gap
@@ -24,7 +25,6 @@ from ppmcal.diagnose.run import Options, diagnose
 from ppmcal.diagnose.verdict import findings, next_step
 from ppmcal.files.output import plain
 from ppmcal.outputs.diagnosis import effects_csv, summary
-from ppmcal.problem import Problem
 from ppmcal.report.data import Diagnosed
 from ppmcal.report.diagnosis_section import diagnosis_section
 

@@ -16,6 +16,8 @@ import pytest
 from machines import KINDS, Array, delta, difference, full, mixed, spread
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.observation import stretched
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.files import read_mechanism
 from ppmcal.files.effects import with_effects
 from ppmcal.kinematics.closure import Model
@@ -34,8 +36,6 @@ from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, p
 from ppmcal.model.dataset import Conditions, Dataset, conditions, unknown_conditions, ways
 from ppmcal.model.effects import EffectKind, LimbSetting, Setting, effect_kinds
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import stretched
-from ppmcal.problem import Problem, State
 from ppmcal.units import SI
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

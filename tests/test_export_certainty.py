@@ -13,7 +13,7 @@ import pytest
 import yaml
 from commands import ppmcal
 
-from ppmcal.compensate import compensate, station_of
+from ppmcal.calibration.compensation import compensate, station_of
 from ppmcal.files import read_mechanism
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose

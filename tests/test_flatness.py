@@ -11,7 +11,7 @@ from test_instruments import truth
 from test_untold import fitted, printer, touches
 
 from ppmcal import algebra as cga
-from ppmcal.flatness import Flat, flats
+from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.model.dataset import Unknown

@@ -14,10 +14,10 @@ from commands import ppmcal
 from scipy.spatial.transform import Rotation
 from test_identify import Options, identify, read_mechanism, read_scenario, report, run
 
-from ppmcal import fit as fitting
+from ppmcal.calibration import fit as fitting
+from ppmcal.calibration.misreading import misfit
+from ppmcal.calibration.problem import Problem
 from ppmcal.files import read_campaign
-from ppmcal.misfit import misfit
-from ppmcal.problem import Problem
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_data"
 MACHINE = SAMPLE / "hexapod.yaml"

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ppmcal.fit import Options as FitOptions
-from ppmcal.identify import identify
+from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Model
-from ppmcal.problem import Problem, State
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

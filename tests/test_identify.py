@@ -17,21 +17,21 @@ from commands import ppmcal
 from machines import KINDS, delta, full, read_text, spread
 from numpy.typing import NDArray
 
-from ppmcal.analysis import estimates, rank_of, report
-from ppmcal.compensate import Knowledge, compensate
+from ppmcal.calibration.compensation import Knowledge, compensate
+from ppmcal.calibration.fit import Fit, Options, posterior
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.summary import estimates, rank_of, report
+from ppmcal.calibration.validation import fresh_state
 from ppmcal.files import read_campaign, read_mechanism, read_scenario
-from ppmcal.fit import Fit, Options, posterior
-from ppmcal.holdout import fresh_state
-from ppmcal.identify import identify
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.kinematics.tables import pose_motor, pose_vector
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import coordinates
 from ppmcal.outputs.simulation import files
-from ppmcal.problem import Problem, State
 from ppmcal.scenario import Circle, Random, Scenario
 from ppmcal.simulate import Campaign, simulate
 
@@ -714,8 +714,8 @@ def test_many_rows_start_from_few_and_end_with_all(monkeypatch: pytest.MonkeyPat
     mechanism, scenario = machine("3-RPR")
     made = run(mechanism, replace(box(scenario, 900), outliers=0.02), 4)
     plain = identify(made.problem)
-    monkeypatch.setattr("ppmcal.identify.MANY_ROWS", 500)
-    monkeypatch.setattr("ppmcal.identify.FEW_ROWS", 200)
+    monkeypatch.setattr("ppmcal.calibration.identify.MANY_ROWS", 500)
+    monkeypatch.setattr("ppmcal.calibration.identify.FEW_ROWS", 200)
     thinned = identify(made.problem)
     assert thinned.converged
     assert [set(r) for r in thinned.reasons] == [set(r) for r in plain.reasons]

@@ -13,9 +13,11 @@ from commands import ppmcal, rows
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.fit import Fit, Options, prediction_covariance
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.noise import noise_ratios, with_estimated_noise
+from ppmcal.calibration.problem import Problem
 from ppmcal.files import read_mechanism
-from ppmcal.fit import Fit, Options, prediction_covariance
-from ppmcal.identify import identify
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -23,8 +25,6 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.problem import Problem
-from ppmcal.variance import noise_ratios, with_estimated_noise
 
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -11,7 +11,7 @@ import pytest
 from commands import ppmcal
 from numpy.typing import NDArray
 
-from ppmcal.compensate import station_of
+from ppmcal.calibration.compensation import station_of
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach

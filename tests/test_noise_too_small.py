@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ppmcal.analysis import Identification, report
-from ppmcal.compare import posterior_of
+from ppmcal.calibration.change_detection import posterior_of
+from ppmcal.calibration.fit import Options, posterior
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.noise import _scaled
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import Identification, report
 from ppmcal.files.output import plain
-from ppmcal.fit import Options, posterior
-from ppmcal.identify import identify
 from ppmcal.outputs.identification import summary
 from ppmcal.outputs.knowledge import read_knowledge, read_posterior
-from ppmcal.problem import Problem
-from ppmcal.variance import _scaled
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

@@ -11,7 +11,7 @@ from machines import Array
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from ppmcal.check import check
+from ppmcal.calibration.check import check
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state, inverse

@@ -14,14 +14,14 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from ppmcal.analysis import rank_of
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.identifiability import analyse
+from ppmcal.calibration.least_squares import column_scale, reduce_rows
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import rank_of
 from ppmcal.files import read_mechanism, read_scenario
-from ppmcal.fit import Fit
-from ppmcal.linear import column_scale, reduce_rows
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.problem import Problem
-from ppmcal.rank import analyse
 from ppmcal.scenario import Circle, Random, Scenario
 from ppmcal.simulate import simulate
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ppmcal.analysis import report
+from ppmcal.calibration.fit import Options
+from ppmcal.calibration.flatness import flats
+from ppmcal.calibration.identifiability import foreseen
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import report
 from ppmcal.diagnose.run import diagnose
-from ppmcal.fit import Options
-from ppmcal.flatness import flats
-from ppmcal.problem import Problem
-from ppmcal.untold import foreseen
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))

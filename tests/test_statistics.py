@@ -103,7 +103,7 @@ def test_good_rows_are_seldom_taken_for_outliers() -> None:
 def test_a_decomposition_that_does_not_converge_is_done_another_way(
         monkeypatch: pytest.MonkeyPatch) -> None:
     """LAPACK's divide and conquer fails on some sound matrices; a fit must not."""
-    from ppmcal.arrays import svd
+    from ppmcal.linalg import svd
 
     matrix = np.random.default_rng(1).normal(size=(9, 5))
     wanted = svd(matrix)

@@ -12,11 +12,14 @@ from scipy.optimize import minimize
 
 from ppmcal import algebra as cga
 from ppmcal.allocation import cost, demand, equal_parts, felt, least_cost, one_for_all
+from ppmcal.calibration.fit import Options
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.least_squares import column_scale
+from ppmcal.calibration.observation import coordinates_of
+from ppmcal.calibration.problem import Problem
 from ppmcal.components import geometry_only, sources, tolerances
 from ppmcal.files import read_mechanism, write_mechanism
-from ppmcal.fit import Options
 from ppmcal.fleet import Errors, Fleet, batches, run, together
-from ppmcal.identify import identify
 from ppmcal.instrument import Instrument, default_instrument
 from ppmcal.jacobians import Poses
 from ppmcal.kinematics.closure import Model
@@ -25,13 +28,10 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.region import named
 from ppmcal.kinematics.registration import predict
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.linear import column_scale
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import coordinates_of
 from ppmcal.parallel import over
 from ppmcal.plan.candidates import evenly, region_of
-from ppmcal.problem import Problem
 from ppmcal.recalibration import Recipe, calibrate, predicted
 from ppmcal.tolerances import Demand, Share, check, count
 

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from test_instruments import data_of, joints, truth
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identifiability import CALIPER, foreseen, untold
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
 from ppmcal.files import read_mechanism
-from ppmcal.fit import Fit, Options
-from ppmcal.identify import identify
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -24,8 +26,6 @@ from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.untold_words import sentences
-from ppmcal.problem import Problem
-from ppmcal.untold import CALIPER, foreseen, untold
 
 Array = NDArray[np.float64]
 NAME = "delta-linear"

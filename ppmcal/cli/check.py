@@ -16,7 +16,7 @@ from ppmcal.cli.common import FILE, Console, json_option, leave, number, plain_t
 @json_option
 def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
-    from ppmcal.check import check
+    from ppmcal.calibration.check import check
     from ppmcal.cli.campaign import load
     from ppmcal.files import unit_findings
     from ppmcal.outputs.untold_words import entry, sentences

@@ -21,7 +21,7 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.compare import Comparison
+    from ppmcal.calibration.change_detection import Comparison
     from ppmcal.model.mechanism import Mechanism
 
 PATH = click.Path(path_type=Path)
@@ -43,7 +43,7 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     """
     import numpy as np
 
-    from ppmcal.compare import between
+    from ppmcal.calibration.change_detection import between
     from ppmcal.files import Output, provenance, read_mechanism
     from ppmcal.outputs.comparison import files, summary
     from ppmcal.outputs.knowledge import read_knowledge, read_posterior

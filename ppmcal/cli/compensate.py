@@ -21,7 +21,7 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.compensate import Compensation, Knowledge
+    from ppmcal.calibration.compensation import Compensation, Knowledge
     from ppmcal.files.poses import PoseTable
     from ppmcal.model.mechanism import Mechanism, Registration
 
@@ -47,9 +47,9 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     Rows outside limits, across singularities or far outside the measured volume are refused,
     each with its reason. Writes commands.csv and commands.json.
     """
-    from ppmcal.compensate import compensate
+    from ppmcal.calibration.compensation import compensate
+    from ppmcal.calibration.model_averaging import Targets, averaged
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
-    from ppmcal.model_average import Targets, averaged
     from ppmcal.outputs.knowledge import read_knowledge
     from ppmcal.outputs.other_models import read_other_models
     from ppmcal.outputs.tables import command_files

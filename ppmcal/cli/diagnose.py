@@ -23,7 +23,7 @@ from ppmcal.cli.common import (
     quiet_option,
     seed_option,
 )
-from ppmcal.words import counted, shorter
+from ppmcal.wording import counted, shorter
 
 if TYPE_CHECKING:
     from ppmcal.diagnose.blocks import BlockGap
@@ -62,12 +62,12 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     """
     from dataclasses import replace
 
+    from ppmcal.calibration.misreading import refuse_misread
+    from ppmcal.calibration.problem import Problem
     from ppmcal.diagnose.run import Options, diagnose
     from ppmcal.files import Output, provenance
     from ppmcal.files.output import plain
-    from ppmcal.misfit import refuse_misread
     from ppmcal.outputs.diagnosis import files, summary
-    from ppmcal.problem import Problem
     from ppmcal.report.standalone import diagnosis_files, need_png
 
     console = Console(quiet, as_json)

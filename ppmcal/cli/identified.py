@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ppmcal.cli.common import Console, number, plain_table
-from ppmcal.words import counted
+from ppmcal.wording import counted
 
 if TYPE_CHECKING:
-    from ppmcal.analysis import Identification
+    from ppmcal.calibration.summary import Identification
 
 
 def show_result(result: Identification, console: Console) -> None:

@@ -25,10 +25,10 @@ from ppmcal.cli.identified import show_result
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ppmcal.fit import Fit, Options
+    from ppmcal.calibration.fit import Fit, Options
+    from ppmcal.calibration.problem import Problem
     from ppmcal.model.dataset import Dataset
     from ppmcal.model.mechanism import Mechanism
-    from ppmcal.problem import Problem
 
 
 @click.command("identify")
@@ -72,14 +72,14 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     """
     from dataclasses import replace
 
-    from ppmcal.analysis import report
-    from ppmcal.compare import carried_on
+    from ppmcal.calibration.change_detection import carried_on
+    from ppmcal.calibration.fit import Options
+    from ppmcal.calibration.misreading import refuse_misread
+    from ppmcal.calibration.problem import Problem
+    from ppmcal.calibration.summary import report
     from ppmcal.files import Output, provenance
-    from ppmcal.fit import Options
-    from ppmcal.misfit import refuse_misread
     from ppmcal.outputs.identification import files, summary
     from ppmcal.outputs.knowledge import read_posterior, refuse_twice
-    from ppmcal.problem import Problem
 
     console = Console(quiet, as_json)
     _refuse_mixtures(method, prior, sigma, keep)
@@ -139,9 +139,8 @@ def _refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
 def _fitted(problem: Problem, options: Options, sigma: str, console: Console,
             show: Callable[[str], None]) -> tuple[Fit, list[str]]:
     """Fit, with the noise as stated or as the residuals show it; return what was odd too."""
-    from ppmcal.identify import identify
-    from ppmcal.noise_check import noise_check
-    from ppmcal.variance import with_estimated_noise
+    from ppmcal.calibration.identify import identify
+    from ppmcal.calibration.noise import noise_check, with_estimated_noise
 
     def watch(i: int, c: float) -> None:
         show(f"iteration {i}, chi-squared {c:.6g}")
@@ -169,8 +168,8 @@ def _tell_noise(datasets: tuple[Dataset, ...], factor: Any, console: Console) ->
 
 def _refuse_lost(problem: Problem, mech: Path) -> None:
     """Refuse a fit without tolerances that nothing keeps from shrinking or growing."""
+    from ppmcal.calibration.identifiability import foreseen
     from ppmcal.errors import BadInput
-    from ppmcal.untold import foreseen
 
     scale = foreseen(problem, "flat").scale
     if scale is not None and scale.lost:
@@ -196,8 +195,8 @@ def _refuse_unconverged(fit: Fit, options: Options) -> None:
     Raises:
         NoResult: with how far it got.
     """
+    from ppmcal.calibration.noise import noise_check
     from ppmcal.errors import NoResult
-    from ppmcal.noise_check import noise_check
 
     if fit.converged or fit.stopped or options.iterations:
         return

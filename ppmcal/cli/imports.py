@@ -16,7 +16,7 @@ from ppmcal.cli.common import (
     out_option,
     quiet_option,
 )
-from ppmcal.words import counted
+from ppmcal.wording import counted
 
 
 @click.command("import")

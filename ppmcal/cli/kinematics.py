@@ -18,7 +18,7 @@ from ppmcal.cli.common import (
     out_option,
     quiet_option,
 )
-from ppmcal.words import counted
+from ppmcal.wording import counted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -189,14 +189,14 @@ def _as_measured(mechanism: Mechanism, dataset: str, result: Table, rows: Condit
                  ) -> NDArray[Any]:
     import numpy as np
 
-    from ppmcal.arrays import known
-    from ppmcal.compensate import station_of
+    from ppmcal.calibration.compensation import station_of
+    from ppmcal.calibration.observation import stretched
     from ppmcal.errors import unknown
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.effect_response import shifted
     from ppmcal.kinematics.partial_pose import pose_motor
     from ppmcal.kinematics.registration import measured_pose
-    from ppmcal.observation import stretched
+    from ppmcal.linalg import known
 
     if dataset not in mechanism.registrations:
         raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "

@@ -17,7 +17,7 @@ from ppmcal.cli.common import (
     quiet_option,
     seed_option,
 )
-from ppmcal.words import counted
+from ppmcal.wording import counted
 
 
 @click.command("simulate")

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.components import Source, geometry_only, natural_units, sources, tolerances
 from ppmcal.errors import BadInput
 from ppmcal.files import read_poses
@@ -21,6 +20,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.tolerances import Result
 from ppmcal.parallel import cores as all_cores

@@ -110,7 +110,7 @@ def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
 
 def _findings(found: Workspace, rows: list[ModeRow]) -> list[str]:
     """Return what the user must look at: home, and rows of joint values without modes."""
-    from ppmcal.check import SINGULAR_HOME
+    from ppmcal.calibration.check import SINGULAR_HOME
 
     out = []
     if found.home_limits:

@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.hal import STRUTS, Geometry, Joint, Points
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
+from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import U
 from ppmcal.model.mechanism import Mechanism
 

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.controllers.genhexkins import Drive, Setting, points, reached, right_shift
 from ppmcal.controllers.misses import Misses, misses
 from ppmcal.files.hal import STRUTS
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
+from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import Mechanism
 
 EXACT = 1e-9

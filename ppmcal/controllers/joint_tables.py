@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, Ints
 from ppmcal.controllers.knots import knots
 from ppmcal.controllers.misses import Misses, misses
 from ppmcal.controllers.pose_grid import at_rest, default_grid, refuse_open, targets
@@ -27,6 +26,7 @@ from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.units import LENGTHS
 

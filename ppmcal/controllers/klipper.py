@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.klipper import TOWERS, Geometry
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 MM = 1e-3

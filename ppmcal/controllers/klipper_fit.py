@@ -14,11 +14,11 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.optimize import least_squares
 
-from ppmcal.arrays import Array
 from ppmcal.controllers.klipper import MM, Drive, drawn, drive_of, follows, reached, travel, triple
 from ppmcal.controllers.klipper import axis as tower_axis
 from ppmcal.errors import NoResult
 from ppmcal.files.klipper import Geometry
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 Numbers = TypeVar("Numbers")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.arrays import Array, Ints
+from ppmcal.linalg import Array, Ints
 
 HALVINGS = 12
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.errors import NoResult
+from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import Mechanism
 
 

@@ -2,7 +2,7 @@
 
 The controller believes the drawing: it turns a commanded pose into joint values with the nominal
 geometry. Commands are corrected so that the identified machine ends at what was wanted
-(:mod:`ppmcal.compensate`). Between the poses of a regular grid a controller interpolates the
+(:mod:`calibration.compensation`). Between the poses of a regular grid a controller interpolates the
 difference command - wanted linearly in every coordinate; how far the machine then is from what
 was wanted is measured at poses in between. Effects are taken at rest: no direction of approach,
 no speed, no load, 20 degrees Celsius, time 0. Full poses are (N, 6) x, y, z and rotation vector
@@ -18,14 +18,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from ppmcal.arrays import Array, Bools, known
-from ppmcal.compensate import compensate
+from ppmcal.calibration.compensation import compensate
 from ppmcal.controllers.misses import Misses, misses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import base_station, inverse_partial, pose_motor, wanted_poses
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
+from ppmcal.linalg import Array, Bools, known
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Conditions, conditions
 from ppmcal.model.mechanism import Mechanism
 

@@ -21,12 +21,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.controllers import klipper_fit
 from ppmcal.controllers.klipper import MM, Drive, drive_of, driven, triple
 from ppmcal.controllers.klipper_fit import Export, Terms, misses_at
 from ppmcal.files.klipper import ANGLES, Geometry
 from ppmcal.files.reprap import Delta
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 TERMS = Terms("RepRapFirmware", ("X", "Y", "Z"), "delta radius R",

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaincc, ndtri
 
-from ppmcal.arrays import Array
+from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.noise import PureError
 from ppmcal.diagnose.stage import Stage, explained
 from ppmcal.diagnose.system import System
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.noise_check import ENOUGH_REPEATS
+from ppmcal.linalg import Array
 
 MOST_ROWS = 600
 DRAWS = 1000

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.problem import Problem
 from ppmcal.diagnose.gap import Errors, Gap, errors_of, gap_of
 from ppmcal.diagnose.left_out import thirds
-from ppmcal.fit import Fit
-from ppmcal.problem import Problem
+from ppmcal.linalg import Array, Bools
 
 LEVELS = 3
 """A load of fewer levels cannot be left out: the others would not tell what it does."""

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.arrays import Bools
 from ppmcal.diagnose.forms import GEOMETRY, Collector, Form, Library, Untestable
 from ppmcal.diagnose.frozen import frozen_slots
 from ppmcal.diagnose.shapes import shapes
 from ppmcal.diagnose.system import System
 from ppmcal.diagnose.unrecorded import unrecorded_load
 from ppmcal.kinematics.effect_response import lacking
+from ppmcal.linalg import Bools
 from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
 
 FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.arrays import Array, Bools, thinned
+from ppmcal.calibration.fit import Fit, posterior
+from ppmcal.calibration.fit import Options as FitOptions
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gram import log_p
 from ppmcal.diagnose.model import Added, with_named
@@ -27,8 +28,7 @@ from ppmcal.diagnose.system import (
     range_basis,
     unit_columns,
 )
-from ppmcal.fit import Fit, posterior
-from ppmcal.fit import Options as FitOptions
+from ppmcal.linalg import Array, Bools, thinned
 from ppmcal.model.effects import find_effect
 
 SURE, MOSTLY_KNOWN = 0.01, 0.5

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.system import System, Whitening
+from ppmcal.linalg import Array
 
 HEAVY = 3.0
 """Tails are heavy where the kurtosis is so many standard deviations above that of normal noise."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.system import System
+from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
 
 GEOMETRY = "geometry"

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import GEOMETRY, Collector, Form
 from ppmcal.diagnose.system import System
+from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
 from ppmcal.model.parameters import is_joint_component
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
-from ppmcal.arrays import Array, Ints
-from ppmcal.fit import Fit, prediction_covariance
-from ppmcal.holdout import fresh_state
+from ppmcal.calibration.fit import Fit, prediction_covariance
+from ppmcal.calibration.problem import Problem, Rows
+from ppmcal.calibration.validation import fresh_state
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset
-from ppmcal.problem import Problem, Rows
 
 DRAWS = 2000
 REJECT = 0.05

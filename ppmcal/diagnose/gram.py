@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import betainc, betaln
 
-from ppmcal.arrays import Array, Ints
 from ppmcal.diagnose.system import unit_columns
+from ppmcal.linalg import Array, Ints
 
 VISIBLE = 1e-8
 """Squared length left of a column, over its own, below which the geometry swallows it."""

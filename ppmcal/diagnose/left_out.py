@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import bdtrc, gammaln
 
-from ppmcal.arrays import Array, Bools
-from ppmcal.fit import Fit
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.problem import Problem
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Conditions, Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.problem import Problem
-from ppmcal.words import counted
+from ppmcal.wording import counted
 
 GROSS_SHARE = 0.1
 """Gross errors may be this part of the rows; more is a finding,"""

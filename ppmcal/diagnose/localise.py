@@ -12,10 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools
+from ppmcal.calibration.problem import Problem
 from ppmcal.diagnose.stage import Stage, explained
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.problem import Problem
+from ppmcal.linalg import Array, Bools
 
 DRAWS = 400
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.search import Search, columns_of
+from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectParameter, find_effect
 from ppmcal.model.mechanism import Given, Mechanism, with_effect
 

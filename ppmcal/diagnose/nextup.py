@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, known
+from ppmcal.calibration.observation import SCALARS
+from ppmcal.calibration.problem import State
 from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.stage import Stage, form_columns, of_single, without
@@ -20,10 +21,9 @@ from ppmcal.diagnose.system import build
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array, known
 from ppmcal.model.dataset import Dataset
-from ppmcal.observation import SCALARS
-from ppmcal.problem import State
-from ppmcal.words import counted, shorter
+from ppmcal.wording import counted, shorter
 
 POSES = 150
 WIDER = 0.25

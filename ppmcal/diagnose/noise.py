@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import GEOMETRY, Library
 from ppmcal.diagnose.system import System, Whitening, plain, range_basis, unit_columns
+from ppmcal.linalg import Array
 
 SIGNIFICANT = 1e-3
 """A covariance or correlation is whitened away where chance would show it this rarely."""

@@ -11,15 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.analysis import registered
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.summary import registered
 from ppmcal.diagnose.model import with_named
 from ppmcal.diagnose.refit import with_mechanism
 from ppmcal.diagnose.rivals import Rival
 from ppmcal.diagnose.stage import Stage, named_only
 from ppmcal.errors import PpmcalError
-from ppmcal.fit import Fit, Options
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model_average import Reading
 
 MOST = 4
 """Rivals of one effect that are fitted, the likeliest first."""

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.arrays import Bools, known
+from ppmcal.calibration.problem import Problem
+from ppmcal.linalg import Bools, known
 from ppmcal.model.dataset import WRENCH, Conditions, Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.problem import Problem
 
 ENOUGH = 0.8
 """A column counts as recorded where this part of the rows has it."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ppmcal.arrays import Bools, known
-from ppmcal.fit import Fit, Options
-from ppmcal.identify import identify
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.linalg import Bools, known
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.problem import Problem, State
 
 
 def with_mechanism(fit: Fit, mechanism: Mechanism, options: Options) -> Fit:
@@ -23,7 +23,7 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: Options) -> Fit:
         options: of the fit.
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.identify.identify`.
+        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
     """
     problem = replace(fit.problem, mechanism=mechanism, free=mechanism.free)
     old = fit.problem.mechanism

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ppmcal.analysis import Identification
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.summary import Identification
 from ppmcal.diagnose.adequacy import Remainder
 from ppmcal.diagnose.blocks import BlockGap
 from ppmcal.diagnose.forms import Form, Untestable
@@ -14,8 +16,6 @@ from ppmcal.diagnose.localise import Place
 from ppmcal.diagnose.model import Added
 from ppmcal.diagnose.nextup import Proposal
 from ppmcal.diagnose.stage import Stage
-from ppmcal.fit import Fit
-from ppmcal.model_average import Reading
 
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Form, united
 from ppmcal.diagnose.search import (
     Search,
@@ -17,6 +16,7 @@ from ppmcal.diagnose.search import (
     own_log_p,
     possible,
 )
+from ppmcal.linalg import Array
 
 NOTICEABLE = float(np.log(1e-3))
 """A rival has to explain something itself: log p."""

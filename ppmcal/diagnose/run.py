@@ -8,7 +8,15 @@ from itertools import combinations
 
 import numpy as np
 
-from ppmcal.analysis import report
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.noise import ENOUGH_REPEATS
+from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import report
+from ppmcal.calibration.validation import split
 from ppmcal.diagnose import tables
 from ppmcal.diagnose.adequacy import Remainder, remainder
 from ppmcal.diagnose.blocks import block_gaps
@@ -36,15 +44,7 @@ from ppmcal.diagnose.verdict import (
     not_predicted,
     refuse_unconverged,
 )
-from ppmcal.fit import Fit
-from ppmcal.fit import Options as FitOptions
-from ppmcal.holdout import split
-from ppmcal.identify import identify
 from ppmcal.model.dataset import Dataset
-from ppmcal.model_average import Reading
-from ppmcal.noise_check import ENOUGH_REPEATS
-from ppmcal.observation import coordinates
-from ppmcal.problem import Problem
 
 Say = Callable[[str], None]
 ROUNDS = 3
@@ -71,7 +71,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         say: called with what is being done.
 
     Raises:
-        BadInput, NoResult: as :func:`ppmcal.identify.identify`.
+        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
     """
     options = options or Options()
     say = say or (lambda text: None)

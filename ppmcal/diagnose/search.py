@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.gram import Gram, log_p
+from ppmcal.linalg import Array
 
 MOST_EFFECTS = 6
 STARTS = 6

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.forms import Collector, Form
+from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
 
 LOCAL, DISTORTION = "local", "distortion"

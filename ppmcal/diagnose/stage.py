@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools, thinned
+from ppmcal.calibration.least_squares import column_scale
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.diagnose.candidates import library
 from ppmcal.diagnose.draws import simulated
 from ppmcal.diagnose.forms import Form, Library
@@ -24,8 +25,7 @@ from ppmcal.diagnose.system import (
     range_basis,
     unit_columns,
 )
-from ppmcal.linear import column_scale
-from ppmcal.problem import Problem, State
+from ppmcal.linalg import Array, Bools, thinned
 
 DRAWS = 2000
 WEAK_SURVIVAL = 0.2

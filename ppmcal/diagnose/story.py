@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools, known
+from ppmcal.calibration.least_squares import gauss_newton, prior_weights
+from ppmcal.calibration.problem import Problem
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.result import Diagnosis
 from ppmcal.diagnose.search import columns_of, own_log_p
@@ -19,9 +20,7 @@ from ppmcal.diagnose.story_rows import Errors, gather
 from ppmcal.diagnose.story_series import Series, all_series
 from ppmcal.diagnose.system import build
 from ppmcal.errors import PpmcalError
-from ppmcal.gauss_newton import gauss_newton
-from ppmcal.linear import prior_weights
-from ppmcal.problem import Problem
+from ppmcal.linalg import Array, Bools, known
 
 MOST_RANKED, OF_ONE_KIND = 14, 2
 """Hypotheses shown, and how many of one kind besides those named and their alternatives."""

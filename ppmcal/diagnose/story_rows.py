@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from ppmcal.arrays import Array, Bools, Ints, known, thinned
-from ppmcal.fit import Fit
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.problem import Rows
 from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.linalg import Array, Bools, Ints, known, thinned
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import coordinates
-from ppmcal.problem import Rows
 
 MOST_ROWS = 6000
 """Pictures are drawn from at most so many rows, evenly spread."""

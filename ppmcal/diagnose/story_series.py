@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, Ints
 from ppmcal.diagnose.result import Diagnosis, NamedEffect
 from ppmcal.diagnose.story_rows import Binned, Errors, Inputs, binned
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 MOST_SERIES = 12

@@ -13,11 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools, Ints, svd
-from ppmcal.linear import column_scale
+from ppmcal.calibration.least_squares import column_scale
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.response import Response
+from ppmcal.linalg import Array, Bools, Ints, svd
 from ppmcal.model.effects import Setting, Shift
-from ppmcal.problem import Problem, State
-from ppmcal.response import Response
 
 MOST_ROWS = 1500
 """Effects are searched in at most so many rows, evenly spread; fits use them all."""

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal.calibration.fit import Fit
 from ppmcal.diagnose.forms import Form
 from ppmcal.diagnose.result import Candidate, Found, NamedEffect, Swallowed
 from ppmcal.diagnose.search import columns_of, scan
 from ppmcal.diagnose.stage import WEAK_SURVIVAL, Stage, named_only
-from ppmcal.fit import Fit
 
 POWER = 1.2816
 """Standard normal quantile of 90 %."""

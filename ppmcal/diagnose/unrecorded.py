@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.arrays import known
 from ppmcal.diagnose.forms import Collector, Form
 from ppmcal.diagnose.search import Search, columns_of
 from ppmcal.diagnose.system import Part
 from ppmcal.kinematics.effect_response import setting
+from ppmcal.linalg import known
 from ppmcal.model.effects import Setting, effect_kinds
 
 KIND, PARAMETER = "compliance", "stiffness"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.noise import OVERSTATED
 from ppmcal.diagnose.adequacy import TOO_MUCH, Remainder
 from ppmcal.diagnose.blocks import BlockGap
 from ppmcal.diagnose.forms import Form
@@ -14,9 +16,7 @@ from ppmcal.diagnose.result import Found, NamedEffect
 from ppmcal.diagnose.rivals import Rival
 from ppmcal.diagnose.stage import Stage
 from ppmcal.errors import NoResult
-from ppmcal.fit import Fit
-from ppmcal.noise_check import OVERSTATED
-from ppmcal.words import counted
+from ppmcal.wording import counted
 
 Alternatives = dict[int, tuple[list[Rival], list[Form]]]
 """By named form: rivals in the library, and what was not recorded."""

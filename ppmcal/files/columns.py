@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.pose_text import (
     COORDINATES,
@@ -19,6 +18,7 @@ from ppmcal.files.pose_text import (
 )
 from ppmcal.files.schema import hint
 from ppmcal.files.table import Table, refuse_absurd
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 

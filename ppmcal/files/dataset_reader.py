@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
+from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files import columns as cols
 from ppmcal.files.columns import further_columns, row_list, stacked
@@ -28,9 +28,9 @@ from ppmcal.files.sidecar import (
 from ppmcal.files.table import Table, read_table
 from ppmcal.files.yaml_text import number_text
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.scalars import refuse_flat
 from ppmcal.units import Units
 
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
+from ppmcal.linalg import Array
 
 SQUARE_TOLERANCE = 2e-3
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind
 
 

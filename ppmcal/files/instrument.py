@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput
 from ppmcal.files.columns import joint_factors
 from ppmcal.files.schema import check
@@ -24,7 +25,6 @@ from ppmcal.instrument import Instrument
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.scalars import refuse_flat
 from ppmcal.units import Units
 
 

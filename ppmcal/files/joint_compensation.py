@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.yaml_text import read_bytes
+from ppmcal.linalg import Array
 
 MOST = 256
 """Lines that LinuxCNC takes, EMCMOT_COMP_SIZE."""

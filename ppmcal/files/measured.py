@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array
+from ppmcal.calibration.observation import NUMBERS
 from ppmcal.errors import BadInput
 from ppmcal.files.columns import rotations, row_list, stacked
 from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.sidecar import SidecarFile, sigma_needs
 from ppmcal.files.table import Table
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import NUMBERS
 from ppmcal.units import Units
 
 

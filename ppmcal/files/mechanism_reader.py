@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files import parameter_reader as assemble
 from ppmcal.files.directions import rotation, square
@@ -23,6 +22,7 @@ from ppmcal.files.pose_text import COORDINATES, OF_FRAME, OF_MOTION, pose_from_m
 from ppmcal.files.schema import check, dotted
 from ppmcal.files.slot_forms import word
 from ppmcal.files.stiffness_reader import read_stiffness
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism, Registration
 from ppmcal.model.parameters import Parameter, free_indices
 from ppmcal.units import Units

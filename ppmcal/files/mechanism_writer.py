@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.files.effects import effects_tree
 from ppmcal.files.exact import to_file
 from ppmcal.files.mechanism_schema import FORMAT
@@ -15,6 +14,7 @@ from ppmcal.files.pose_text import OF_FRAME, OF_MOTION, pose_to_map
 from ppmcal.files.slot_text import SlotWriter
 from ppmcal.files.stiffness_reader import stiffness_trees
 from ppmcal.files.yaml_text import dump_yaml
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import free_indices
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array
 from ppmcal.files.columns import row_list
 from ppmcal.files.sidecar import sidecar_path
 from ppmcal.kinematics.inverse import home_state
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.schema import Number as _Number
 from ppmcal.files.schema import Strict, check
+from ppmcal.linalg import Array
 from ppmcal.units import Units
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")

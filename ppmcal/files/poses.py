@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files import columns as cols
 from ppmcal.files.columns import further_columns, joint_factors, stacked
@@ -17,6 +16,7 @@ from ppmcal.files.pose_text import COORDINATES, QUATERNION
 from ppmcal.files.rotation_text import EULER, under_vector_names
 from ppmcal.files.schema import hint
 from ppmcal.files.table import Table, read_table
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")

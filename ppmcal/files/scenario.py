@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.columns import ZERO_CELSIUS, joint_factors
 from ppmcal.files.effects import with_effects
@@ -18,6 +17,7 @@ from ppmcal.files.scenario_schema import PosesFile, ScenarioFile
 from ppmcal.files.schema import LARGEST, check, hint, show
 from ppmcal.files.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.files.yaml_text import read_yaml
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import Parameter

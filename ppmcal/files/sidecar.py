@@ -9,7 +9,6 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BeforeValidator
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput, unknown
 from ppmcal.files.pose_text import OF_FRAME, pose_from_map
 from ppmcal.files.schema import (
@@ -24,6 +23,7 @@ from ppmcal.files.schema import (
     show,
 )
 from ppmcal.files.yaml_text import read_yaml
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import KINDS, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units

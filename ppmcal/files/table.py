@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 from pydantic_core import from_json
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.yaml_text import read_bytes
+from ppmcal.linalg import Array
 
 CHUNK = 1 << 20
 _NUMERIC = b"0123456789+-.,eE\nnaN "

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
 from ppmcal.model.limbs import Body
 from ppmcal.model.limbs.chain import Carried, U

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, known
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import solve_rows
+from ppmcal.linalg import Array, known
 from ppmcal.model.dataset import (
     Conditions,
     Dataset,

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import Forward, forward, moved, newton
+from ppmcal.linalg import Array, known
 from ppmcal.model.dataset import Conditions, unknown_conditions
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
+from ppmcal.linalg import Array, known
 from ppmcal.model.limbs.chain import U
 from ppmcal.model.mechanism import Mechanism
 

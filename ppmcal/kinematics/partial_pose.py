@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
@@ -16,6 +15,7 @@ from ppmcal.kinematics.forward import moved
 from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_blocks, solve_rows
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.rotations import euler_rates, from_euler, to_euler
+from ppmcal.linalg import Array, known
 from ppmcal.model.dataset import Conditions, unknown_conditions
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism

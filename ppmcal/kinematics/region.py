@@ -13,11 +13,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools, known
+from ppmcal.linalg import Array, Bools, known
 
 ORDERS = tuple("".join(o) for letters in ("xyz", "XYZ") for o in product(letters, repeat=3)
                if o[0] != o[1] != o[2])

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.forward import Forward, conditioning, forward
 from ppmcal.kinematics.inverse import home_state, solve_rows
 from ppmcal.kinematics.partial_pose import LACKING, Named, inverse_partial, pose_motor, pose_vector
 from ppmcal.kinematics.registration import measured_pose
+from ppmcal.linalg import Array, known
 from ppmcal.model.dataset import Conditions, Dataset
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array, ways
+from ppmcal.linalg import Array, ways
 
 KINDS = ("pose", "position", "plane", "distance")
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectKind
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values

@@ -12,7 +12,7 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 
 
 @dataclass(frozen=True)

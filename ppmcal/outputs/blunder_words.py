@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from ppmcal import told
-from ppmcal.blunders import Blunder, Blunders
+from ppmcal.calibration.homing_shift import Shift
+from ppmcal.calibration.outliers import Blunder, Blunders
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.identification_units import column_factor, parameter_unit
-from ppmcal.zeros import Shift
 
 SHOWN = 5
 

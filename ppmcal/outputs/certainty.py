@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
-from ppmcal.compensate import model_sigma
+from ppmcal.calibration.compensation import model_sigma
 from ppmcal.controllers.pose_grid import rest_columns
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.knowledge import read_knowledge
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ppmcal.compare import Change, Comparison
+from ppmcal.calibration.change_detection import Change, Comparison
 from ppmcal.files import csv_text, json_text
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.identification_units import column_factor, parameter_unit

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.outputs.picture import (
     BODY,
     EDGE,

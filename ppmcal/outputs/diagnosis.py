@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.validation import residuals
 from ppmcal.diagnose.derived import derived
 from ppmcal.diagnose.gap import Gap
 from ppmcal.diagnose.gram import probability
@@ -15,12 +17,10 @@ from ppmcal.diagnose.story import story
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.model_average import Reading
 from ppmcal.outputs.identification import residuals_csv
 from ppmcal.outputs.identification import summary as identification_summary
 from ppmcal.outputs.story import story_entry
 from ppmcal.outputs.tables import joint_columns
-from ppmcal.residuals import residuals
 
 
 def files(result: Diagnosis, provenance: Mapping[str, Any], record: Mapping[str, Any]

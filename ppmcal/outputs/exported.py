@@ -10,10 +10,10 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.controllers.misses import Misses
 from ppmcal.errors import unknown
 from ppmcal.files import json_text
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.certainty import UNKNOWN, Certainty
 

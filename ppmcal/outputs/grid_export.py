@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
@@ -21,6 +20,7 @@ from ppmcal.controllers.pose_grid import (
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import csv_text, read_poses
 from ppmcal.kinematics.region import Grid, named
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, figure
 from ppmcal.outputs.joints_export import INSTRUMENT, instrument_notes

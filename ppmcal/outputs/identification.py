@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.analysis import Estimate, Identification
-from ppmcal.arrays import Array
-from ppmcal.earlier import of_data
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.observation import labels
+from ppmcal.calibration.posterior import of_data
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.summary import Estimate, Identification
+from ppmcal.calibration.validation import Residuals
 from ppmcal.files import csv_text, json_text, write_mechanism
-from ppmcal.fit import Fit
 from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Registration
-from ppmcal.observation import labels
 from ppmcal.outputs.blunder_words import entry as blunder_entry
 from ppmcal.outputs.identification_units import column_factor
 from ppmcal.outputs.untold_words import entry as untold_entry
 from ppmcal.outputs.untold_words import flat_entries
-from ppmcal.problem import Problem, State
-from ppmcal.residuals import Residuals
 from ppmcal.units import Units
 
 CORRELATED = 0.95

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.compensate import Knowledge
-from ppmcal.earlier import Posterior
+from ppmcal.calibration.compensation import Knowledge
+from ppmcal.calibration.posterior import Posterior
 from ppmcal.errors import BadInput
 from ppmcal.files.records import FINITE, TEXT, read_json
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, Registration

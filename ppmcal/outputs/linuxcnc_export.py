@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, known
 from ppmcal.controllers.genhexkins import (
     Drive,
     Setting,
@@ -36,6 +35,7 @@ from ppmcal.files.hal import (
     read_hal,
 )
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, Number, figure, words
 from ppmcal.units import LENGTHS

@@ -13,7 +13,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.outputs.picture import (
     BODY,
     GROUND,

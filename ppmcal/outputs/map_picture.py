@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ppmcal.arrays import Array
 from ppmcal.kinematics.region import Grid, placed
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.map_panel import Scale, draw_panel
 from ppmcal.outputs.map_profile import draw_profile

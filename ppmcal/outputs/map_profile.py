@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.outputs.map_panel import NO_POSE, NO_VALUE, SINGULAR_CURVE, Scale
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.picture import (

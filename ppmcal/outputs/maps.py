@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 
 
 @dataclass(frozen=True, eq=False)

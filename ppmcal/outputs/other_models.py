@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from ppmcal.calibration.model_averaging import Reading, Readings
 from ppmcal.errors import BadInput
 from ppmcal.files import read_mechanism
 from ppmcal.files.records import FINITE, TEXT, read_json
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.model_average import Reading, Readings
 
 RECORD = "diagnosis.json"
 _SHAPE = {"format": TEXT, "other_models": [{"file": TEXT, "effect": TEXT, "instead_of": TEXT,

@@ -23,7 +23,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import MaxNLocator, NullFormatter
 from matplotlib.transforms import Bbox
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 
 DPI = 150
 INK, SOFT, GROUND, HATCH = "#1c2227", "#5a6670", "#e6e8ea", "#aab1b7"

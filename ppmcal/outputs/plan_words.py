@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ppmcal.calibration.observation import NUMBERS
 from ppmcal.model.dataset import Unknown
-from ppmcal.observation import NUMBERS
 from ppmcal.plan.accuracy import PAYS, reaching
 from ppmcal.plan.result import Plan
-from ppmcal.words import counted
+from ppmcal.wording import counted
 
 FEWEST = 2
 """The smallest plan that can be asked for."""

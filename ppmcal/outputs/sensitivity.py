@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array, known
 from ppmcal.components import Source
 from ppmcal.files import csv_text, json_text
 from ppmcal.jacobians import Poses, determinants, error_jacobian
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid
+from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import POSE_COORDINATES
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.tables import map_table

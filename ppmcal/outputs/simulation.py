@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates_of
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.files.effects import effects_tree
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.observation import NUMBERS, SCALARS, coordinates_of
 from ppmcal.outputs.tables import joint_columns
 from ppmcal.scenario import Scenario
 from ppmcal.simulate import Campaign

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.files import json_text
 from ppmcal.kinematics.region import Grid
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.stiffness_words import (

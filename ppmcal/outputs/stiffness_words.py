@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array
-from ppmcal.check import SINGULAR_HOME
+from ppmcal.calibration.check import SINGULAR_HOME
 from ppmcal.kinematics.tables import home_conditioning
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.stiffness import Home, Principal, Stiffnesses
 

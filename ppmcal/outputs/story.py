@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.diagnose.story import Story
 from ppmcal.diagnose.story_series import Series
+from ppmcal.linalg import Array
 from ppmcal.units import Units
 
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array
-from ppmcal.compensate import Compensation
+from ppmcal.calibration.compensation import Compensation
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.rotation_text import EULER, columns_of
 from ppmcal.kinematics.rotations import to_euler, to_quaternion
 from ppmcal.kinematics.tables import Table
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.maps import Map
 

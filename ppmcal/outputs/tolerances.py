@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.components import Source
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.fleet import Errors, Fleet, Judged
 from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.tables import pose_columns
 from ppmcal.tolerances import Allocation, Check, Demand, Share, count

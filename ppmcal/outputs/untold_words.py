@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ppmcal import told
-from ppmcal.flatness import Flat
+from ppmcal.calibration.flatness import Flat
+from ppmcal.calibration.identifiability import CALIPER, Untold
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.untold import CALIPER, Untold
 
 
 def sentences(found: Untold, mechanism: Mechanism) -> list[str]:

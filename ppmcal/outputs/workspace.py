@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import known
 from ppmcal.files import csv_text, json_text
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import limit_reason
+from ppmcal.linalg import known
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.tables import joint_columns, map_table, pose_columns, unit_map

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.modes import Modes
 from ppmcal.workspace import Workspace
 

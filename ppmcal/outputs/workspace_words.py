@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import log10
 from typing import Any
 
-from ppmcal.arrays import Array
 from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.tables import pose_columns
 from ppmcal.outputs.workspace_units import ModeRow, distance_unit, size_unit, size_word, why

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.plan.model import Offer
 
 DETERMINED = 1e-10

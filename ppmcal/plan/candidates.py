@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from ppmcal.arrays import Array, Bools
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -23,6 +22,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import extent, named, placed
 from ppmcal.kinematics.tables import home_conditioning, inverse_table, limit_reason
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.clearance import too_close
 

@@ -7,10 +7,10 @@ from itertools import combinations
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, Bools
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.linalg import Array, Bools
 
 OF_HOME = 0.5
 OF_REACH = 0.02

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools
+from ppmcal.linalg import Array, Bools
 from ppmcal.plan.model import Offer
 
 LOOSE = 1e-3

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools, Ints, known
-from ppmcal.compensate import Knowledge, prediction_jacobian
+from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
+from ppmcal.calibration.identifiability import RANK_TOLERANCE, analyse, pivoted
+from ppmcal.calibration.least_squares import column_scale, prior_weights
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.errors import NoResult
 from ppmcal.instrument import Instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.linear import column_scale, prior_weights
+from ppmcal.linalg import Array, Bools, Ints, known
 from ppmcal.model.dataset import conditions
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.candidates import Candidates
-from ppmcal.problem import Problem, State
-from ppmcal.rank import RANK_TOLERANCE, analyse, pivoted
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ppmcal.arrays import Array, Ints
 from ppmcal.instrument import Instrument
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.candidates import Candidates, Region, nearby, same_mode
 from ppmcal.plan.exchange import Design

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ppmcal.arrays import Array, Ints
 from ppmcal.instrument import Instrument
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.accuracy import Curve
 from ppmcal.plan.candidates import Candidates

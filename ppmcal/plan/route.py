@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, Ints
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import conditioning, forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import SINGULAR, home_conditioning
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan.candidates import same_pose
 from ppmcal.plan.clearance import too_close

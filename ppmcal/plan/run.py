@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, Ints
+from ppmcal.calibration.identifiability import analyse, observability
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.instrument import Instrument
 from ppmcal.kinematics.tables import home_conditioning
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.plan import accuracy
 from ppmcal.plan.accuracy import Curve
@@ -21,7 +22,6 @@ from ppmcal.plan.refine import refined
 from ppmcal.plan.result import Plan
 from ppmcal.plan.route import route
 from ppmcal.plan.settings import Asked, offered, refuse, with_kinds
-from ppmcal.rank import analyse, observability
 
 CANDIDATES = 400
 TASKS = 50

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, Ints
 from ppmcal.errors import BadInput, unknown
 from ppmcal.kinematics.effect_response import with_strokes
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
 from ppmcal.model.mechanism import Given, Mechanism, joint_quantity, resolved, with_effect

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import BadInput
 from ppmcal.files.records import NUMBER, TEXT, read_json
+from ppmcal.linalg import Array
 from ppmcal.report.compare_section import COMPARISON
 from ppmcal.report.compare_section import WORDS as COMPARE_WORDS
 from ppmcal.report.data import (

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 
 Record = Mapping[str, Any]
 

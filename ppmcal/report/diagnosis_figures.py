@@ -32,7 +32,7 @@ from ppmcal.report.diagnosis_words import (
     together,
 )
 from ppmcal.report.numbers import number, sig
-from ppmcal.words import shorter
+from ppmcal.wording import shorter
 
 Record = Mapping[str, Any]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.report import svg
 from ppmcal.report.bars import Picture, fitting, width
 from ppmcal.report.diagnosis_words import (
@@ -18,7 +18,7 @@ from ppmcal.report.diagnosis_words import (
     left_out,
 )
 from ppmcal.report.numbers import number
-from ppmcal.words import where
+from ppmcal.wording import where
 
 Record = Mapping[str, Any]
 APART = 2.5

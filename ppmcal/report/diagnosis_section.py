@@ -23,7 +23,7 @@ from ppmcal.report.figures import residual_figures
 from ppmcal.report.numbers import count, number, probability, sig
 from ppmcal.report.tables import Cell, amount, bullets, dotted, paragraph, table, words
 from ppmcal.report.text import finding_text
-from ppmcal.words import where
+from ppmcal.wording import where
 
 Record = Mapping[str, Any]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppmcal.report.numbers import count, listed, number, sig, to_sigma, whole, with_unit
-from ppmcal.words import shorter, where
+from ppmcal.wording import shorter, where
 
 VERDICTS = {
     "none": "Nothing is missing that these data could show.",

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools
+from ppmcal.linalg import Array, Bools
 from ppmcal.report import svg
 from ppmcal.report.data import Columns, Comparison, Identified, Rows
 from ppmcal.report.numbers import count, sig, whole, with_unit

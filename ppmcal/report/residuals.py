@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array, Bools
+from ppmcal.linalg import Array, Bools
 from ppmcal.report.data import Columns
 
 POINTS = 1200

@@ -14,7 +14,7 @@ from html import escape
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 
 WIDTH, HEIGHT = 400.0, 250.0
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

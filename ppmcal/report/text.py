@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ppmcal.noise_check import FAILED_NOISE, OVERSTATED
+from ppmcal.calibration.noise import FAILED_NOISE, OVERSTATED
 from ppmcal.report import compare_section, export_section
 from ppmcal.report.data import Comparison, Identified, ReportData, Rows
 from ppmcal.report.diagnosis_words import verdict_of

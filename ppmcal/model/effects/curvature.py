@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.polynomial import legendre
 
-from ppmcal.arrays import Bools
+from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,

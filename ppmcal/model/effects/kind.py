@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.arrays import Array, Bools
 from ppmcal.errors import unknown
+from ppmcal.linalg import Array, Bools
 
 Rows = NDArray[np.int64] | NDArray[np.bool_]
 

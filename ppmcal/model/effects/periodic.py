@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ppmcal.arrays import Bools
+from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,

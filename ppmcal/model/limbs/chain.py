@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 
 Values = Mapping[str, Any]
 """Slot name -> scalar or (N,) array, direction name -> (3,) array, all SI."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array
 from ppmcal.errors import unknown
+from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import Carried, Chain, SlotSpec, Step, Values
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
+from ppmcal.linalg import Array
 from ppmcal.model.limbs.kind import Surface
 
 Condition = tuple[Array, Array, Array, Array, Array]

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
-from ppmcal.earlier import Earlier
+from ppmcal.calibration.posterior import Earlier
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 

@@ -11,18 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, known
+from ppmcal.calibration.identifiability import RANK_TOLERANCE, Untold, analyse, foreseen
+from ppmcal.calibration.least_squares import column_scale, reduce_rows
+from ppmcal.calibration.misreading import MEND, misfit
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, limb_roots, to_joint
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import home_conditioning, inverse_table
-from ppmcal.linear import column_scale, reduce_rows
-from ppmcal.misfit import MEND, misfit
+from ppmcal.linalg import Array, known
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.problem import Problem, State
-from ppmcal.rank import RANK_TOLERANCE, analyse
-from ppmcal.untold import Untold, foreseen
 
 SINGULAR_HOME = 0.02
 """A finding: smallest singular value of A at home below this."""

@@ -16,13 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from ppmcal.arrays import Array, Bools, known, thinned
+from ppmcal.calibration.least_squares import gauss_newton, parameter_scale, prior_weights
+from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.outliers import Distances, distances, huber_weights
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.errors import NoResult
-from ppmcal.gauss_newton import gauss_newton
-from ppmcal.linear import parameter_scale, prior_weights
-from ppmcal.observation import coordinates
-from ppmcal.problem import Problem, State
-from ppmcal.robust import Distances, distances, huber_weights
+from ppmcal.linalg import Array, Bools, known, thinned
 from ppmcal.units import Units
 
 GROSS = 5.0
@@ -116,7 +115,7 @@ def misfit(problem: Problem) -> Misfit:
         problem: machine and data; where there are many rows, some of them are looked at.
 
     Raises:
-        BadInput: as :meth:`ppmcal.problem.Problem.start`.
+        BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`.
     """
     few = _few(_toleranced(problem))
     state = few.start()

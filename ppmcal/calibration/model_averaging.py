@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
-from ppmcal.compensate import Compensation, Knowledge, compensate, station_of
+from ppmcal.calibration.compensation import Compensation, Knowledge, compensate, station_of
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import base_station, pose_motor
 from ppmcal.kinematics.registration import predict
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import conditions
 from ppmcal.model.mechanism import Mechanism
 
@@ -48,7 +48,7 @@ class Readings:
 class Targets:
     """What is wanted: poses (N, 6) in the frame of a data set ("" for the base), conditions.
 
-    As for :func:`ppmcal.compensate.compensate`.
+    As for :func:`ppmcal.calibration.compensation.compensate`.
     """
 
     wanted: Array

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array
+from ppmcal.calibration.observation import pivot
 from ppmcal.kinematics.registration import Station
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import pivot
 
 PARTS = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, Bools, known
 from ppmcal.kinematics.registration import Station, predict
+from ppmcal.linalg import Array, Bools, known
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import POSE_COORDINATES

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.arrays import Array, Bools, Ints, thinned
-from ppmcal.fit import Fit
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.problem import Problem
+from ppmcal.linalg import Array, Bools, Ints, thinned
 from ppmcal.model.dataset import Dataset
-from ppmcal.problem import Problem
 
 SHIFTED = 1e-3
 """A zero has moved where chance would show such a shift this rarely in any session."""

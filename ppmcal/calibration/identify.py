@@ -13,16 +13,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools, known
+from ppmcal.calibration.fit import OUTLIER, Fit, Options, prediction_covariance
+from ppmcal.calibration.least_squares import (
+    Progress,
+    column_scale,
+    gauss_newton,
+    parameter_scale,
+    prior_weights,
+    reduce_rows,
+)
+from ppmcal.calibration.misreading import gross_errors
+from ppmcal.calibration.observation import coordinates, shown
+from ppmcal.calibration.outliers import REJECT, distances, huber_weights, worst
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.regularization import damped, gcv_scale
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.fit import OUTLIER, Fit, Options, prediction_covariance
-from ppmcal.gauss_newton import Progress, gauss_newton
-from ppmcal.linear import column_scale, parameter_scale, prior_weights, reduce_rows
-from ppmcal.misfit import gross_errors
-from ppmcal.observation import coordinates, shown
-from ppmcal.problem import Problem, State
-from ppmcal.regularise import damped, gcv_scale
-from ppmcal.robust import REJECT, distances, huber_weights, worst
+from ppmcal.linalg import Array, Bools, known
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
 """Beyond so many rows a fit to so few of them comes first."""

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.special import fdtrc
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, svd, thinned
-from ppmcal.fit import Fit
+from ppmcal.calibration.fit import Fit
+from ppmcal.linalg import Array, svd, thinned
 
 ENOUGH = 16
 """Fewer touches show no shape."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.arrays import Array, Bools
+from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.forward import forward
@@ -26,9 +26,9 @@ from ppmcal.kinematics.partial_pose import (
 )
 from ppmcal.kinematics.registration import Station, measured_pose, predict
 from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Conditions, Dataset, conditions
 from ppmcal.model.mechanism import Mechanism, Registration
-from ppmcal.problem import Problem, State
 
 FAR_OUTSIDE = 0.5
 """Refused: farther outside the measured range than this part of its width."""
@@ -39,7 +39,7 @@ class Knowledge:
     """What an identification knows beyond the model file.
 
     ``names`` (C,) columns and ``covariance`` (C, C) as in
-    :class:`ppmcal.analysis.Identification`; ``volume``: coordinate -> (low, high) of the
+    :class:`ppmcal.calibration.summary.Identification`; ``volume``: coordinate -> (low, high) of the
     poses that were measured, base frame, SI. ``pivots``: the points about which the fitted
     frames are turned, by data set (3,). ``before``: where the instrument stands if the
     nominal geometry is believed, by data set: the frame of the uncorrected commands.

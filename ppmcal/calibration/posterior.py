@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, svd
+from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import Mechanism
 
 ROUND_OFF = 1e-9

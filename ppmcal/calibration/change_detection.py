@@ -1,6 +1,6 @@
 """Two calibrations of one machine: what has changed, and what only looks so.
 
-With the data of the old one as rows |R s - r|^2 (:mod:`ppmcal.earlier`) and the new posterior
+With the data of the old one as rows |R s - r|^2 (:mod:`posterior`) and the new posterior
 N(s, C), the rows' misfit e = r - R s has covariance I + R C R^T if nothing changed: one
 chi-squared for all parameters together, whatever they trade among each other. A change d of
 parameter j shows as -R (1 - C P) d in e, P being the prior's weight that the new fit holds it
@@ -15,15 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
-from ppmcal.arrays import Array, svd
-from ppmcal.earlier import BENT, Earlier, Posterior, of_data
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.noise import noise_check, with_noise
+from ppmcal.calibration.pose_difference import Moved, moved
+from ppmcal.calibration.posterior import BENT, Earlier, Posterior, of_data
 from ppmcal.errors import BadInput
-from ppmcal.fit import Fit, Options
-from ppmcal.identify import identify
+from ppmcal.linalg import Array, svd
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.moved import Moved, moved
-from ppmcal.noise_check import noise_check
-from ppmcal.variance import with_noise
 
 CHANGED = 0.01
 """A change is named where chance would show one this rarely among all parameters."""
@@ -184,7 +183,7 @@ def _in_units(mechanism: Mechanism, old: Earlier, new: Now, change: Change) -> C
 
 
 def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior:
-    """Return what a fit ended with; ``inputs``: as in :class:`ppmcal.earlier.Posterior`."""
+    """Return what a fit ended with; ``inputs``: as in :class:`posterior.Posterior`."""
     count, free = len(fit.problem.free), list(fit.problem.free)
     scale = fit.scale[:count]
     matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, scale)

@@ -11,22 +11,26 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ppmcal.arrays import Array, svd
-from ppmcal.blunders import Blunders, blunders
-from ppmcal.earlier import BENT, Posterior
-from ppmcal.fit import Fit, Options, posterior, prediction_covariance
-from ppmcal.flatness import Flat, flats
-from ppmcal.holdout import held_out, on_other, register_only
+from ppmcal.calibration.fit import Fit, Options, posterior, prediction_covariance
+from ppmcal.calibration.flatness import Flat, flats
+from ppmcal.calibration.identifiability import (
+    RANK_TOLERANCE,
+    Rank,
+    Untold,
+    analyse,
+    observability,
+    untold,
+)
+from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
+from ppmcal.calibration.noise import Noise, noise_check, with_noise
+from ppmcal.calibration.outliers import Blunders, blunders
+from ppmcal.calibration.posterior import BENT, Posterior
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.validation import Residuals, held_out, on_other, register_only, residuals
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.linear import SOLVE_TOLERANCE
+from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism, Registration
-from ppmcal.noise_check import Noise, noise_check
-from ppmcal.problem import Problem, State
-from ppmcal.rank import RANK_TOLERANCE, Rank, analyse, observability
-from ppmcal.residuals import Residuals, residuals
-from ppmcal.untold import Untold, untold
-from ppmcal.variance import with_noise
 
 Z95 = 1.959963984540054
 IMPLAUSIBLE = 8.0

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.arrays import Array, Bools, svd
-from ppmcal.fit import Fit, Options
-from ppmcal.gauss_newton import Progress
-from ppmcal.linear import column_scale, reduce_rows, small_problem
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identifiability import RANK_TOLERANCE
+from ppmcal.calibration.least_squares import Progress, column_scale, reduce_rows, small_problem
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
-from ppmcal.problem import Problem, State
-from ppmcal.rank import RANK_TOLERANCE
-from ppmcal.words import counted
+from ppmcal.wording import counted
 
 DAMPED_ITERATIONS, SOON = 6000, 60
 """Iterations of the damped scheme at most, and how many more are worth their time once the

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.arrays import Array, Bools, known, svd
-from ppmcal.linear import SOLVE_TOLERANCE, Reduced
-from ppmcal.problem import Problem, State
+from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, Reduced
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.linalg import Array, Bools, known, svd
 
 ITERATIONS = 60
 OUTLIER = "outlier"
@@ -104,7 +104,7 @@ def directions(fit: Fit, prior: Array | None = None) -> tuple[Array, Array, Bool
 def prediction_covariance(fit: Fit) -> Array:
     """Return a covariance (C, C) that is right for predictions of measured rows.
 
-    Noise beyond the stated one is in the rows (:func:`ppmcal.variance.with_noise`), never in the
+    Noise beyond the stated one is in the rows (:func:`noise.with_noise`), never in the
     prior: a parameter is known at least as well as its tolerance says.
     Null directions do not move what the data saw, so they are left out altogether.
     """

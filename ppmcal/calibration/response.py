@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ppmcal.arrays import Array
+from ppmcal.calibration.observation import View
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.effect_response import effect_terms, setting
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import Conditions
 from ppmcal.model.effects import Setting, Shift
-from ppmcal.observation import View
 
 
 @dataclass(frozen=True, eq=False)

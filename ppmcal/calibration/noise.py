@@ -2,17 +2,99 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
-from ppmcal.arrays import Array, Bools
-from ppmcal.fit import Fit, directions, prediction_covariance
-from ppmcal.linear import prior_square
-from ppmcal.variance import LEAST, noise_ratios
+from ppmcal.calibration.fit import Fit, Options, directions, prediction_covariance
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.least_squares import Progress, gauss_newton, prior_square, reduce_rows
+from ppmcal.calibration.problem import Problem
+from ppmcal.linalg import Array, Bools
+from ppmcal.model.dataset import Dataset
+
+LEAST = 5.0
+"""A data set of less redundancy keeps its stated noise."""
+ROUNDS, SETTLED = 30, 0.005
+
+
+def noise_ratios(fit: Fit) -> tuple[Array, Array]:
+    """Return each data set's noise over the stated one, and its redundancy (D,).
+
+    nan where the redundancy is below :data:`LEAST`.
+    """
+    count = len(fit.problem.datasets)
+    square, freedom = np.zeros(count), np.zeros(count)
+    covariance = prediction_covariance(fit)
+    for rows in fit.problem.rows(fit.state, True, fit.keep):
+        taken = float(np.sum((rows.jacobian @ covariance) * rows.jacobian))
+        square[rows.dataset] += float(np.sum(rows.residual**2))
+        freedom[rows.dataset] += float(rows.observed.sum()) - taken
+    enough = freedom >= LEAST
+    return np.where(enough, np.sqrt(square / np.where(enough, freedom, 1.0)), np.nan), freedom
+
+
+def with_estimated_noise(problem: Problem, options: Options, progress: Progress | None = None
+                         ) -> tuple[Fit, Array]:
+    """Fit with the noise of each data set as its residuals show it.
+
+    Args:
+        problem: machine and data with stated noise.
+        options: of the fits.
+        progress: as for :func:`ppmcal.calibration.identify.identify`.
+
+    Returns:
+        The fit, and by what the stated noise of each data set was multiplied (D,).
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
+    """
+    factor = np.ones(len(problem.datasets))
+    fit = identify(problem, options, progress)
+    for _ in range(ROUNDS):
+        ratio, _ = noise_ratios(fit)
+        ratio = np.where(np.isfinite(ratio) & (ratio > 0.0), ratio, 1.0)
+        if np.max(np.abs(np.log(ratio))) < SETTLED:
+            break
+        factor = factor * ratio
+        scaled = replace(problem, datasets=_scaled(problem.datasets, factor))
+        fit = identify(scaled, options, progress, fit.state, near=True)
+    return fit, factor
+
+
+def with_noise(fit: Fit, factor: float, options: Options) -> Fit:
+    """Return a fit to the same rows with their stated noise times ``factor``.
+
+    The tolerances stay what they are, so that they weigh more: values and uncertainties are the
+    posterior of rows so noisy. Scaling all uncertainties instead would make parameters less
+    certain than their tolerances, and values fitted to noise would stay. Without a prior, or with
+    one that generalised cross-validation chose by the residuals themselves, values stay.
+    """
+    if factor == 1.0:
+        return fit
+    datasets = _scaled(fit.problem.datasets, np.full(len(fit.problem.datasets), factor))
+    noisier = replace(fit.problem, datasets=datasets,
+                      pivots=tuple(o.about for o in fit.problem.opens))
+    chosen = options.method == "gcv"
+    state, converged = fit.state, fit.converged
+    if fit.prior.any() and not chosen:
+        state, _, _, converged = gauss_newton(noisier, state, fit.keep, fit.prior,
+                                              options.most)
+    return replace(fit, state=state, reduced=reduce_rows(noisier, state, fit.keep),
+                   prior=fit.prior / factor if chosen else fit.prior, noise=factor * fit.noise,
+                   prior_scale=fit.prior_scale * (factor if chosen else 1.0),
+                   converged=fit.converged and converged)
+
+
+def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:
+    return tuple(replace(
+        d, sigma_position=f * d.sigma_position, sigma_rotation=f * d.sigma_rotation,
+        sigma_value=f * d.sigma_value, sigma_actuator=f * d.sigma_actuator)
+        for d, f in zip(datasets, factor.tolist(), strict=True))
+
 
 ENOUGH_REPEATS = 30
 """Degrees of freedom of repeats from which they, not the stated sigma, are the noise."""

@@ -19,20 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.align import no_pose, start_station
-from ppmcal.arrays import Array, Bools, Ints, known
-from ppmcal.earlier import Earlier
+from ppmcal.calibration.nuisance_columns import Open, lay_out
+from ppmcal.calibration.observation import View, noise, view, whitener
+from ppmcal.calibration.posterior import Earlier
+from ppmcal.calibration.registration import no_pose, start_station
+from ppmcal.calibration.response import Response
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.effect_response import conditions_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reach, settle
 from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import Station
-from ppmcal.layout import Open, lay_out
+from ppmcal.linalg import Array, Bools, Ints, known
 from ppmcal.model.dataset import Conditions, Dataset
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.observation import View, noise, view, whitener
-from ppmcal.response import Response
 
 CHUNK = 2048
 

@@ -1,0 +1,182 @@
+"""Errors row by row, as the instrument sees them and as the limbs do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.noise import with_noise
+from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.forward import moved
+from ppmcal.kinematics.partial_pose import carried_back, pose_vector
+from ppmcal.kinematics.registration import Station
+from ppmcal.linalg import Array, Bools, known
+from ppmcal.model.dataset import Dataset
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Errors row by row, by data set; nan where not measured. SI.
+
+    ``vector`` (N, m) by measured coordinate, ``sigma`` (N, m) their stated standard
+    deviations, ``position`` and ``rotation`` norms (N,), ``closure`` (N, d) limb lengths
+    at the measured poses, nan where the pose was not fully measured.
+    """
+
+    vector: tuple[Array, ...]
+    sigma: tuple[Array, ...]
+    position: tuple[Array, ...]
+    rotation: tuple[Array, ...]
+    closure: tuple[Array, ...]
+
+    def figures(self, rows: Sequence[Bools]) -> dict[str, dict[str, float]]:
+        """Return mean, rms, p95 and max of each kind of error over the given rows."""
+        out = {}
+        for name, parts in (("position", self.position), ("rotation", self.rotation)):
+            values = np.concatenate([p[k] for p, k in zip(parts, rows, strict=True)])
+            values = values[np.isfinite(values)]
+            if values.size:
+                out[name] = {"mean": float(values.mean()),
+                             "rms": float(np.sqrt(np.mean(values**2))),
+                             "p95": float(np.quantile(values, 0.95)),
+                             "max": float(values.max())}
+        gaps = np.concatenate([c[k].ravel() for c, k in zip(self.closure, rows, strict=True)])
+        gaps = gaps[np.isfinite(gaps)]
+        if gaps.size:
+            out["closure"] = {"rms": float(np.sqrt(np.mean(gaps**2))),
+                              "max": float(np.abs(gaps).max())}
+        return out
+
+
+def residuals(problem: Problem, state: State) -> Residuals:
+    """Return the errors of all rows at a state."""
+    parts: list[list[Array]] = [[], [], [], [], []]
+    motion = problem.mechanism.motion
+    for i, data in enumerate(problem.datasets):
+        chosen = coordinates(data, motion)
+        places = sum(1 for c in chosen if c < 3)
+        vector = np.full((len(data), len(chosen)), np.nan)
+        sigma = np.full_like(vector, np.nan)
+        one = replace(problem, datasets=(data,))
+        for rows in one.rows(State(state.g, (state.stations[i],), (state.poses[i],)), False):
+            vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
+            covariance = np.linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
+            sigma[rows.index] = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+        parts[0].append(vector)
+        parts[1].append(sigma)
+        parts[2].append(_norm(vector[:, :places]))
+        parts[3].append(_norm(vector[:, places:]))
+        parts[4].append(closure_lengths(problem, state, i))
+    return Residuals(*(tuple(p) for p in parts))
+
+
+def _norm(vector: Array) -> Array:
+    """Norm over the measured components, nan where none is."""
+    seen = np.isfinite(vector)
+    norm = np.sqrt(np.sum(np.where(seen, vector, 0.0) ** 2, axis=1))
+    return np.where(seen.any(axis=1), norm, np.nan)
+
+
+def closure_lengths(problem: Problem, state: State, index: int) -> Array:
+    """Return the limb conditions at the measured poses, as lengths (N, d); nan if unknown."""
+    data, station = problem.datasets[index], state.stations[index]
+    out = np.full((len(data), problem.mechanism.conditions), np.nan)
+    position, rotation = data.position.copy(), data.rotation.copy()
+    motion = problem.mechanism.motion
+    if motion == "planar":
+        position[:, 2], rotation[:, :2] = 0.0, 0.0
+    if motion == "translational":
+        rotation = np.zeros_like(rotation)
+    whole = known(position) & known(rotation) & known(data.q)
+    if (data.kind == "pose" or motion == "translational") and whole.any():
+        measured = np.concatenate([position[whole], rotation[whole]], axis=1)
+        pose = carried_back(problem.mechanism, station, measured)
+        joints = problem.joints(index, state)[whole]
+        model = shifted(Model(problem.mechanism, state.g), problem.conditions[index].take(whole),
+                        joints, pose)
+        if model.shift is not None and model.shift.pose is not None:
+            pose = moved(pose, -model.shift.pose)
+        out[whole] = model.closure(joints).lengths(pose)
+    return out
+
+
+def register_only(problem: Problem, state: State | None = None) -> Fit:
+    """Fit only open frames and targets, geometry as it is."""
+    bare = replace(problem, free=(), earlier=None)
+    return identify(bare, Options(method="flat"), start=state)
+
+
+def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools]:
+    """Return which rows to hold out: whole commanded poses, seeded, by data set (N,)."""
+    rng = np.random.default_rng(seed)
+    out = []
+    for data in datasets:
+        labels = np.unique(data.groups)
+        chosen = rng.permutation(labels)[:round(fraction * labels.size)]
+        out.append(np.isin(data.groups, chosen))
+    return out
+
+
+def held_out(problem: Problem, options: Options, fraction: float, seed: int,
+             keep: Sequence[Bools], noise: float = 1.0
+             ) -> tuple[dict[str, dict[str, float]], str]:
+    """Return the figures on poses that a fit of the others had not seen, and how it was done.
+
+    Rows not in ``keep`` (outliers of the fit to everything) do not count in the figures;
+    ``noise``: factor on the stated one, as in the fit to everything.
+    """
+    out = split(problem.datasets, fraction, seed)
+    rest = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
+               for o, d in zip(out, problem.datasets, strict=True))
+    if sum(int(o.sum()) for o in out) == 0 or rest < 1.2 * len(problem.columns):
+        return {}, "too few poses to hold any out"
+    part = replace(problem, datasets=tuple(d.take(~o) for d, o in
+                                           zip(problem.datasets, out, strict=True)))
+    fit = with_noise(identify(part, options), noise, options)
+    fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
+                                            zip(problem.datasets, out, strict=True)))
+    state = fresh_state(fresh, fit.state)
+    rows = [known(p) & k[o] for p, k, o in
+            zip(state.poses, keep, out, strict=True)]
+    figures = residuals(fresh, state).figures(rows)
+    return figures, (f"{fraction:.0%} of the poses (seed {seed}) kept out of a fit of the others; "
+                     "the final fit uses all")
+
+
+def fresh_state(problem: Problem, fitted: State) -> State:
+    """Return a state with fitted parameters and stations, poses solved for other rows."""
+    model = Model(problem.mechanism, fitted.g)
+    poses = tuple(problem.reached(i, model, s.homing) for i, s in enumerate(fitted.stations))
+    return State(fitted.g, fitted.stations, poses)
+
+
+def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, float]], str]:
+    """Return the figures on other data sets, and how they were registered."""
+    names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.stations, strict=True)}
+    fresh = tuple(_with_known(d, names) for d in other)
+    problem = Problem(fit.problem.mechanism.with_values(fit.state.g), fresh, ())
+    registered_fit = register_only(problem)
+    figures = residuals(problem, registered_fit.state).figures(
+        [known(p) for p in registered_fit.state.poses])
+    anew = [d.name for d in fresh if d.frame.fitted]
+    how = f"; frame registered anew on {', '.join(anew)}" if anew else ""
+    return figures, f"on {', '.join(d.name for d in other)}, which the fit had not seen{how}"
+
+
+def _with_known(data: Dataset, stations: Mapping[str, Station]) -> Dataset:
+    """Give a held-out data set the frame of the fitted one that it names."""
+    if data.frame.same_as is None or data.frame.same_as not in stations:
+        return data
+    s = stations[data.frame.same_as]
+    frame = replace(data.frame, fitted=False, same_as=None, value=pose_vector(s.frame))
+    return replace(data, frame=frame,
+                   target=replace(data.target, fitted=False, value=s.target),
+                   target_rotation=replace(data.target_rotation, fitted=False,
+                                           value=s.target_rotation))
