@@ -40,8 +40,8 @@ from ppmcal.calibration.validation import fresh_state
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.scenario import Circle, Random, Scenario
-from ppmcal.simulate import Campaign, simulate
+from ppmcal.simulation.scenario import Circle, Random, Scenario
+from ppmcal.simulation.simulate import Campaign, simulate
 
 Array = NDArray[np.float64]
 

@@ -33,10 +33,10 @@ from hidden_unknown import UNKNOWN  # noqa: E402
 from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import Problem  # noqa: E402
 from ppmcal.calibration.validation import split  # noqa: E402
-from ppmcal.diagnose.gap import measure_gap  # noqa: E402
-from ppmcal.diagnose.result import Diagnosis  # noqa: E402
-from ppmcal.diagnose.run import Options as RunOptions  # noqa: E402
-from ppmcal.diagnose.run import diagnose  # noqa: E402
+from ppmcal.diagnosis.diagnose import Options as RunOptions  # noqa: E402
+from ppmcal.diagnosis.diagnose import diagnose  # noqa: E402
+from ppmcal.diagnosis.held_out_gap import measure_gap  # noqa: E402
+from ppmcal.diagnosis.result import Diagnosis  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.model.effects import effect_kinds  # noqa: E402
 from ppmcal.model.mechanism import Given, with_effect  # noqa: E402

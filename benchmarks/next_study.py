@@ -30,15 +30,17 @@ from study_summary import interval  # noqa: E402
 
 from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import Problem  # noqa: E402
-from ppmcal.diagnose.forms import Form  # noqa: E402
-from ppmcal.diagnose.nextup import possible_rows  # noqa: E402
-from ppmcal.diagnose.result import Diagnosis  # noqa: E402
-from ppmcal.diagnose.rivals import rivals  # noqa: E402
-from ppmcal.diagnose.run import Options as RunOptions  # noqa: E402
-from ppmcal.diagnose.run import diagnose  # noqa: E402
-from ppmcal.diagnose.search import Search, bic  # noqa: E402
-from ppmcal.diagnose.sharing import find  # noqa: E402
-from ppmcal.diagnose.stage import named_only, run_stage  # noqa: E402
+from ppmcal.diagnosis.diagnose import Options as RunOptions  # noqa: E402
+from ppmcal.diagnosis.diagnose import diagnose  # noqa: E402
+from ppmcal.diagnosis.hypotheses import Form  # noqa: E402
+from ppmcal.diagnosis.next_experiment import possible_rows  # noqa: E402
+from ppmcal.diagnosis.result import Diagnosis  # noqa: E402
+from ppmcal.diagnosis.rivals import (  # noqa: E402
+    find,
+    rivals,
+)
+from ppmcal.diagnosis.selection import Search, bic  # noqa: E402
+from ppmcal.diagnosis.stage import named_only, run_stage  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.model.dataset import Dataset  # noqa: E402
 

@@ -39,14 +39,14 @@ from ppmcal.calibration.fit import Fit, posterior  # noqa: E402
 from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import Problem  # noqa: E402
 from ppmcal.calibration.validation import fresh_state  # noqa: E402
+from ppmcal.design.plan.candidate_poses import evenly, region_of  # noqa: E402
+from ppmcal.design.plan.plan import Options, plan  # noqa: E402
+from ppmcal.design.virtual_instrument import Instrument, default_instrument  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.files import read_mechanism  # noqa: E402
-from ppmcal.instrument import Instrument, default_instrument  # noqa: E402
 from ppmcal.model.mechanism import Mechanism  # noqa: E402
-from ppmcal.plan.candidates import evenly, region_of  # noqa: E402
-from ppmcal.plan.run import Options, plan  # noqa: E402
-from ppmcal.scenario import Listed, Scenario  # noqa: E402
-from ppmcal.simulate import simulate  # noqa: E402
+from ppmcal.simulation.scenario import Listed, Scenario  # noqa: E402
+from ppmcal.simulation.simulate import simulate  # noqa: E402
 
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ppmcal.tolerances import Share
+from ppmcal.design.tolerance_allocation import Share
 
 Row = dict[str, str]
 

@@ -13,9 +13,9 @@ from test_untold import joints_at, printer, touches
 
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnose.result import Diagnosis
-from ppmcal.diagnose.run import diagnose
-from ppmcal.diagnose.stage import run_stage
+from ppmcal.diagnosis.diagnose import diagnose
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.stage import run_stage
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Given, Mechanism, with_effect

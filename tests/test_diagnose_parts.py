@@ -16,18 +16,16 @@ from scipy.stats import f as fisher
 
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnose import gap as gaps
-from ppmcal.diagnose.adequacy import kernel_test
-from ppmcal.diagnose.candidates import library
-from ppmcal.diagnose.draws import heavy, simulated
-from ppmcal.diagnose.forms import Library, united
-from ppmcal.diagnose.gram import Gram, build_gram, log_p
-from ppmcal.diagnose.noise import estimate, pure_error
-from ppmcal.diagnose.rivals import rivals
-from ppmcal.diagnose.search import DETECT, NAME, null_scan, scan
-from ppmcal.diagnose.sharing import find
-from ppmcal.diagnose.stage import Stage, of_single, run_stage
-from ppmcal.diagnose.system import System, build
+from ppmcal.diagnosis import held_out_gap as gaps
+from ppmcal.diagnosis.added_variable_test import Gram, build_gram, log_p
+from ppmcal.diagnosis.adequacy import kernel_test
+from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.hypotheses import Library, united
+from ppmcal.diagnosis.linear_system import System, build
+from ppmcal.diagnosis.rivals import find, rivals
+from ppmcal.diagnosis.selection import DETECT, NAME, null_scan, scan
+from ppmcal.diagnosis.stage import Stage, of_single, run_stage
+from ppmcal.diagnosis.whitening import estimate, heavy, pure_error, simulated
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

@@ -28,8 +28,8 @@ from ppmcal.calibration.fit import OUTLIER, Fit
 from ppmcal.calibration.fit import Options as FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnose import run as diagnosing
-from ppmcal.diagnose.refit import of_rows
+from ppmcal.diagnosis import diagnose as diagnosing
+from ppmcal.diagnosis.refit import of_rows
 from ppmcal.files import read_campaign, read_mechanism
 from ppmcal.model.dataset import Dataset
 
@@ -224,7 +224,7 @@ def without(fit: Fit, gone: np.ndarray) -> Fit:
 
 @pytest.mark.parametrize("count", [4, 12, 30])
 def test_chance_gives_a_pattern_as_rarely_as_told(plain: Fit, count: int) -> None:
-    module = pytest.importorskip("ppmcal.diagnose.left_out")
+    module = pytest.importorskip("ppmcal.diagnosis.left_out_rows")
     rng, rows_ = np.random.default_rng(count), len(plain.keep[0])
     found, p_values = 0, []
     for _ in range(300):
@@ -241,7 +241,7 @@ def test_chance_gives_a_pattern_as_rarely_as_told(plain: Fit, count: int) -> Non
 @pytest.mark.parametrize("what", ["first", "leg2 moving +", "last third", "highest part by load"])
 def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
     """Fifteen rows that have one thing in common, picked at random among those that have it."""
-    module = pytest.importorskip("ppmcal.diagnose.left_out")
+    module = pytest.importorskip("ppmcal.diagnosis.left_out_rows")
     data, n = plain.problem.datasets[0], len(plain.keep[0])
     has = {"first": np.r_[True, np.diff(data.groups) != 0],
            "leg2 moving +": data.columns["dir_leg2"] == 1.0,
@@ -256,7 +256,7 @@ def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
 
 
 def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
-    module = pytest.importorskip("ppmcal.diagnose.left_out")
+    module = pytest.importorskip("ppmcal.diagnosis.left_out_rows")
     n = len(plain.keep[0])
     gone = np.zeros(n, dtype=bool)
     gone[np.random.default_rng(2).permutation(n)[:n // 4]] = True
@@ -271,8 +271,8 @@ def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
 
 def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
     """By the formula and by honest refits: to 1 % of the noise, without and with the effect."""
-    gap = pytest.importorskip("ppmcal.diagnose.gap")
-    blocks = pytest.importorskip("ppmcal.diagnose.blocks")
+    gap = pytest.importorskip("ppmcal.diagnosis.held_out_gap")
+    blocks = pytest.importorskip("ppmcal.diagnosis.held_out_blocks")
     simulate(tmp_path, "3-RPR", [effect("leg_thermal", ["leg2"], expansion=15e-6)], count=60,
              conditions={"temperature": {"mean": 24, "swing": 6}})
     told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.Options(draws=500))

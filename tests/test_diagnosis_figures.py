@@ -25,11 +25,11 @@ from ppmcal.calibration.fit import Options as FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import fresh_state
-from ppmcal.diagnose.model import with_named
-from ppmcal.diagnose.result import Diagnosis
-from ppmcal.diagnose.run import Options, diagnose
-from ppmcal.diagnose.search import DETECT, NAME
-from ppmcal.diagnose.stage import Stage
+from ppmcal.diagnosis.diagnose import Options, diagnose
+from ppmcal.diagnosis.extended_model import with_named
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.selection import DETECT, NAME
+from ppmcal.diagnosis.stage import Stage
 from ppmcal.files.output import plain
 from ppmcal.outputs.diagnosis import summary
 from ppmcal.report.bars import EDGE, width

@@ -18,11 +18,11 @@ import pytest
 from ppmcal.calibration.problem import Problem
 from ppmcal.cli.common import Console, number
 from ppmcal.cli.diagnose import tell
-from ppmcal.diagnose.gap import Gap
-from ppmcal.diagnose.left_out import LeftOut
-from ppmcal.diagnose.result import Diagnosis
-from ppmcal.diagnose.run import Options, diagnose
-from ppmcal.diagnose.verdict import findings, next_step
+from ppmcal.diagnosis.diagnose import Options, diagnose
+from ppmcal.diagnosis.held_out_gap import Gap
+from ppmcal.diagnosis.left_out_rows import LeftOut
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.verdict import findings, next_step
 from ppmcal.files.output import plain
 from ppmcal.outputs.diagnosis import effects_csv, summary
 from ppmcal.report.data import Diagnosed

@@ -32,8 +32,8 @@ from ppmcal.kinematics.tables import pose_motor, pose_vector
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.simulation import files
-from ppmcal.scenario import Circle, Random, Scenario
-from ppmcal.simulate import Campaign, simulate
+from ppmcal.simulation.scenario import Circle, Random, Scenario
+from ppmcal.simulation.simulate import Campaign, simulate
 
 Array = NDArray[np.float64]
 

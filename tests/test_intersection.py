@@ -10,15 +10,15 @@ from commands import ppmcal
 from machines import PLANAR
 
 from ppmcal import algebra as cga
+from ppmcal.design.assembly_modes import assembly_modes
+from ppmcal.design.intersection import flat_point, forward_by_intersection, intersections
 from ppmcal.errors import NoResult
 from ppmcal.files import read_mechanism
-from ppmcal.intersection import flat_point, forward_by_intersection, intersections
 from ppmcal.kinematics import forward as newton
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.modes import assembly_modes
 
 CONFIGS = sorted((Path(__file__).parents[1] / "configs").glob("*.yaml"))
 SHIPPED = [p for p in CONFIGS if read_mechanism(p).motion == "planar"]
@@ -80,7 +80,7 @@ def test_the_intersection_does_not_use_newton(monkeypatch):
         raise AssertionError("Newton was called")
 
     monkeypatch.setattr(newton, "newton", refuse)
-    monkeypatch.setattr("ppmcal.modes_search.newton", refuse)
+    monkeypatch.setattr("ppmcal.design.assembly_modes_spatial.newton", refuse)
     found = forward_by_intersection(Model(mechanism), q)
     assert np.abs(machines.difference(found.pose, pose)).max() < ROUND_OFF
 

@@ -12,7 +12,7 @@ import pytest
 from machines import KINDS, PLANAR, Array
 
 from ppmcal import algebra as cga
-from ppmcal.intersection import intersection_pose, limb_ends
+from ppmcal.design.intersection import intersection_pose, limb_ends
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state, inverse

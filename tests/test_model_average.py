@@ -18,7 +18,7 @@ from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.registration import predict
 from ppmcal.model.dataset import unknown_conditions
 from ppmcal.model.mechanism import Registration
-from ppmcal.simulate import simulate
+from ppmcal.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
 MACHINE = Path(__file__).resolve().parent.parent / "sample_data" / "hexapod.yaml"

@@ -23,10 +23,10 @@ from machines import (
 )
 from scipy.optimize import brentq
 
+from ppmcal.design.assembly_modes import assembly_modes
+from ppmcal.design.assembly_modes_planar import DEGREE, resultant_spectrum
 from ppmcal.errors import NoResult
 from ppmcal.files import read_mechanism
-from ppmcal.modes import assembly_modes
-from ppmcal.modes_planar import DEGREE, resultant_spectrum
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 PLANAR_CONFIGS = [*sorted(p.stem for p in CONFIGS.glob("3-*.yaml") if p.stem != "3-RPS"),
@@ -145,7 +145,7 @@ def test_three_rpr_has_up_to_six_modes_and_never_more():
     assert set(counts) == {2, 4, 6}
 
 
-# surfaces of the limbs -> degree of F in the platform's rotation (see ppmcal/modes.py)
+# surfaces of the limbs -> degree of F in the platform's rotation (design/assembly_modes.py)
 MIXES = [(("R(P)R", "(P)RR", "(R)RR"), 3), (("R(P)R", "R(P)R", "(P)PR"), 3),
          (("R(P)R", "R(R)R", "R(P)P"), 3), (("R(P)R", "(P)PR", "(R)PR"), 2),
          (("R(P)R", "(P)PR", "R(P)P"), 3), (("R(P)R", "R(P)P", "(P)RP"), 2),

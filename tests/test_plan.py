@@ -12,24 +12,24 @@ import yaml
 from commands import ppmcal, rows, write_csv
 from scipy.optimize import minimize
 
+from ppmcal.design.plan import information as accuracy
+from ppmcal.design.plan.candidate_poses import NEAR_SINGULAR, draw, evenly, listed, region_of
+from ppmcal.design.plan.clearance import leg_distances, segment_distance, too_close
+from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, worth
+from ppmcal.design.plan.information import offer, task_rows
+from ppmcal.design.plan.path import by_way_of_home, lengths, moves, route, two_opt
+from ppmcal.design.plan.plan import Options, plan
+from ppmcal.design.plan.refine import PRICE, refined
+from ppmcal.design.plan.settings import SETTABLE, Asked, needs, offered, refuse, with_kinds
+from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import read_mechanism
-from ppmcal.instrument import default_instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.tables import forward_table, inverse_table
 from ppmcal.model.effects import effect_kinds
 from ppmcal.outputs.plan import accuracy_table, pose_table
-from ppmcal.plan import accuracy
-from ppmcal.plan.candidates import NEAR_SINGULAR, draw, evenly, listed, region_of
-from ppmcal.plan.clearance import leg_distances, segment_distance, too_close
-from ppmcal.plan.exchange import Design, Rules, exchange, greedy, worth
-from ppmcal.plan.model import offer, task_rows
-from ppmcal.plan.refine import PRICE, refined
-from ppmcal.plan.route import by_way_of_home, lengths, moves, route, two_opt
-from ppmcal.plan.run import Options, plan
-from ppmcal.plan.settings import SETTABLE, Asked, needs, offered, refuse, with_kinds
 from ppmcal.units import Units
 
 CONFIGS = Path(__file__).parents[1] / "configs"

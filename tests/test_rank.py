@@ -22,8 +22,8 @@ from ppmcal.calibration.summary import rank_of
 from ppmcal.files import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.scenario import Circle, Random, Scenario
-from ppmcal.simulate import simulate
+from ppmcal.simulation.scenario import Circle, Random, Scenario
+from ppmcal.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
 

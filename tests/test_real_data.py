@@ -18,7 +18,7 @@ from ppmcal.calibration.flatness import flats
 from ppmcal.calibration.identifiability import foreseen
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
-from ppmcal.diagnose.run import diagnose
+from ppmcal.diagnosis.diagnose import diagnose
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))

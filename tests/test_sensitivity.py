@@ -10,9 +10,7 @@ import pytest
 from commands import columns, number, ppmcal, rows, write_csv
 
 from ppmcal import algebra as cga
-from ppmcal.components import all_components, geometry_only, group_of, sources, tolerances
-from ppmcal.files import read_mechanism
-from ppmcal.jacobians import (
+from ppmcal.design.error_jacobian import (
     Linearity,
     Poses,
     covariance,
@@ -23,11 +21,13 @@ from ppmcal.jacobians import (
     survey,
     worst_case,
 )
+from ppmcal.design.error_sources import all_components, geometry_only, group_of, sources, tolerances
+from ppmcal.design.sensitivity import Asked, analyse
+from ppmcal.files import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.sensitivity import Asked, analyse
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 MACHINES = sorted(p.stem for p in CONFIGS.glob("*.yaml"))

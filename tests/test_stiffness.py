@@ -20,6 +20,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from ppmcal.design.spring_model import springs_of
+from ppmcal.design.stiffness import Compliance, compliance, stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import csv_text, read_mechanism, write_mechanism
 from ppmcal.files.stiffness_reader import joint_names
@@ -34,8 +36,6 @@ from ppmcal.model.dataset import conditions
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.outputs.tables import pose_columns
-from ppmcal.springs import springs_of
-from ppmcal.stiffness import Compliance, compliance, stiffness_at_home, stiffness_table
 
 Array = np.ndarray
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnose.result import Diagnosis
-from ppmcal.diagnose.run import Options, diagnose
+from ppmcal.diagnosis.diagnose import Options, diagnose
+from ppmcal.diagnosis.result import Diagnosis
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

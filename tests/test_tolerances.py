@@ -11,17 +11,21 @@ from commands import number, ppmcal, rows
 from scipy.optimize import minimize
 
 from ppmcal import algebra as cga
-from ppmcal.allocation import cost, demand, equal_parts, felt, least_cost, one_for_all
 from ppmcal.calibration.fit import Options
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.observation import coordinates_of
 from ppmcal.calibration.problem import Problem
-from ppmcal.components import geometry_only, sources, tolerances
+from ppmcal.design.error_jacobian import Poses
+from ppmcal.design.error_sources import geometry_only, sources, tolerances
+from ppmcal.design.monte_carlo import Errors, Fleet, batches, run, together
+from ppmcal.design.plan.candidate_poses import evenly, region_of
+from ppmcal.design.processes import over
+from ppmcal.design.recalibration import Recipe, calibrate, predicted
+from ppmcal.design.tolerance_allocation import Demand, Share, check, count
+from ppmcal.design.tolerance_costs import cost, demand, equal_parts, felt, least_cost, one_for_all
+from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.files import read_mechanism, write_mechanism
-from ppmcal.fleet import Errors, Fleet, batches, run, together
-from ppmcal.instrument import Instrument, default_instrument
-from ppmcal.jacobians import Poses
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
@@ -30,10 +34,6 @@ from ppmcal.kinematics.registration import predict
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.parallel import over
-from ppmcal.plan.candidates import evenly, region_of
-from ppmcal.recalibration import Recipe, calibrate, predicted
-from ppmcal.tolerances import Demand, Share, check, count
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 

@@ -22,13 +22,13 @@ from machines import (
     read_text,
 )
 
+from ppmcal.design.workspace import workspace
 from ppmcal.errors import NoResult
 from ppmcal.files import read_mechanism
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid, placed, slice_axes, slice_grid
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.model.mechanism import POSE_COORDINATES
-from ppmcal.workspace import workspace
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 ALL = sorted(p.stem for p in CONFIGS.glob("*.yaml"))

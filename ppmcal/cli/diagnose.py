@@ -26,9 +26,9 @@ from ppmcal.cli.common import (
 from ppmcal.wording import counted, shorter
 
 if TYPE_CHECKING:
-    from ppmcal.diagnose.blocks import BlockGap
-    from ppmcal.diagnose.forms import Untestable
-    from ppmcal.diagnose.result import Diagnosis, NamedEffect
+    from ppmcal.diagnosis.held_out_blocks import BlockGap
+    from ppmcal.diagnosis.hypotheses import Untestable
+    from ppmcal.diagnosis.result import Diagnosis, NamedEffect
 
 
 @click.command("diagnose")
@@ -64,7 +64,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
 
     from ppmcal.calibration.misreading import refuse_misread
     from ppmcal.calibration.problem import Problem
-    from ppmcal.diagnose.run import Options, diagnose
+    from ppmcal.diagnosis.diagnose import Options, diagnose
     from ppmcal.files import Output, provenance
     from ppmcal.files.output import plain
     from ppmcal.outputs.diagnosis import files, summary

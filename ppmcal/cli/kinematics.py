@@ -155,9 +155,9 @@ def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
 def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Conditions]:
     import numpy as np
 
+    from ppmcal.design.intersection import forward_by_intersection
     from ppmcal.errors import BadInput
     from ppmcal.files import read_joints, read_poses, twists
-    from ppmcal.intersection import forward_by_intersection
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.partial_pose import Named
     from ppmcal.kinematics.tables import forward_table, inverse_table, velocity_table

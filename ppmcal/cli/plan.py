@@ -55,14 +55,14 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     D-optimal for the parameters that MECH leaves free, with its tolerances as prior; ordered
     into a short way. Writes poses.csv, accuracy.csv, plan.json and accuracy.png.
     """
+    from ppmcal.design.plan.plan import Options, plan
+    from ppmcal.design.plan.settings import Asked
+    from ppmcal.design.virtual_instrument import default_instrument
     from ppmcal.errors import BadInput
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
     from ppmcal.files.instrument import read_instrument
-    from ppmcal.instrument import default_instrument
     from ppmcal.outputs.plan import files, record
     from ppmcal.outputs.plan_words import findings, said
-    from ppmcal.plan.run import Options, plan
-    from ppmcal.plan.settings import Asked
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)

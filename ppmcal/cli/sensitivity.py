@@ -24,9 +24,9 @@ from ppmcal.cli.common import (
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from ppmcal.design.sensitivity import Sensitivity
     from ppmcal.kinematics.region import Grid
     from ppmcal.model.mechanism import Mechanism
-    from ppmcal.sensitivity import Sensitivity
 
 SHOWN = 10
 BAD, FAR = 0.1, 3.0
@@ -69,12 +69,12 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     Writes sensitivity.csv (the Jacobian at home, errors ranked), map.csv (amplification index,
     root sum square and worst case by pose), linearity.csv, pictures and sensitivity.json.
     """
-    from ppmcal.components import all_components as components
+    from ppmcal.design.error_sources import all_components as components
+    from ppmcal.design.sensitivity import Asked, analyse
     from ppmcal.errors import BadInput
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
     from ppmcal.files.point_text import metric_length, read_point
     from ppmcal.outputs.sensitivity import files
-    from ppmcal.sensitivity import Asked, analyse
 
     console = Console(quiet, as_json)
     machine = read_mechanism(mech)

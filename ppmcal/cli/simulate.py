@@ -35,7 +35,7 @@ def command(mech: Path, scenario: Path, out: Path, seed: int | None, quiet: bool
     """
     from ppmcal.files import Output, provenance, read_mechanism, read_scenario
     from ppmcal.outputs.simulation import files
-    from ppmcal.simulate import simulate
+    from ppmcal.simulation.simulate import simulate
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)

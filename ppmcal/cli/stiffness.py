@@ -59,10 +59,10 @@ def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: st
         raise click.UsageError("Give --grid or --poses, not both.")
     if load_text is not None and payload is not None:
         raise click.UsageError("Give --load or --payload, not both.")
+    from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
     from ppmcal.files import Output, provenance, read_mechanism
     from ppmcal.files.point_text import read_point
     from ppmcal.outputs.stiffness import Study, files, record, share_table
-    from ppmcal.stiffness import stiffness_at_home, stiffness_table
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)

@@ -149,7 +149,7 @@ def _findings(machine: Mechanism, r: Result) -> list[str]:
     """Return what must be looked at: machines that cannot take poses, a yield missed."""
     import numpy as np
 
-    from ppmcal.tolerances import count
+    from ppmcal.design.tolerance_allocation import count
 
     out = [*machine.findings, *r.notes]
     built = r.judged.built

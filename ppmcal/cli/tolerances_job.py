@@ -8,14 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.components import Source, geometry_only, natural_units, sources, tolerances
+from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
+from ppmcal.design.error_sources import Source, geometry_only, natural_units, sources, tolerances
+from ppmcal.design.monte_carlo import Fleet
+from ppmcal.design.plan.candidate_poses import evenly, region_of
+from ppmcal.design.processes import cores as all_cores
+from ppmcal.design.recalibration import Recipe, predicted
+from ppmcal.design.tolerance_allocation import Demand, allocate, check, simulate
+from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.errors import BadInput
 from ppmcal.files import read_poses
 from ppmcal.files.instrument import read_instrument
 from ppmcal.files.point_text import metric_length, read_point
-from ppmcal.fleet import Fleet
-from ppmcal.instrument import Instrument, default_instrument
-from ppmcal.jacobians import Poses, covariance, root_sum_square
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
@@ -23,10 +27,6 @@ from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.tolerances import Result
-from ppmcal.parallel import cores as all_cores
-from ppmcal.plan.candidates import evenly, region_of
-from ppmcal.recalibration import Recipe, predicted
-from ppmcal.tolerances import Demand, allocate, check, simulate
 
 OF_ACCURACY = 0.1
 """Noise of the default instrument, as a part of the accuracy demanded."""

@@ -23,8 +23,8 @@ from ppmcal.cli.common import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ppmcal.design.workspace import Workspace
     from ppmcal.outputs.workspace_units import ModeRow
-    from ppmcal.workspace import Workspace
 
     Array = NDArray[Any]
 
@@ -50,11 +50,11 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     Geometry only: effects in MECH are left out. Writes map.csv, singular.csv, modes.csv,
     workspace.json and a picture of each map.
     """
+    from ppmcal.design.workspace import workspace
     from ppmcal.files import Output, provenance, read_mechanism
     from ppmcal.files.grid_text import read_grid
     from ppmcal.outputs.workspace import pictures, summary, tables, text
     from ppmcal.outputs.workspace_words import modes, reach, singular
-    from ppmcal.workspace import workspace
 
     console = Console(quiet, as_json)
     seed = seed or 0
@@ -85,11 +85,11 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
 
 def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
     """Return the assembly modes at home's joints, or for each row of a file."""
+    from ppmcal.design.assembly_modes import assembly_modes
     from ppmcal.errors import BadInput, NoResult
     from ppmcal.files import read_joints
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.inverse import home_state
-    from ppmcal.modes import assembly_modes
     from ppmcal.outputs.workspace_units import ModeRow
 
     model = Model(found.mechanism)

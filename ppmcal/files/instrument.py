@@ -9,6 +9,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.registration import refuse_flat
+from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput
 from ppmcal.files.columns import joint_factors
 from ppmcal.files.schema import check
@@ -21,7 +22,6 @@ from ppmcal.files.sidecar import (
     sigma_needs,
 )
 from ppmcal.files.yaml_text import read_yaml
-from ppmcal.instrument import Instrument
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import Mechanism

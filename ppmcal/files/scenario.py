@@ -21,7 +21,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import Parameter
-from ppmcal.scenario import Circle, Grid, Helix, Listed, Random, Scenario
+from ppmcal.simulation.scenario import Circle, Grid, Helix, Listed, Random, Scenario
 from ppmcal.units import Units
 
 

@@ -1,7 +1,7 @@
 """Kinematics of tables of poses: status row by row, paths checked for singularities.
 
 Platform poses of joint values come from Newton on the closure (:mod:`kinematics.forward`) unless
-the caller brings others (:mod:`ppmcal.intersection`).
+the caller brings others (:mod:`ppmcal.design.intersection`).
 """
 
 from __future__ import annotations

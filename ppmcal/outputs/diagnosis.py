@@ -9,11 +9,11 @@ import numpy as np
 
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.validation import residuals
-from ppmcal.diagnose.derived import derived
-from ppmcal.diagnose.gap import Gap
-from ppmcal.diagnose.gram import probability
-from ppmcal.diagnose.result import Diagnosis, NamedEffect
-from ppmcal.diagnose.story import story
+from ppmcal.diagnosis.added_variable_test import probability
+from ppmcal.diagnosis.derived_errors import derived
+from ppmcal.diagnosis.held_out_gap import Gap
+from ppmcal.diagnosis.plot_data import story
+from ppmcal.diagnosis.result import Diagnosis, NamedEffect
 from ppmcal.files import csv_text, json_text, write_mechanism
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.design.plan.result import Plan
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.plan_words import findings, said
 from ppmcal.outputs.tables import joint_columns, pose_columns, unit_map
-from ppmcal.plan.result import Plan
 
 PICTURE = "accuracy.png"
 DIGITS = 4

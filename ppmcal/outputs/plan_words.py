@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ppmcal.calibration.observation import NUMBERS
+from ppmcal.design.plan.information import PAYS, reaching
+from ppmcal.design.plan.result import Plan
 from ppmcal.model.dataset import Unknown
-from ppmcal.plan.accuracy import PAYS, reaching
-from ppmcal.plan.result import Plan
 from ppmcal.wording import counted
 
 FEWEST = 2

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.components import Source
+from ppmcal.design.error_jacobian import Poses, determinants, error_jacobian
+from ppmcal.design.error_sources import Source
+from ppmcal.design.sensitivity import Sensitivity
 from ppmcal.files import csv_text, json_text
-from ppmcal.jacobians import Poses, determinants, error_jacobian
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid
@@ -17,7 +18,6 @@ from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import POSE_COORDINATES
 from ppmcal.outputs.maps import Map
 from ppmcal.outputs.tables import map_table
-from ppmcal.sensitivity import Sensitivity
 
 MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""

@@ -14,8 +14,8 @@ from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.files.effects import effects_tree
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.tables import joint_columns
-from ppmcal.scenario import Scenario
-from ppmcal.simulate import Campaign
+from ppmcal.simulation.scenario import Scenario
+from ppmcal.simulation.simulate import Campaign
 from ppmcal.units import Units
 
 

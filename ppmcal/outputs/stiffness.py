@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.files import json_text
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array
@@ -22,7 +23,6 @@ from ppmcal.outputs.stiffness_words import (
     model_words,
 )
 from ppmcal.outputs.tables import map_table, unit_map
-from ppmcal.stiffness import Home, Principal, Stiffnesses
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WIDE = 30.0

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.calibration.check import SINGULAR_HOME
+from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.kinematics.tables import home_conditioning
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.stiffness import Home, Principal, Stiffnesses
 
 ROUND_OFF = 1e-9
 """What is smaller by this is shown as 0."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.diagnose.story import Story
-from ppmcal.diagnose.story_series import Series
+from ppmcal.diagnosis.plot_data import Story
+from ppmcal.diagnosis.residual_series import Series
 from ppmcal.linalg import Array
 from ppmcal.units import Units
 

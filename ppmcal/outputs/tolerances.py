@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.components import Source
+from ppmcal.design.error_sources import Source
+from ppmcal.design.monte_carlo import Errors, Fleet, Judged
+from ppmcal.design.tolerance_allocation import Allocation, Check, Demand, Share, count
 from ppmcal.files import csv_text, json_text, write_mechanism
-from ppmcal.fleet import Errors, Fleet, Judged
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.tables import pose_columns
-from ppmcal.tolerances import Allocation, Check, Demand, Share, count
 
 STAGES = (("built", "as built"), ("registered", "registered only"), ("calibrated", "calibrated"))
 

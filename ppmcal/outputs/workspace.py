@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.design.workspace import Workspace
 from ppmcal.files import csv_text, json_text
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import limit_reason
@@ -17,7 +18,6 @@ from ppmcal.outputs.maps import Map
 from ppmcal.outputs.tables import joint_columns, map_table, pose_columns, unit_map
 from ppmcal.outputs.workspace_units import ModeRow, distance_unit, size_unit, size_word, why
 from ppmcal.outputs.workspace_words import left_table, modes_table
-from ppmcal.workspace import Workspace
 
 MEANING = {
     "condition": "smallest singular value of A, rotation columns divided by length_scale",

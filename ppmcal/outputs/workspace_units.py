@@ -6,9 +6,9 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 
+from ppmcal.design.assembly_modes import Modes
+from ppmcal.design.workspace import Workspace
 from ppmcal.linalg import Array
-from ppmcal.modes import Modes
-from ppmcal.workspace import Workspace
 
 
 @dataclass(frozen=True, eq=False)

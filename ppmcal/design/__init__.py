@@ -1,0 +1,1 @@
+"""Before the machine is built or measured: sensitivity, tolerances, stiffness, workspace, plans."""

@@ -1,0 +1,148 @@
+"""Many machines drawn from the tolerances: how far off each is, as built and calibrated.
+
+The full nonlinear model for every machine and pose. Work comes in batches with generators of
+their own, so that the same seed gives the same numbers on one core, on many, or on a cluster.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.observation import coordinates_of, turn_between
+from ppmcal.design.error_jacobian import Poses, displacement
+from ppmcal.design.recalibration import Calibrated, Recipe, calibrate
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.partial_pose import solve_named
+from ppmcal.kinematics.region import named
+from ppmcal.kinematics.registration import Station, predict
+from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.mechanism import Mechanism
+
+BATCH = 100
+"""Machines in one batch; the same whatever it runs on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """What a batch needs to know.
+
+    Attributes:
+        mechanism: the drawing, without effects.
+        wanted: parameters that are off (S,); sigma: their standard deviations (S,), SI.
+        tasks: where the machines are judged, T poses of the drawing, and the tool point.
+        recipe: how each is calibrated, or None.
+    """
+
+    mechanism: Mechanism
+    wanted: tuple[int, ...]
+    sigma: Array
+    tasks: Poses
+    recipe: Recipe | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Lengths of errors of M machines at T poses, m and rad; nan where one cannot go there."""
+
+    position: Array
+    rotation: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Errors of M machines: as built, registered alone, calibrated (None without a recipe).
+
+    ``built``: in the base frame. ``registered``: frame and target fitted, drawing believed;
+    ``calibrated``: geometry fitted too; both as the instrument sees the machine afterwards.
+    """
+
+    built: Errors
+    registered: Errors | None = None
+    calibrated: Errors | None = None
+
+
+def batches(count: int, seed: int) -> list[tuple[int, np.random.SeedSequence]]:
+    """Return how many machines each batch has, and its seed."""
+    sizes = [min(BATCH, count - begin) for begin in range(0, count, BATCH)]
+    return list(zip(sizes, np.random.SeedSequence(seed).spawn(len(sizes)), strict=True))
+
+
+def run(fleet: Fleet, batch: tuple[int, np.random.SeedSequence]) -> Judged:
+    """Return the errors of one batch of machines."""
+    count, seed = batch
+    rng = np.random.default_rng(seed)
+    g = np.tile(fleet.mechanism.values, (count, 1))
+    g[:, list(fleet.wanted)] += rng.normal(size=(count, len(fleet.wanted))) * fleet.sigma
+    owner = np.repeat(np.arange(count), len(fleet.tasks.q))
+    at = Poses(np.tile(fleet.tasks.q, (count, 1)), np.tile(fleet.tasks.motor, (count, 1)),
+               fleet.tasks.tool)
+    moved = displacement(Model(fleet.mechanism), at, g[owner])
+    built = _lengths(moved, count)
+    if fleet.recipe is None:
+        return Judged(built)
+    recipe = fleet.recipe
+    m = len(coordinates_of(recipe.instrument.kind, recipe.mechanism.motion))
+    noise = rng.normal(size=(count, len(recipe.q), m))
+    plain = calibrate(recipe, recipe.registration, g, noise)
+    known = calibrate(recipe, recipe.linear, g, noise)
+    return Judged(built, *(_left(fleet, recipe, c, g, at, owner) for c in (plain, known)))
+
+
+def _left(fleet: Fleet, recipe: Recipe, found: Calibrated, g: Array, at: Poses, owner: Ints
+          ) -> Errors:
+    """Return what is left where commands come from what a calibration found.
+
+    A command for the pose that the found machine takes at joints q is q; the error is where
+    the true machine goes instead, as the instrument sees it. A machine with fewer actuators
+    than coordinates is sent so that the coordinates which a command can name come out as
+    wanted; the others are what they then are, and count.
+    """
+    truth, theirs = recipe.instrument.station(), found.seen_by(owner)
+    if fleet.tasks.tool.any():
+        truth, theirs = (replace(s, target=fleet.tasks.tool) for s in (truth, theirs))
+    model = Model(fleet.mechanism, found.g[owner])
+    if fleet.mechanism.conditions > len(fleet.mechanism.actuators):
+        wanted = predict(truth, at.motor)
+        q, here = _sent(fleet, model, theirs, wanted)
+    else:
+        pose, here, _ = newton(model.closure(at.q), at.motor)
+        q, wanted = at.q, predict(theirs, pose)
+    real, there, _ = newton(Model(fleet.mechanism, g[owner]).closure(q), at.motor)
+    shown = predict(truth, real)
+    moved = np.concatenate([shown[0] - wanted[0], turn_between(shown[1], wanted[1])], axis=1)
+    good = there & here & found.settled[owner]
+    return _lengths(np.where(good[:, None], moved, np.nan), len(g))
+
+
+def _sent(fleet: Fleet, model: Model, station: Station, wanted: tuple[Array, Array]
+          ) -> tuple[Array, Bools]:
+    """Return joints (R, k) at which the found machine shows the named coordinates as wanted."""
+    point, turn = wanted
+    asked = np.concatenate([point, cga.rotation_vector(
+        cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)
+    open_ = np.tile(~np.isin(np.arange(6), named(fleet.mechanism)), (len(asked), 1))
+    _, q, solved = solve_named(model, station, asked, open_)
+    return q, solved
+
+
+def _lengths(moved: Array, count: int) -> Errors:
+    return Errors(np.linalg.norm(moved[:, :3], axis=1).reshape(count, -1),
+                  np.linalg.norm(moved[:, 3:], axis=1).reshape(count, -1))
+
+
+def together(parts: list[Judged]) -> Judged:
+    """Return the batches as one."""
+    def joined(name: str) -> Errors | None:
+        own = [getattr(p, name) for p in parts]
+        if own[0] is None:
+            return None
+        return Errors(np.concatenate([o.position for o in own]),
+                      np.concatenate([o.rotation for o in own]))
+
+    built = joined("built")
+    assert built is not None
+    return Judged(built, joined("registered"), joined("calibrated"))

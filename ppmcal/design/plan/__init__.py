@@ -1,0 +1,1 @@
+"""Which poses to measure: candidates, information, exchange, path."""

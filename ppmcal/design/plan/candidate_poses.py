@@ -1,0 +1,296 @@
+"""Poses that could be measured: drawn evenly in the machine's region, and on its edge.
+
+D-optimal poses lie on the edge of what is allowed (errors of the geometry show most there),
+so that an even draw alone would leave most of the gain behind: faces and corners of the
+region's box are drawn towards home until the machine takes them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from ppmcal.design.plan.clearance import too_close
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.region import extent, named, placed
+from ppmcal.kinematics.tables import home_conditioning, inverse_table, limit_reason
+from ppmcal.linalg import Array, Bools
+from ppmcal.model.mechanism import Mechanism
+
+NEAR_SINGULAR = 0.25
+"""Left out: poses whose smallest singular value is below this part of home's. Errors grow
+without bound towards a singularity, and so would the criterion, long after the linear model
+that it rests on has failed."""
+ON_EDGE = 0.4
+"""Part of the candidates that lies on the edge of the region."""
+SHORT_OF_EDGE = 0.99
+"""Poses on the edge stop at this part of the way from home."""
+BATCH, MOST_DRAWN, HALVINGS = 512, 8192, 7
+WORDS = {"unreachable": "out of reach", "limits": "outside limits", "singular": "singular",
+         "crossed": "beyond a singularity", "near": "near a singularity",
+         "legs": "legs too close to each other", "mode": "in another assembly mode than home's"}
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """K poses that can be measured, of the machine as drawn, SI.
+
+    ``q`` (K, k); ``pose`` (K, 6); ``condition`` (K,): smallest singular value as a part of
+    home's; ``even`` (K,): drawn evenly, not placed on the edge; ``left_out``: reason in words ->
+    number of poses; ``rows`` (K,): row numbers in the user's file, from 1, else empty.
+    """
+
+    q: Array
+    pose: Array
+    condition: Array
+    even: Bools
+    left_out: Mapping[str, int]
+    rows: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Return the number of poses K."""
+        return len(self.q)
+
+    def take(self, keep: NDArray[np.int64] | Bools) -> Candidates:
+        """Return some of the poses."""
+        return Candidates(self.q[keep], self.pose[keep], self.condition[keep], self.even[keep],
+                          self.left_out, self.rows[keep] if self.rows.size else self.rows)
+
+
+    def joined(self, other: Candidates) -> Candidates:
+        """Return these poses and then others; what was left out is these ones'."""
+        q, pose, condition, even = (np.concatenate([getattr(self, n), getattr(other, n)])
+                                    for n in ("q", "pose", "condition", "even"))
+        return Candidates(q, pose, condition, even, self.left_out, self.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """Poses as the machine takes them, and for each a key of :data:`WORDS`, empty if good."""
+
+    q: Array
+    pose: Array
+    condition: Array
+    why: tuple[str, ...]
+
+    @property
+    def good(self) -> Bools:
+        return np.array([not w for w in self.why], dtype=np.bool_)
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A box about home: coordinates, and its ends (c,) each, SI."""
+
+    coordinates: tuple[int, ...]
+    low: Array
+    high: Array
+    home: Array
+
+
+def region_of(drawn: Mechanism) -> Region:
+    """Return the full box of extents about home, over the coordinates that a pose names.
+
+    Raises:
+        BadInput: home is outside limits.
+    """
+    beyond = limit_reason(drawn, home_state(drawn).q)
+    if beyond:
+        raise BadInput(f"home is not within limits: {beyond}", f"{drawn.source}: home, limits",
+                       "Choose a home inside them: the region is drawn about it")
+    chosen = named(drawn)
+    low, high = extent(Model(drawn), chosen)
+    home = drawn.home_pose[list(chosen)]
+    return Region(chosen, home - low, home + high, home)
+
+
+def draw(drawn: Mechanism, region: Region, count: int, seed: int) -> Candidates:
+    """Return ``count`` poses of the region, :data:`ON_EDGE` of them on its edge.
+
+    Raises:
+        NoResult: no pose of the region can be measured.
+    """
+    edge = _on_edge(drawn, region, round(ON_EDGE * count), seed)
+    inside, why = _evenly(drawn, region, count - len(edge.q), seed)
+    if not inside.good.any():
+        raise NoResult("no pose of the machine's region can be measured: "
+                       + _counted(why), f"{drawn.source}: home, limits",
+                       "Check `home` and `limits`, or give your own poses with --candidates")
+    return Candidates(
+        np.concatenate([inside.q, edge.q]), np.concatenate([inside.pose, edge.pose]),
+        np.concatenate([inside.condition, edge.condition]),
+        np.arange(len(inside.q) + len(edge.q)) < len(inside.q), why, np.zeros(0, dtype=np.int64))
+
+
+def evenly(drawn: Mechanism, region: Region, count: int, seed: int) -> Candidates:
+    """Return up to ``count`` poses drawn evenly from the region (scrambled Sobol points).
+
+    Raises:
+        NoResult: none of them can be measured.
+    """
+    found, why = _evenly(drawn, region, count, seed)
+    if not len(found.q):
+        raise NoResult("no pose of the machine's region can be measured: " + _counted(why),
+                       f"{drawn.source}: home, limits", "Check `home` and `limits`")
+    return Candidates(found.q, found.pose, found.condition, np.ones(len(found.q), dtype=np.bool_),
+                      why, np.zeros(0, dtype=np.int64))
+
+
+def listed(drawn: Mechanism, poses: Array, source: str) -> Candidates:
+    """Return those of the user's poses (N, 6) that can be measured, nan where left open.
+
+    Raises:
+        BadInput: none of them can.
+    """
+    found = _judge(drawn, poses)
+    why = _reasons(found.why)
+    good = np.flatnonzero(found.good)
+    if not good.size:
+        raise BadInput(f"none of the {len(poses)} poses can be used: {_counted(why)}", source,
+                       "Give poses inside limits and reach, away from singularities")
+    return Candidates(found.q[good], found.pose[good], found.condition[good],
+                      np.ones(good.size, dtype=np.bool_), why, good + 1)
+
+
+def nearby(drawn: Mechanism, region: Region, pose: Array, scale: float, count: int,
+           rng: np.random.Generator) -> tuple[Candidates, NDArray[np.int64]]:
+    """Return poses around each of some poses (N, 6), and of which each is a neighbour.
+
+    ``count`` steps of about ``scale`` parts of the box in all directions, some outward, ended by
+    the box's faces; what cannot be measured is left out. It is not looked at whether home's
+    assembly mode is theirs: see :func:`same_mode`.
+    """
+    own = pose[:, region.coordinates]
+    wide = np.where(region.high > region.low, region.high - region.low, 1.0)
+    step = rng.normal(size=(len(pose), count, own.shape[1])) * scale
+    outward = (own - region.home) / wide
+    step[:, ::3] += rng.uniform(0.0, 4.0 * scale, (len(pose), step[:, ::3].shape[1], 1)) * (
+        outward[:, None])
+    unit = np.clip(((own - region.low) / wide)[:, None] + step, 0.0, 1.0)
+    found = _judge(drawn, _poses(drawn, region, unit.reshape(-1, own.shape[1])), False)
+    good = np.flatnonzero(found.good)
+    return (Candidates(found.q[good], found.pose[good], found.condition[good],
+                       np.zeros(good.size, dtype=np.bool_), {}, np.zeros(0, dtype=np.int64)),
+            good // count)
+
+
+def _evenly(drawn: Mechanism, region: Region, count: int, seed: int
+            ) -> tuple[_Judged, dict[str, int]]:
+    """Return good poses, and why others of the draw were left out."""
+    # powers of two: the sequence is the same however it is cut
+    size = min(BATCH, 1 << max(count, 1).bit_length())
+    sobol = _points(len(region.coordinates), seed, size)
+    parts: list[_Judged] = []
+    why: Counter[str] = Counter()
+    while sum(len(p.q) for p in parts) < count and len(parts) * size < MOST_DRAWN:
+        found = _judge(drawn, _poses(drawn, region, next(sobol)))
+        # only what came before the last pose that is needed counts as drawn
+        wanted = count - sum(len(p.q) for p in parts)
+        last = np.flatnonzero(found.good)[:wanted]
+        end = int(last[-1]) + 1 if last.size == wanted else size
+        why.update(w for w in found.why[:end] if w)
+        parts.append(_part(found, last))
+    q, pose, condition = (np.concatenate([getattr(p, n) for p in parts])
+                          for n in ("q", "pose", "condition"))
+    return _Judged(q, pose, condition, ("",) * len(q)), _worded(why)
+
+
+def _on_edge(drawn: Mechanism, region: Region, count: int, seed: int) -> _Judged:
+    """Return poses on the edge: corners and faces of the box, drawn towards home."""
+    c = len(region.coordinates)
+    rng = np.random.default_rng([seed, 1])
+    corners = (np.arange(2**c)[:, None] >> np.arange(c)) % 2 * 1.0
+    faces = next(_points(c, seed + 1))[:max(count - len(corners), count // 2)]
+    snapped = np.argmax(np.abs(faces - 0.5), axis=1)
+    rows = np.arange(len(faces))
+    faces[rows, snapped] = np.round(faces[rows, snapped])
+    box = np.concatenate([corners[rng.permutation(len(corners))][:count - len(faces)], faces])
+    home = (region.home - region.low) / np.where(region.high > region.low,
+                                                 region.high - region.low, 1.0)
+    inside, outside = np.zeros(len(box)), np.full(len(box), 2.0)
+    for _ in range(HALVINGS + 1):
+        middle = 0.5 * (inside + outside)
+        good = _judge(drawn, _poses(drawn, region, home + middle[:, None] * (box - home)),
+                      False).good
+        inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
+        outside = np.where(inside >= 1.0, 1.0, outside)
+    part = SHORT_OF_EDGE * inside[:, None]
+    found = _judge(drawn, _poses(drawn, region, home + part * (box - home)))
+    return _part(found, np.flatnonzero(found.good & (inside > 0.0)))
+
+
+def _points(size: int, seed: int, batch: int = BATCH) -> Iterator[Array]:
+    """Yield batches of Sobol points of the unit cube (batch, size), shifted by the seed.
+
+    A shift modulo 1 keeps them even (Cranley and Patterson 1976).
+    """
+    sobol = qmc.Sobol(size, scramble=False)
+    shift = np.random.default_rng([seed, 0]).uniform(size=size)
+    while True:
+        yield (sobol.random(batch) + shift) % 1.0
+
+
+def _poses(drawn: Mechanism, region: Region, unit: Array) -> Array:
+    """Return wanted poses (N, 6) at points (N, c) of the unit box."""
+    return placed(drawn, region.coordinates, region.low + unit * (region.high - region.low))
+
+
+def _judge(drawn: Mechanism, poses: Array, mode: bool = True) -> _Judged:
+    """Return joint values of poses, and why some should not be measured.
+
+    Without ``mode`` it is not looked at whether home's assembly mode is theirs.
+    """
+    model = Model(drawn)
+    table = inverse_table(model, poses)
+    home = home_conditioning(drawn)[0]
+    why = ["" if s == "ok" else s for s in table.status]
+    good = np.flatnonzero([not w for w in why])
+    for n in good[table.condition[good] < NEAR_SINGULAR * home]:
+        why[n] = "near"
+    good = np.flatnonzero([not w for w in why])
+    if good.size:
+        for n in good[too_close(model, table.q[good], table.pose[good])]:
+            why[n] = "legs"
+        good = np.flatnonzero([not w for w in why])
+    if good.size and mode:
+        for n in good[~same_mode(drawn, table.q[good], table.pose[good])]:
+            why[n] = "mode"
+    return _Judged(table.q, table.pose, table.condition / home, tuple(why))
+
+
+def same_mode(drawn: Mechanism, q: Array, pose: Array) -> Bools:
+    """Return whether joints (N, k) lead from home to these poses (N, 6): the machine's own mode."""
+    return same_pose(forward(Model(drawn), q).pose, pose_motor(pose), drawn)
+
+
+def same_pose(one: Array, two: Array, drawn: Mechanism) -> Bools:
+    """Return which motors (N, 8) are the same pose, within 1e-6 of the reach; nan is none."""
+    side = np.where(np.sum(one[:, :4] * two[:, :4], axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+    return np.asarray(np.linalg.norm(one - side * two, axis=1) < 1e-6 * max(1.0, drawn.reach))
+
+
+def _part(found: _Judged, rows: NDArray[np.int64]) -> _Judged:
+    return _Judged(found.q[rows], found.pose[rows], found.condition[rows],
+                   tuple(found.why[n] for n in rows))
+
+
+def _reasons(why: tuple[str, ...]) -> dict[str, int]:
+    return _worded(Counter(w for w in why if w))
+
+
+def _worded(why: Mapping[str, int]) -> dict[str, int]:
+    return {WORDS.get(w, w): n for w, n in sorted(why.items(), key=lambda one: -one[1])}
+
+
+def _counted(why: Mapping[str, int]) -> str:
+    return ", ".join(f"{n} {w}" for w, n in why.items()) or "there is none"
+

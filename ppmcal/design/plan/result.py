@@ -1,0 +1,66 @@
+"""What a plan is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ppmcal.design.plan.candidate_poses import Candidates
+from ppmcal.design.plan.information import Curve, Offer
+from ppmcal.design.plan.path import Route
+from ppmcal.design.virtual_instrument import Instrument
+from ppmcal.linalg import Array, Ints
+from ppmcal.model.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Which measurements to take, in this order, SI.
+
+    Attributes:
+        mechanism: as drawn, with the effects planned for; instrument: what measures.
+        pool: the candidates; open_ended: actuators without limits.
+        offer: what could be measured; rows: chosen ones in the order of the route (n,).
+        columns: settings of the chosen rows (n,) each.
+        gain: by how much log det falls without a row (n,).
+        way: the route; ``chosen``: rows in the order of selection.
+        planned: accuracy of the nested design after each row; random: mean of random ones.
+        best: (rows, position, rotation) of exchanged designs at a few sizes.
+        least: fewest rows that determine everything; pays: from where one more hardly helps, 0
+            if not within the curve.
+        limit: what ever more measurements leave, m and rad.
+        reached: rows that reach the wanted accuracy, None if not or not asked; ``about``:
+            whether that is an extrapolation.
+        observability: O1 to O5 of the plan, and the mean of random designs of the same size.
+        efficiency: (det of the plan over that of random ones)^(1/parameters), information per
+            row.
+        tasks: number of task poses; tasks_left_out: reason -> number of the user's that the
+            machine cannot take.
+        refined: whether the chosen poses were moved in small steps.
+        unused: settings that were given and that nothing depends on.
+    """
+
+    mechanism: Mechanism
+    instrument: Instrument
+    pool: Candidates
+    open_ended: tuple[str, ...]
+    offer: Offer
+    rows: Ints
+    columns: Mapping[str, Array]
+    gain: Array
+    way: Route
+    chosen: tuple[int, ...]
+    planned: Curve
+    random: Curve
+    best: tuple[tuple[int, float, float], ...]
+    least: int
+    pays: int
+    limit: tuple[float, float]
+    reached: int | None
+    about: bool
+    observability: Mapping[str, Mapping[str, float]]
+    efficiency: float
+    tasks: int
+    tasks_left_out: Mapping[str, int]
+    refined: bool
+    unused: tuple[str, ...]

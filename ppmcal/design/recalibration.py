@@ -1,0 +1,274 @@
+"""Calibrating a whole fleet of simulated machines at once.
+
+Machines that differ from one drawing by their tolerances share the linear problem of that
+drawing, so the estimate is one fixed matrix: theta += G r + H (drawing - theta), r the
+whitened residuals of the full nonlinear model at theta. That is Gauss-Newton with the
+Jacobian of the drawing (a chord method); where it comes to rest it is where
+:mod:`identify` ends, but for terms of second order in the errors, and where it does not,
+that fits the machine. M machines, N measured poses, m numbers each, C columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
+from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.least_squares import column_scale, prior_weights
+from ppmcal.calibration.nuisance_columns import Open, turned_about
+from ppmcal.calibration.observation import SCALARS, coordinates_of, turn_between
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.design.virtual_instrument import Instrument
+from ppmcal.errors import PpmcalError
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import newton
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.registration import Station, predict
+from ppmcal.linalg import Array, svd
+from ppmcal.model.dataset import Dataset, unknown_conditions
+from ppmcal.model.mechanism import Mechanism
+
+ROUNDS = 12
+SETTLED = 1e-3
+"""A fit has settled when a step changes no column by more than this part of its deviation."""
+UNSEEN = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """How every machine of a fleet is measured.
+
+    ``mechanism``: the drawing with its tolerances; ``q`` (N, k) and ``pose`` (N, 6): where.
+    """
+
+    mechanism: Mechanism
+    instrument: Instrument
+    q: Array
+    pose: Array
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem of the drawing measured without error."""
+        planar = self.mechanism.motion == "planar"
+        data = self.instrument.dataset(self.q, self.pose, {}, planar)
+        return Problem(self.mechanism, (data,), self.mechanism.free)
+
+    @cached_property
+    def linear(self) -> Linear:
+        """The drawing's linear estimate, with priors."""
+        return _linear(self, np.ones(len(self.problem.columns), dtype=np.bool_))
+
+    @cached_property
+    def registration(self) -> Linear:
+        """The same with frame and target alone open: the drawing is believed."""
+        open_ = np.arange(len(self.problem.columns)) >= len(self.problem.free)
+        return _linear(self, open_)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """One linear estimate: ``gain`` (C, N m), ``pull`` (C, F), ``white`` (N, m, m).
+
+    ``covariance`` (C, C) of what is estimated; ``open``: whether anything is; ``geometry``:
+    whether parameters are, or frame and target alone.
+    """
+
+    gain: Array
+    pull: Array
+    white: Array
+    covariance: Array
+    open: bool
+    geometry: bool
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation of every column (C,), 0 where it is not estimated."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance)))
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What M machines were found to be: ``g`` (M, P) and stations with rows of their own.
+
+    ``settled`` (M,): whether the fit came to rest.
+    """
+
+    g: Array
+    station: Station
+    settled: NDArray[np.bool_]
+
+    def seen_by(self, rows: NDArray[np.int64]) -> Station:
+        """Return the station with the entries of some machines (R,)."""
+        s = self.station
+        return replace(s, frame=s.frame[rows], target=s.target[rows],
+                       target_rotation=s.target_rotation[rows])
+
+
+def _linear(recipe: Recipe, use: NDArray[np.bool_]) -> Linear:
+    """Return the estimate of the columns ``use`` (C,)."""
+    problem = recipe.problem
+    state = State(recipe.mechanism.values, (recipe.instrument.station(),),
+                  (pose_motor(recipe.pose),))
+    rows = list(problem.rows(state))
+    jacobian = np.concatenate([r.jacobian for r in rows])
+    white = np.concatenate([r.whitener for r in rows])
+    scale, prior = column_scale(problem), prior_weights(problem, "prior")
+    data = jacobian.reshape(-1, jacobian.shape[-1]) * scale * use
+    stacked = np.concatenate([data, np.diag(prior * scale * use)])
+    u, s, vt = svd(stacked)
+    seen = s > UNSEEN * s.max(initial=1e-300)
+    inverse = (vt[seen].T / s[seen]) @ u[:, seen].T * scale[:, None]
+    half = (vt[seen].T / s[seen]) * scale[:, None]
+    free = len(problem.free)
+    pull = inverse[:, len(data):][:, :free] * prior[:free]
+    return Linear(inverse[:, :len(data)], pull, white, half @ half.T, bool(use.any()),
+                  bool(use[:free].any()))
+
+
+def calibrate(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibrated:
+    """Return what a calibration finds of machines whose true parameters are ``g`` (M, P).
+
+    Machines at which the drawing's Jacobian does not lead to rest, or that cannot take a pose
+    to be measured (it is left out then), are identified one by one (:func:`alone`).
+
+    Args:
+        recipe: how they are measured.
+        linear: the estimate to use.
+        g: true parameters (M, P).
+        noise: white noise of the measurements (M, N, m).
+    """
+    found = _chord(recipe, linear, g, noise)
+    if not linear.open:
+        return replace(found, settled=np.ones(len(g), dtype=np.bool_))
+    parameters, station, settled = found.g.copy(), found.station, found.settled.copy()
+    frame, target, turn = (np.array(a) for a in (station.frame, station.target,
+                                                 station.target_rotation))
+    for i in np.flatnonzero(~settled):
+        fit = alone(recipe, linear, g[i], noise[i])
+        if fit is not None:
+            own = fit.state.stations[0]
+            parameters[i], frame[i] = fit.state.g, own.frame
+            target[i], turn[i], settled[i] = own.target, own.target_rotation, True
+    return Calibrated(parameters, Station(frame, target, turn, station.homing), settled)
+
+
+def alone(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Fit | None:
+    """Return the fit of one machine (P,) by :mod:`calibration.identify`; None where there is none.
+
+    It starts at the truth, next to the minimum that matters: what a calibration is worth, not
+    how it gets there from the drawing. ``noise``: white (N, m), as :func:`calibrate` takes it.
+    """
+    mechanism, instrument = recipe.mechanism, recipe.instrument
+    real, there, _ = newton(Model(mechanism, g).closure(recipe.q), pose_motor(recipe.pose))
+    raw = np.asarray(np.linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
+    data = shaken(instrument.dataset(recipe.q, pose_vector(real), {},
+                                     mechanism.motion == "planar"), raw, mechanism.motion)
+    free = list(recipe.problem.free) if linear.geometry else []
+    problem = Problem(mechanism, (data.take(there),), tuple(free))
+    first = mechanism.values.copy()
+    first[free] = g[free]
+    closed, here, _ = newton(Model(mechanism, first).closure(recipe.q[there]), real[there])
+    if not here.all():
+        return None
+    try:
+        fit = identify(problem, Options(robust=False), near=True,
+                       start=State(first, (instrument.station(),), (closed,)))
+    except PpmcalError:
+        return None
+    return fit if fit.converged else None
+
+
+def shaken(data: Dataset, raw: Array, motion: str) -> Dataset:
+    """Return measurements with errors ``raw`` (N, m) of the coordinates measured, m and rad."""
+    if data.kind in SCALARS:
+        return replace(data, value=data.value + raw[:, 0])
+    whole = np.zeros((len(raw), 6))
+    whole[:, list(coordinates_of(data.kind, motion))] = raw
+    own = cga.motor_from_rotation_vector(np.nan_to_num(data.rotation), np.zeros(3))
+    shake = cga.motor_from_rotation_vector(whole[:, 3:], np.zeros(3))
+    turned = cga.rotation_vector(cga.compose(shake, own))
+    return replace(data, position=data.position + whole[:, :3],
+                   rotation=np.where(np.isnan(data.rotation), np.nan, turned))
+
+
+def _chord(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibrated:
+    """Return the fixed point of the drawing's estimate; ``settled`` where it was reached."""
+    problem, mechanism = recipe.problem, recipe.mechanism
+    m, n = len(g), len(recipe.q)
+    owner, open_ = np.repeat(np.arange(m), n), problem.opens[0]
+    q, start = np.tile(recipe.q, (m, 1)), np.tile(pose_motor(recipe.pose), (m, 1))
+    truth = recipe.instrument.station()
+    real, reached, _ = newton(Model(mechanism, g[owner]).closure(q), start)
+    shown = predict(truth, real)
+    now = Calibrated(np.tile(mechanism.values, (m, 1)), Station(
+        np.tile(truth.frame, (m, 1)), np.tile(truth.target, (m, 1)),
+        np.tile(truth.target_rotation, (m, 1)), truth.homing), np.zeros(m, dtype=np.bool_))
+    free, pose = list(problem.free), start
+    usable = np.asarray(reached.reshape(m, n).all(axis=1), dtype=np.bool_)
+    small = np.zeros((m, len(problem.columns)), dtype=np.bool_)
+    sigma = np.where(linear.sigma > 0.0, linear.sigma, 1.0)
+    for _ in range(ROUNDS):
+        pose, found, _ = newton(Model(mechanism, now.g[owner]).closure(q), pose)
+        usable &= found.reshape(m, n).all(axis=1)
+        raw = _residual(shown, predict(now.seen_by(owner), pose), recipe)
+        white = (linear.white @ raw.reshape(m, n, -1, 1))[..., 0] + noise
+        step = white.reshape(m, -1) @ linear.gain.T
+        step += (mechanism.nominals[free] - now.g[:, free]) @ linear.pull.T
+        step[~usable] = 0.0
+        now = _moved(now, step, free, open_)
+        small[:] = np.abs(step) <= SETTLED * sigma
+        if small[usable].all():
+            break
+        pose = np.where(usable[owner][:, None], pose, start)
+    return replace(now, settled=usable & small.all(axis=1))
+
+
+def predicted(recipe: Recipe, q: Array, pose: Array) -> Array:
+    """Return the rms position error (T,) that the linear model expects after calibration, m.
+
+    At joints (T, k) and poses (T, 6), of the target as the instrument sees it.
+    """
+    problem, mechanism = recipe.problem, recipe.mechanism
+    name = problem.datasets[0].name
+    knowledge = Knowledge(problem.columns, recipe.linear.covariance, {},
+                          {name: problem.opens[0].about}, {})
+    rows = unknown_conditions(*q.shape)
+    jacobian = prediction_jacobian(Model(mechanism), recipe.instrument.station(), pose, q,
+                                   knowledge, name, rows)
+    part = jacobian[:, :sum(1 for c in mechanism.dof if c < 3)]
+    square = np.einsum("tmi,ij,tmj->t", part, recipe.linear.covariance, part)
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
+
+def _moved(now: Calibrated, step: Array, free: list[int], open_: Open) -> Calibrated:
+    """Return parameters and stations moved by steps (M, C)."""
+    g = now.g.copy()
+    g[:, free] += step[:, :len(free)]
+    whole = {"frame": np.zeros((len(g), 6)), "target": np.zeros((len(g), 3)),
+             "turn": np.zeros((len(g), 3))}
+    for key, columns, parts in (("frame", open_.frame, open_.frame_parts),
+                                ("target", open_.target, open_.target_parts),
+                                ("turn", open_.target_rotation, open_.turn_parts)):
+        if columns.stop > columns.start:
+            whole[key][:, list(parts)] = step[:, columns]
+    s = now.station
+    station = Station(turned_about(s.frame, whole["frame"], open_.about),
+                      s.target + whole["target"], s.target_rotation + whole["turn"], s.homing)
+    return Calibrated(g, station, now.settled)
+
+
+def _residual(shown: tuple[Array, Array], predicted: tuple[Array, Array], recipe: Recipe) -> Array:
+    """Return shown - predicted (R, m) as the instrument has it: m, rad, m."""
+    kind, motion = recipe.instrument.kind, recipe.mechanism.motion
+    if kind == "distance":
+        far, near = (np.linalg.norm(p[0], axis=1) for p in (shown, predicted))
+        return np.asarray((far - near)[:, None])
+    both = np.concatenate([shown[0] - predicted[0], turn_between(shown[1], predicted[1])],
+                          axis=1)
+    return np.asarray(both[:, list(coordinates_of(kind, motion))])

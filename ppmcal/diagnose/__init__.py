@@ -1,1 +1,0 @@
-"""Find where machine and measurements disagree, name the missing effect, show the gap shrink."""

@@ -1,0 +1,266 @@
+"""What could be missing: every kind of effect, for all actuators together and for each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.diagnosis.hypotheses import (
+    GEOMETRY,
+    Collector,
+    Form,
+    Library,
+    Untestable,
+    frozen_slots,
+    shapes,
+)
+from ppmcal.diagnosis.linear_system import Part, System
+from ppmcal.diagnosis.selection import Search, columns_of
+from ppmcal.kinematics.effect_response import lacking, setting
+from ppmcal.linalg import Bools, known
+from ppmcal.model.effects import EffectKind, EffectParameter, Setting, effect_kinds
+
+KIND, PARAMETER = "compliance", "stiffness"
+ALIKE = 0.5
+"""It looks like an effect if it explains this part of what the effect does."""
+
+
+def unrecorded_load(to: Collector) -> None:
+    """Add what compliance does under a constant weight of 1 N, where no load was recorded."""
+    if any(known(p.response.rows.wrench).any() for p in to.system.parts):
+        return
+    kind = effect_kinds()[KIND]
+    spec = next(s for s in kind.parameters(to.motion) if s.name == PARAMETER)
+    settings = [_weighed(p, to) for p in to.system.parts]
+    own = {}
+    for a, name in enumerate(to.actuators):
+        one = np.arange(len(to.actuators)) == a
+        terms = [kind.evaluate(s, one, {PARAMETER: 1.0}).by[PARAMETER] for s in settings]
+        own[name] = to.add(-to.system.column(terms))  # d/d(1/k) at k = 1
+    whole = to.add(np.sum([to.columns[c] for c in own.values()], axis=0))
+    for on, column in [((name,), c) for name, c in own.items()] + [(to.actuators, whole)]:
+        to.unrecorded.append(Form(KIND, tuple(on), True, (PARAMETER,), (0.0,), (spec.high,),
+                                  (column,)))
+
+
+def _weighed(part: Part, to: Collector) -> Setting:
+    """Return the setting of a part under the weight."""
+    response = part.response
+    wrench = np.zeros((len(response.pose), 6))
+    wrench[:, :3] = to.system.problem.mechanism.gravity
+    model = response.closure.model
+    return setting(replace(model, shift=None), replace(response.rows, wrench=wrench),
+                   response.closure.q, response.pose, model)
+
+
+def look_alikes(search: Search, forms: Sequence[Form], chosen: Sequence[int], effect: int
+                ) -> list[Form]:
+    """Return the best of ``forms`` that explains most of what a chosen effect does, if any."""
+    form = search.forms[effect]
+    if form.slot or not form.on:
+        return []
+    rest = search.gram.given(columns_of(search, [i for i in chosen if i != effect]))
+    goal = float(rest.explained(np.array([form.columns]))[0][0])
+    best: tuple[float, Form] | None = None
+    for other in forms:
+        if not set(other.on) & set(form.on) or rest.right[other.columns[0]] <= 0.0:
+            continue
+        share = float(rest.explained(np.array([other.columns]))[0][0]) / goal
+        if share >= ALIKE and (best is None or share > best[0]):
+            best = share, other
+    return [best[1]] if best else []
+
+
+FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
+"""Periods per stroke that are tried; a longer wave is a curvature."""
+STEP = 0.4
+DIRECTIONS = 12
+
+
+class _Kinds(Collector):
+    """Makes the forms of every kind of effect."""
+
+    def kind(self, kind: EffectKind) -> None:
+        """Add all forms of one kind."""
+        usable = self.turning if kind.joints == "turning" else np.ones_like(self.turning)
+        if self.motion not in kind.motions or not usable.any():
+            return
+        if kind.name == "gain":
+            usable = usable & ~self._free_ratio()
+        on, missing = self._recorded(kind, usable)
+        if missing:
+            self.untestable.append(Untestable(
+                kind.name, missing, "not recorded, or the same in every row"))
+        if not on.any():
+            return
+        for constants in self._grids(kind):
+            self._forms(kind, on, constants)
+
+    def _forms(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
+        specs = [s for s in kind.parameters(self.motion)
+                 if not s.constant and s.name not in constants]
+        values = {s.name: s.default if s.constant and s.default is not None else 0.0
+                  for s in kind.parameters(self.motion)} | constants
+        values |= {s.name: 1.0 for s in specs if s.reciprocal}
+        specs = [s for s in specs if self._varies(kind, s.name)]
+        if not specs:
+            return
+        low = tuple(0.0 if s.reciprocal else s.low for s in specs)
+        high = tuple(s.high for s in specs)
+        usual = tuple(self._usual(s) for s in specs)
+        shown = {n: v for n, v in constants.items() if np.isfinite(v)}
+        searched = int(kind.name in ("periodic", "tilt"))
+        turns = self._stroke() / constants["period"] if "period" in constants else 0.0
+        names = tuple(s.name for s in specs)
+        if not kind.per_actuator:
+            where = self._columns(kind, on, values, specs)
+            self.forms.append(Form(kind.name, (), True, names, low, high, where, usual, shown,
+                                   searched=searched, turns=turns))
+            return
+        own: dict[int, tuple[int, ...]] = {}
+        for a in np.flatnonzero(on):
+            one = np.arange(on.size) == a
+            ends = self._ends(int(a)) if "low" in constants else {}
+            own[int(a)] = self._columns(kind, one, values | ends, specs)
+            self.forms.append(Form(kind.name, (self.actuators[a],), True, names, low, high,
+                                   own[int(a)], usual, shown | ends, searched=searched,
+                                   turns=turns))
+        same = len(set(self.turning[on].tolist())) == 1
+        if len(own) > 1 and same:
+            where = self._columns(kind, on, values, specs) if "low" in constants else tuple(
+                self.add(np.sum([self.columns[c] for c in cs], axis=0))
+                for cs in zip(*own.values(), strict=True))
+            on_names = tuple(self.actuators[a] for a in own)
+            self.forms.append(Form(kind.name, on_names, True, names, low, high, where, usual, shown,
+                                   searched=searched, turns=turns))
+            self.forms.append(Form(
+                kind.name, on_names, False,
+                tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
+                high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
+                shown,
+                searched=searched, turns=turns))
+
+    def _usual(self, spec: EffectParameter) -> tuple[float, float]:
+        """Return the range of a parameter's coefficient in machines, SI."""
+        low, high = spec.usual
+        if spec.reciprocal:
+            return 1.0 / high, 1.0 / low
+        scale = self._stroke() if spec.of_stroke else 1.0
+        return scale * low, scale * high
+
+    def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
+                 specs: Sequence[EffectParameter]) -> tuple[int, ...]:
+        """Add one column for each parameter of an effect; return where they are."""
+        terms = [kind.evaluate(p.setting, on, values).by for p in self.system.parts]
+        signs = [-1.0 if s.reciprocal else 1.0 for s in specs]  # d/d(1/k) at k = 1
+        return tuple(self.add(sign * self.system.column([by[s.name] for by in terms]))
+                     for s, sign in zip(specs, signs, strict=True))
+
+    def _varies(self, kind: EffectKind, name: str) -> bool:
+        """Whether the wrench component of a frame compliance is ever applied."""
+        if kind.needs != ("wrench",):
+            return True
+        at = ("fx", "fy", "fz", "mx", "my", "mz").index(name.rsplit("_", 1)[1])
+        return any(np.nanmax(np.abs(p.setting.wrench[:, at]), initial=0.0) > 0.0
+                   for p in self.system.parts)
+
+    def _recorded(self, kind: EffectKind, usable: Bools) -> tuple[Bools, tuple[str, ...]]:
+        """Return the actuators whose columns are there in every part, and missing columns."""
+        on = usable.copy()
+        missing: list[str] = []
+        for part in self.system.parts:
+            for a in np.flatnonzero(usable):
+                gone = lacking(kind.needs, (self.actuators[a],), (int(a),), part.response.rows)
+                if gone:
+                    on[a] = False
+                    missing += gone
+        for a in np.flatnonzero(on):
+            gone = self._constant(kind, int(a))
+            if gone:
+                on[a] = False
+                missing += gone
+        return on, tuple(dict.fromkeys(missing))
+
+    def _constant(self, kind: EffectKind, a: int) -> list[str]:
+        """Return needed columns that never change, or a load that is never there.
+
+        What they cause is a constant, which geometry has too.
+        """
+        rows = [p.response.rows for p in self.system.parts]
+        out = []
+        for need in kind.needs:
+            if need in ("dir", "vel"):
+                values = [(r.approach if need == "dir" else r.velocity)[:, [a]] for r in rows]
+                name = f"{need}_{self.actuators[a]}"
+            elif need in ("load", "wrench"):
+                if not any(np.any(np.nan_to_num(r.wrench)) for r in rows):
+                    out.append("payload")
+                continue
+            else:
+                values = [getattr(r, need)[:, None] for r in rows]
+                name = need
+            column = np.concatenate(values)
+            if not np.nanmax(column) - np.nanmin(column) > 1e-9 * np.nanmax(np.abs(column)):
+                out.append(name)
+        return out
+
+    def _free_ratio(self) -> Bools:
+        out = np.zeros(self.turning.size, dtype=bool)
+        mechanism = self.system.problem.mechanism
+        for limb in mechanism.limbs:
+            for slot, p in limb.slots.direct:
+                if slot == "ratio" and p in self.system.problem.free:
+                    out[limb.actuator] = True
+        return out
+
+    def _grids(self, kind: EffectKind) -> list[dict[str, float]]:
+        """Return the values of a kind's nonlinear parameters that are tried, fitted ones first."""
+        if kind.name == "periodic":
+            stroke, poses = self._stroke(), np.unique(self.system.group).size
+            turns = np.arange(FEWEST_PERIODS, min(MOST_PERIODS, 2.0 * poses), STEP)
+            return self._fitted("period") + [{"period": float(stroke / f)} for f in turns]
+        if kind.name == "tilt":
+            return self._fitted("direction") + [
+                {"direction": np.pi * i / DIRECTIONS} for i in range(DIRECTIONS)]
+        if kind.name == "curvature" and not np.isfinite(
+                self.system.parts[0].setting.stroke).all():
+            return [self._ends()]
+        return [{}]
+
+    def _fitted(self, name: str) -> list[dict[str, float]]:
+        """Return what the fit has made of a nonlinear parameter already."""
+        g = self.system.state.g
+        return [{name: float(g[e.parameters[name]])}
+                for e in self.system.problem.mechanism.effects if name in e.parameters]
+
+    def _ends(self, actuator: int | None = None) -> dict[str, float]:
+        """Return the stroke of one joint, or the range of all: limits, else as measured."""
+        travel = np.concatenate([p.setting.travel for p in self.system.parts])
+        limits = self.system.parts[0].setting.stroke
+        some = slice(None) if actuator is None else [actuator]
+        ends = limits[some] if np.isfinite(limits[some]).all() else np.stack(
+            [travel.min(axis=0), travel.max(axis=0)], axis=-1)[some]
+        return {"low": float(ends[:, 0].min()), "high": float(ends[:, 1].max())}
+
+    def _stroke(self) -> float:
+        return self.system.stroke or 1.0
+
+
+def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = ()
+            ) -> Library:
+    """Return every hypothesis that these data could test.
+
+    ``kinds``: only these; ``tried``: parameters that the fit frees only under test.
+    """
+    maker = _Kinds(system)
+    for name, kind in effect_kinds().items():
+        if kinds is None or name in kinds:
+            maker.kind(kind)
+    if kinds is None or GEOMETRY in kinds:
+        frozen_slots(maker, tried)
+    if kinds is None:
+        shapes(maker)
+        unrecorded_load(maker)
+    return maker.library()

@@ -1,0 +1,280 @@
+"""The diagnosis from measurements to verdict, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.noise import ENOUGH_REPEATS
+from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import report
+from ppmcal.calibration.validation import split
+from ppmcal.diagnosis import result_tables as tables
+from ppmcal.diagnosis.added_variable_test import probability
+from ppmcal.diagnosis.adequacy import Remainder, remainder
+from ppmcal.diagnosis.candidates import look_alikes
+from ppmcal.diagnosis.extended_model import Added, with_named
+from ppmcal.diagnosis.held_out_blocks import block_gaps
+from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
+from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.left_out_rows import left_out
+from ppmcal.diagnosis.localization import Place, localise
+from ppmcal.diagnosis.other_models import other_models
+from ppmcal.diagnosis.plausibility import implausible, implausible_words
+from ppmcal.diagnosis.recorded import usable, with_whole_rows
+from ppmcal.diagnosis.refit import confirm, nothing_named, of_rows, with_mechanism
+from ppmcal.diagnosis.result import Diagnosis, Found, NamedEffect
+from ppmcal.diagnosis.rivals import rivals
+from ppmcal.diagnosis.selection import own_log_p
+from ppmcal.diagnosis.stage import DRAWS, Stage, named_only, run_stage
+from ppmcal.diagnosis.verdict import (
+    Alternatives,
+    decide,
+    findings,
+    next_step,
+    not_predicted,
+    refuse_unconverged,
+)
+from ppmcal.model.dataset import Dataset
+
+Say = Callable[[str], None]
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Options:
+    """``holdout``: part of the poses kept back; ``draws``: of noise; ``kinds``: to try, or all."""
+
+    holdout: float = 0.27
+    seed: int = 0
+    draws: int = DRAWS
+    kinds: tuple[str, ...] | None = None
+    fit: FitOptions = field(default_factory=FitOptions)
+
+
+def diagnose(problem: Problem, options: Options | None = None, say: Say | None = None
+             ) -> Diagnosis:
+    """Find what is missing in the machine's model, add it, and say how sure that is.
+
+    Args:
+        problem: machine, data and free geometry.
+        options: seed and the like.
+        say: called with what is being done.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
+    """
+    options = options or Options()
+    say = say or (lambda text: None)
+    say("fitting geometry")
+    whole = identify(with_whole_rows(problem), options.fit)
+    refuse_unconverged(whole)
+    training, held = _split(whole, options)
+    found = _find(training, options, say)
+    say("confirming in all rows")
+    found, final = confirm(found, whole, options.fit)
+    gap = _gap(found, held, options)
+    odd = implausible(found.first.search, [found.last.forms[i] for i in found.last.chosen])
+    if odd is not None or (gap is not None and gap.worse):
+        found, final = nothing_named(found), None
+        gap = _gap(found, held, options)
+    say("judging what is left")
+    left = _left(found.last, options.seed)
+    start = left if found.last is found.first else remainder(
+        replace(found.first, chosen=()), options.seed)
+    others = _alternatives(found.last)
+    effects = _effects(found, others)
+    out = left_out(final or whole)
+    if out.follows:
+        left = replace(left, follows=f"rows that {out.follows}", p_value=min(
+            out.p_value, left.p_value))
+    blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
+    verdict = decide(found, left, start, effects, out, blocks, _imitated(found.last))
+    told = findings(whole, final or whole, left, effects, gap, out,
+                    not_predicted(blocks, left, start))
+    if odd is not None:
+        told.append(implausible_words(found, odd))
+    named = bool(effects) and verdict != "unnamed"
+    if final is None or not named:
+        final = whole
+    reported = report(final, options.fit, 0.0, options.seed)
+    return Diagnosis(
+        verdict, effects if named else (), tables.possible(found, effects, verdict), left, start,
+        gap, _places(found, named, options.seed),
+        tables.candidates(found, effects if named else ()),
+        found.first.library.untestable, tables.swallowed(whole, final),
+        reported.fit if final is whole else whole, reported, found,
+        next_step(found.last, others, verdict, options.seed, gap),
+        tuple(told), blocks, _others(whole, found, others, options) if named else ())
+
+
+def _others(whole: Fit, found: Found, alternatives: Alternatives, options: Options
+            ) -> tuple[Reading, ...]:
+    """Return the machine with each rival that was recorded, and without effects."""
+    return other_models(whole, found.last, {i: r for i, (r, _) in alternatives.items()},
+                        options.fit)
+
+
+def _places(found: Found, named: bool, seed: int) -> tuple[Place, ...]:
+    """Return where the residuals are without effects and with those that are named."""
+    bare = replace(found.first, chosen=())
+    with_them = replace(found.last, chosen=named_only(found.last)) if named else bare
+    return localise(bare, with_them, seed)
+
+
+def _left(stage: Stage, seed: int) -> Remainder:
+    """Return what named effects leave; an anonymous shape that was chosen says what it follows."""
+    left = remainder(replace(stage, chosen=named_only(stage)), seed)
+    for i in stage.chosen:
+        form = stage.forms[i]
+        if form.anonymous:
+            p = probability(own_log_p(stage.search, stage.chosen, i))
+            left = replace(left, follows=" ".join(form.on) or "position",
+                           p_value=min(p, left.p_value))
+    for joint, j in _neither(stage):
+        p = probability(own_log_p(stage.search, stage.chosen, j))
+        left = replace(left, follows=joint, p_value=min(p, left.p_value))
+    return left
+
+
+def _neither(stage: Stage) -> list[tuple[str, int]]:
+    """Return joints with two smooth kinds, a shape that is neither, and the second's form."""
+    out = []
+    for i, j in combinations(named_only(stage), 2):
+        a, b = stage.forms[i], stage.forms[j]
+        joint = set(a.on) & set(b.on)
+        if joint and _slow(stage, a) and _slow(stage, b) and a.kind != b.kind:
+            out.append((min(joint), j))
+    return out
+
+
+def _imitated(stage: Stage) -> bool:
+    """Whether all that is named only makes up a shape along joints that none of it is."""
+    joints = {joint for joint, _ in _neither(stage)}
+    return bool(joints) and all(
+        f.on and set(f.on) <= joints and f.kind in (*SMOOTH, "periodic") for f in stage.named)
+
+
+def _slow(stage: Stage, form: Form) -> bool:
+    """Whether a form is smooth over the stroke; a wave is if it has few periods there."""
+    if form.kind == "periodic":
+        return stage.system.stroke < FEW_PERIODS * form.constants["period"]
+    return form.kind in SMOOTH
+
+
+FEW_PERIODS = 4.0
+SMOOTH = ("curvature", "eccentricity")
+
+
+def _split(whole: Fit, options: Options) -> tuple[Fit, tuple[Dataset, ...]]:
+    """Put whole commanded poses aside, where that leaves enough to fit; fit the others."""
+    problem = whole.problem
+    out = split(problem.datasets, options.holdout, options.seed)
+    values = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
+                 for o, d in zip(out, problem.datasets, strict=True))
+    if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
+        return whole, ()
+    held = tuple(d.take(o & usable(d)) for d, o in zip(problem.datasets, out, strict=True))
+    return of_rows(whole, [~o for o in out], options.fit), held
+
+
+def _find(before: Fit, options: Options, say: Say) -> Found:
+    """Fit, test, add what was chosen, and again at the new fit until the choice stands.
+
+    Rows that look like outliers may be the effect itself: where there are many, the search
+    is made with them too, and holds if its effects explain most of them.
+    """
+    training = before.problem
+    say("testing effects against simulated noise")
+    first = run_stage(training, before.state, before.keep, options.seed,
+                      options.kinds, options.draws)
+    found = _settled(before, first, options, say)
+    out = sum(len(r) for r in before.reasons)
+    if out <= MANY_OUT * sum(k.size for k in before.keep):
+        return found
+    say("testing effects with the outliers")
+    everything = [k | o for k, o in zip(before.keep, before.outliers, strict=True)]
+    second = run_stage(training, before.state, everything, options.seed,
+                       options.kinds, options.draws)
+    other = _settled(before, second, options, say)
+    explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
+        len(r) for r in found.after.reasons)
+    return other if other.added and explained else found
+
+
+MANY_OUT = 0.02
+"""More outliers than this part of the rows may be an effect."""
+
+
+def _settled(before: Fit, first: Stage, options: Options, say: Say) -> Found:
+    """Add what a stage chose, refit, test again, until the choice stands."""
+    after, last = before, first
+    added: tuple[Added, ...] = ()
+    for _ in range(ROUNDS):
+        if not named_only(last):
+            return Found(before, before, first, last, ())
+        mechanism, added = with_named(before.problem.mechanism, last.search, named_only(last))
+        say("fitting geometry and " + ", ".join(f.label for f in last.named))
+        after = with_mechanism(before, mechanism, options.fit)
+        names = {n for a in added for n in a.parameters}
+        columns = [c for c, p in enumerate(after.problem.free)
+                   if mechanism.parameters[p].name in names]
+        again = run_stage(after.problem, after.state, after.keep, options.seed,
+                          options.kinds, options.draws, columns, first.search,
+                          [last.forms[i] for i in last.chosen])
+        same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
+        last = again
+        if same:
+            break
+    return Found(before, after, first, last, added)
+
+
+def _alternatives(stage: Stage) -> Alternatives:
+    """Return what could take the place of each named form: rivals, and what was not recorded."""
+    return {i: (rivals(stage.search, stage.chosen, i),
+                look_alikes(stage.search, stage.library.unrecorded, stage.chosen, i))
+            for i in named_only(stage)}
+
+
+def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...]:
+    """Return what was named, with its rivals."""
+    out = []
+    stage, left = found.last, list(found.added)
+    for i, (others, alike) in alternatives.items():
+        form = stage.forms[i]
+        value = own_log_p(stage.search, stage.chosen, i)
+        for added in _of(form, left):
+            left.remove(added)
+            out.append(NamedEffect(
+                form.kind, added.on, added.parameters, probability(value), value,
+                stage.search.gram.survival(form.columns),
+                (*(r.form.label for r in others), *(f.label for f in alike)),
+                (*(r.odds for r in others), *(np.nan for _ in alike)), form))
+    return tuple(out)
+
+
+def _of(form: Form, added: Sequence[Added]) -> list[Added]:
+    """Return the effects that were added for a form; of two waves those of the nearer period."""
+    mine = [a for a in added if (a.form.family, a.form.on) == (form.family, form.on)]
+    apart = [form.apart(a.form) for a in mine]
+    return [a for a, d in zip(mine, apart, strict=True) if d <= min(apart)]
+
+
+def _gap(found: Found, held: Sequence[Dataset], options: Options) -> Gap | None:
+    if not held:
+        return None
+    return measure_gap(found.before, found.after, held, _noise(found), options.seed)
+
+
+def _noise(found: Found) -> float:
+    """Return the noise over the stated one: that of repeats where there are enough."""
+    pure = found.first.pure
+    return pure.ratio if pure is not None and pure.freedom >= ENOUGH_REPEATS else 1.0

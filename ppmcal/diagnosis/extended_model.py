@@ -1,0 +1,87 @@
+"""From chosen hypotheses to a machine that has them, ready to be fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.selection import Search, columns_of
+from ppmcal.linalg import Array
+from ppmcal.model.effects import EffectParameter, find_effect
+from ppmcal.model.mechanism import Given, Mechanism, with_effect
+
+SMALLEST = 1e-3
+"""A coefficient outside its range starts at this part of its standard deviation inside."""
+
+
+@dataclass(frozen=True)
+class Added:
+    """One effect that was added: the form it came from and its parameters' names."""
+
+    form: Form
+    on: tuple[str, ...]
+    parameters: tuple[str, ...]
+
+
+def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
+               ) -> tuple[Mechanism, tuple[Added, ...]]:
+    """Return the machine with the chosen forms as free effects, started at their estimates."""
+    columns = columns_of(search, chosen)
+    value, covariance = search.gram.fit(columns)
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    place = {c: i for i, c in enumerate(columns)}
+    added: list[Added] = []
+    for i in chosen:
+        form = search.forms[i]
+        at = [place[c] for c in form.columns]
+        if form.slot:
+            mechanism = _freed(mechanism, form.slot, float(value[at[0]]))
+            added.append(Added(form, form.on, (form.slot,)))
+            continue
+        count = 1 if form.shared else len(form.on)
+        size = form.size // count
+        for part in range(count):
+            on = form.on if form.shared else (form.on[part],)
+            mine = at[part * size:(part + 1) * size]
+            mechanism, names = _with(mechanism, form, on, value[mine], sigma[mine])
+            added.append(Added(form, on, names))
+    return mechanism, tuple(added)
+
+
+def _with(mechanism: Mechanism, form: Form, on: Sequence[str], value: Array, sigma: Array
+          ) -> tuple[Mechanism, tuple[str, ...]]:
+    kind = find_effect(form.kind)
+    specs = {s.name: s for s in kind.parameters(mechanism.motion)}
+    names = [n.split(":")[-1] for n in form.names[:value.size]]
+    given = {n: Given(_start(specs[n], float(v), float(s)), free=True, nominal=_nominal(specs[n]))
+             for n, v, s in zip(names, value, sigma, strict=True)}
+    for n, v in form.constants.items():
+        given[n] = Given(v, free=not specs[n].constant)
+    acts = tuple(not on or a in on for a in mechanism.actuators)
+    before = len(mechanism.parameters)
+    mechanism = with_effect(mechanism, kind, acts, given)
+    return mechanism, tuple(p.name for p in mechanism.parameters[before:]
+                            if p.free or p.value != 0.0)
+
+
+def _start(spec: EffectParameter, value: float, sigma: float) -> float:
+    if spec.reciprocal:
+        return 1.0 / max(value, SMALLEST * sigma, 1e-300)
+    return float(np.clip(value, spec.low, spec.high))
+
+
+def _nominal(spec: EffectParameter) -> float | None:
+    return None if spec.reciprocal else 0.0
+
+
+def _freed(mechanism: Mechanism, slot: str, error: float) -> Mechanism:
+    """Return the machine with a frozen slot free, started at its estimated error."""
+    parameters = list(mechanism.parameters)
+    i = mechanism.names.index(slot)
+    p = parameters[i]
+    parameters[i] = replace(p, free=True, fixed=False, value=p.value + error)
+    return replace(mechanism, parameters=tuple(parameters),
+                   free=tuple(sorted({*mechanism.free, i})))

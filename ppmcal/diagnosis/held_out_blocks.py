@@ -1,0 +1,109 @@
+"""The gap on whole stretches of time and whole conditions, each left out in turn.
+
+Held-out poses lie between others that were measured at the same time and temperature: an effect
+of time or heat that is wrong predicts them all the same. A block is predicted by what the fit
+would be without it, to first order: with the normal matrix A of all rows and prior, and the
+block's rows J and residuals r,
+
+    r_out = r + J (A - J^T J)^-1 J^T r.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.held_out_gap import Errors, Gap, errors_of, gap_of
+from ppmcal.diagnosis.left_out_rows import thirds
+from ppmcal.linalg import Array, Bools
+
+LEVELS = 3
+"""A load of fewer levels cannot be left out: the others would not tell what it does."""
+SEEN = 1e-10
+"""Directions below this part of the strongest are not known without the block."""
+PREDICTS, PREDICTS_MORE = 0.5, 0.75
+"""Effects that surely close less than this part of a block's gap do not predict it; where more is
+left to explain than noise, less than this part of what they close in all rows."""
+
+
+@dataclass(frozen=True)
+class BlockGap:
+    """The gap when all rows of one third of ``by`` are left out in turn."""
+
+    by: str
+    gap: Gap
+
+    def fails(self, everywhere: float, adequate: bool) -> bool:
+        """Whether the effects surely do not predict what was left out.
+
+        ``everywhere``: what they close in all rows; ``adequate``: whether the rest is noise.
+        """
+        least = PREDICTS if adequate else PREDICTS_MORE * everywhere
+        return self.gap.interval is not None and self.gap.interval[1] < least
+
+
+def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockGap, ...]:
+    """Return the gap over stretches of time, temperature and load, where these vary.
+
+    Args:
+        before: the fit of all rows without the effects.
+        after: the fit with them.
+        noise: over the stated one.
+        seed: of the bootstrap.
+    """
+    keep = [a & b for a, b in zip(before.keep, after.keep, strict=True)]
+    out = []
+    for by, folds in schemes(after.problem):
+        pairs = [(_left_out(before, fold, keep), _left_out(after, fold, keep)) for fold in folds]
+        pairs = [(old, new) for old, new in pairs if old.square.size == new.square.size > 0]
+        if len(pairs) == len(folds):
+            old, new = (_joined([p[k] for p in pairs]) for k in (0, 1))
+            out.append(BlockGap(by, gap_of(old, new, noise, seed)))
+    return tuple(out)
+
+
+def schemes(problem: Problem) -> Iterator[tuple[str, list[list[Bools]]]]:
+    """Yield what rows are left out by, and the blocks: a mask (N,) by data set for each."""
+    order = [thirds(np.arange(len(d), dtype=float)) for d in problem.datasets]
+    yield "time", [list(masks) for masks in zip(*order, strict=True)]
+    heat = np.concatenate([c.temperature for c in problem.conditions])
+    load = np.concatenate([np.linalg.norm(c.wrench, axis=1) for c in problem.conditions])
+    ends = np.cumsum([len(d) for d in problem.datasets])[:-1]
+    for by, values in (("temperature", heat), ("load", load)):
+        if _varies(values) and (by != "load" or np.unique(np.round(values, 9)).size >= LEVELS):
+            yield by, [np.split(mask, ends) for mask in thirds(values)]
+
+
+def _varies(values: Array) -> bool:
+    return bool(np.isfinite(values).all()
+                and np.ptp(values) > 1e-9 * max(np.abs(values).max(), 1e-300))
+
+
+def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> Errors:
+    """Return the errors of a block's rows as the fit without them predicts them."""
+    own = [f & k for f, k in zip(fold, keep, strict=True)]
+    rows = list(fit.problem.rows(fit.state, True, own))
+    width = fit.scale.size
+    flat = [r.jacobian.reshape(-1, width) * fit.scale for r in rows]
+    triangle = fit.reduced.triangle * fit.scale
+    normal = triangle.T @ triangle + np.diag((fit.prior * fit.scale) ** 2)
+    right = np.zeros(width)
+    for j, r in zip(flat, rows, strict=True):
+        normal -= j.T @ j
+        right += j.T @ r.residual.reshape(-1)
+    w, v = np.linalg.eigh(normal)
+    use = w > SEEN * max(float(w[-1]), 1e-300)
+    inverse = (v[:, use] / w[use]) @ v[:, use].T
+    step = inverse @ right
+    return errors_of(fit.problem, (
+        (r, r.residual + (j @ step).reshape(r.residual.shape))
+        for j, r in zip(flat, rows, strict=True)), inverse * np.outer(fit.scale, fit.scale))
+
+
+def _joined(parts: Sequence[Errors]) -> Errors:
+    return Errors(*(np.concatenate([getattr(p, name) for p in parts])
+                    for name in ("square", "variance", "count", "group")))

@@ -1,0 +1,220 @@
+"""Hypotheses: a kind of effect on some actuators, and the columns that say what it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ppmcal.diagnosis.linear_system import System
+from ppmcal.linalg import Array
+from ppmcal.model.effects import Shift
+from ppmcal.model.parameters import is_joint_component
+
+GEOMETRY = "geometry"
+
+
+@dataclass(frozen=True)
+class Form:
+    """One hypothesis: a kind of effect on some actuators.
+
+    Attributes:
+        kind: name; ``geometry`` for a frozen slot.
+        on: actuator names, empty for the whole machine.
+        shared: one value for all of ``on``, else one for each.
+        names: parameters by column; with one value for each actuator ``leg1:width``.
+        constants: parameters that are not linear: period, direction.
+        slot: the frozen parameter's name, for ``geometry``.
+        anonymous: a shape without a cause; it takes part so that no kind has to imitate
+            it, and is never named.
+        searched: how many constants a grid has chosen.
+        turns: periods per stroke of a periodic error.
+        choices: logarithm of the number of sets of actuators that it was chosen from.
+        low, high: physical range of each column's coefficient.
+        usual: the range in which machines have it, by column; empty: any.
+        columns: where its columns are in the library.
+    """
+
+    kind: str
+    on: tuple[str, ...]
+    shared: bool
+    names: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    columns: tuple[int, ...]
+    usual: tuple[tuple[float, float], ...] = ()
+    constants: dict[str, float] = field(default_factory=dict)
+    slot: str = ""
+    anonymous: bool = False
+    searched: int = 0
+    turns: float = 0.0
+    choices: float = 0.0
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return len(self.columns)
+
+    @property
+    def family(self) -> str:
+        """What it is told apart as: the kind, the frozen slot, or the shape's place."""
+        if self.anonymous:
+            return self.label
+        return f"{GEOMETRY} {self.slot}" if self.slot else self.kind
+
+    def apart(self, other: Form) -> float:
+        """Return by how much the constants of two forms of a grid differ."""
+        return sum(abs(v - other.constants.get(n, v)) for n, v in self.constants.items())
+
+    def alike(self, other: Form) -> bool:
+        """Whether the constants are the same; each joint may have a stroke of its own."""
+        return self.constants == other.constants or "low" in self.constants
+
+    @property
+    def label(self) -> str:
+        """Return words for people: ``backlash on leg2``."""
+        if self.slot:
+            return f"{GEOMETRY} {self.slot}"
+        if self.anonymous:
+            return f"an unknown shape along {' '.join(self.on) or 'the position'}"
+        return f"{self.kind} on {', '.join(self.on)}" if self.on else self.kind
+
+
+def united(forms: Sequence[Form]) -> Form:
+    """Return forms of one kind on one actuator each as one, with values of its own for each."""
+    if len(forms) == 1:
+        return forms[0]
+    return replace(
+        forms[0], on=tuple(a for f in forms for a in f.on), shared=False,
+        names=tuple(f"{f.on[0]}:{n}" for f in forms for n in f.names),
+        low=sum((f.low for f in forms), ()), high=sum((f.high for f in forms), ()),
+        columns=sum((f.columns for f in forms), ()), usual=sum((f.usual for f in forms), ()))
+
+
+@dataclass(frozen=True)
+class Untestable:
+    """A kind that the data cannot test, and what they lack."""
+
+    kind: str
+    missing: tuple[str, ...]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """All hypotheses: ``columns`` (N, m, T) white, ``forms`` over them, and what is untestable.
+
+    ``unrecorded``: what might be there too, but cannot be tested for want of a column.
+    """
+
+    columns: Array
+    forms: tuple[Form, ...]
+    untestable: tuple[Untestable, ...]
+    unrecorded: tuple[Form, ...] = ()
+
+
+class Collector:
+    """Collects columns and forms over the rows of a system."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self.columns: list[Array] = []
+        self.forms: list[Form] = []
+        self.untestable: list[Untestable] = []
+        self.unrecorded: list[Form] = []
+        mechanism = system.problem.mechanism
+        self.actuators = mechanism.actuators
+        self.motion = mechanism.motion
+        self.turning = np.array([q == "angle" for q in mechanism.actuator_quantity])
+
+    def add(self, column: Array) -> int:
+        """Add one white column (N, m); return where it is."""
+        self.columns.append(column)
+        return len(self.columns) - 1
+
+    def shifted(self, shifts: list[Shift]) -> int:
+        """Add the column of one shift per part; return where it is."""
+        return self.add(self.system.column(shifts))
+
+    def library(self) -> Library:
+        """Return what was collected."""
+        shape = (*self.system.residual.shape, 0)
+        columns = np.stack(self.columns, axis=-1) if self.columns else np.zeros(shape)
+        return Library(columns, tuple(self.forms), tuple(self.untestable),
+                       tuple(self.unrecorded))
+
+
+def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
+    """Add every frozen slot, and those that were freed to be tried."""
+    problem = to.system.problem
+    effects = {p for e in problem.mechanism.effects for p in e.parameters.values()}
+    taken = (set(problem.free) - set(tried)) | effects
+    for p, parameter in enumerate(problem.mechanism.parameters):
+        if p in taken or parameter.per_unit or is_joint_component(parameter.name):
+            continue
+        shifts = [slot_shift(to.system, p) for _ in to.system.parts]
+        limbs = [limb for limb in problem.mechanism.limbs
+                 if any(i == p for _, i in limb.slots.direct)
+                 or any(p in (r, a) for _, _, r, a in limb.slots.polar)]
+        on = tuple(dict.fromkeys(to.actuators[limb.actuator] for limb in limbs))
+        column = to.shifted(shifts)
+        to.forms.append(Form(GEOMETRY, on, True, (parameter.name,), (-np.inf,), (np.inf,),
+                               (column,), slot=parameter.name))
+
+
+def slot_shift(system: System, parameter: int) -> Shift:
+    """Return the shift of all slots that a parameter feeds, per unit of it."""
+    slots: dict[tuple[int, str], Array] = {}
+    for i, limb in enumerate(system.problem.mechanism.limbs):
+        fed, used = limb.slots.feeds({parameter})
+        if not used:
+            continue
+        chain = limb.slots.jacobian(system.state.g, fed, [parameter])[:, 0]
+        for slot, d in zip(fed, chain, strict=True):
+            slots[i, slot] = np.array([d])
+    return Shift(slots)
+
+
+LOCAL, DISTORTION = "local", "distortion"
+SHAPES = (*((i / 12.0, w) for i in range(13) for w in (0.05, 0.1)),
+          *((i / 24.0, 0.0) for i in range(2, 23)))
+"""Anonymous shapes: place and width in parts of the stroke; width 0 is a kink."""
+
+
+def shapes(to: Collector) -> None:
+    """Add anonymous shapes: bumps and kinks along each joint, distortion of positions.
+
+    They are what local damage, a bent guide or a lens does, and more; what they fit has no
+    name here.
+    """
+    everything = np.ones_like(to.turning)
+    for a, name in enumerate(to.actuators):
+        one = np.arange(everything.size) == a
+        travel = np.concatenate([p.setting.travel[:, a] for p in to.system.parts])
+        low, length = float(travel.min()), float(np.ptp(travel)) or 1.0
+        for at, width in SHAPES:
+            shifts = [p.setting.at_joints(_shape(p.setting.travel, low + at * length,
+                                                 width * length), one)
+                      for p in to.system.parts]
+            to.forms.append(Form(
+                LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
+                (to.shifted(shifts),), anonymous=True,
+                searched=2 if width else 1))
+    points = [p.response.seen.points[p.response.end] for p in to.system.parts]
+    middle = np.concatenate(points).mean(axis=0)
+    shifts = []
+    for point in points:
+        swell = np.sum((point - middle) ** 2, axis=1)
+        # a stretch that carries each point along its own way from the middle
+        along = np.maximum(np.sum(point**2, axis=1), 1e-12)[:, None, None]
+        turn = np.eye(3) - middle[:, None] * point[:, None, :] / along
+        shifts.append(Shift(stretch=swell[:, None, None] * turn))
+    to.forms.append(Form(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
+                           (to.shifted(shifts),), anonymous=True))
+
+
+def _shape(travel: Array, at: float, width: float) -> Array:
+    """Return a bump of a width, or a kink where the width is 0."""
+    away = travel - at
+    return np.asarray(np.exp(-0.5 * (away / width) ** 2) if width else np.maximum(away, 0.0))

@@ -1,0 +1,280 @@
+"""What to measure next: poses and settings that tell rivals apart.
+
+T-optimal design (Atkinson-Fedorov): rival b is fitted, geometry and all, to what effect a
+predicts; the row where they still differ most is measured next. Both directions count,
+the worse one decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ppmcal.calibration.observation import SCALARS
+from ppmcal.calibration.problem import State
+from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.linear_system import build
+from ppmcal.diagnosis.stage import Stage, form_columns, of_single, without
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array, known
+from ppmcal.model.dataset import Dataset
+from ppmcal.wording import counted, shorter
+
+POSES = 150
+WIDER = 0.25
+"""Poses are drawn from the measured range, wider by this part on each side."""
+FEWEST_ROWS, MOST_ROWS = 4, 120
+"""Where one row would do, it could be an outlier, and would be taken for one."""
+SETTLED = 2.0 * np.log(20.0)
+"""Rivals count as told apart at odds of 20 to 1: twice the log-likelihood ratio."""
+SURE = 1.645
+"""Quantile of the chance, 95 %, that the measurements' own noise does not prevent it."""
+REMEDY = {
+    "sensor_scale": "measure a known distance (a scale bar) with the same instrument",
+    "leg_thermal": "record temperature_<sensor> of legs and of the base apart",
+    "base_thermal": "record temperature_<sensor> of legs and of the base apart",
+    "platform_thermal": "record temperature_<sensor> of the platform apart",
+    "drift": "go back to one reference pose at intervals, at changing temperature",
+    "gain": "measure one joint's travel directly, or a known distance",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """Measurements worth taking, or what to record instead.
+
+    ``q`` (R, k) joints, ``pose`` (R, 6) platform poses in the base frame, ``columns``:
+    settings in SI by name (R,); ``odds_before`` and ``odds_after`` for the rival of the
+    lower likelihood being found out (of 95 %, with noise); ``reason`` in words.
+    """
+
+    reason: str
+    q: Array
+    pose: Array
+    columns: Mapping[str, Array] = field(default_factory=dict)
+    odds_before: float = 1.0
+    odds_after: float = 1.0
+
+    @property
+    def rows(self) -> int:
+        """Number of measurements proposed."""
+        return int(self.q.shape[0])
+
+
+def nothing(reason: str, joints: int) -> Proposal:
+    """Return an empty proposal."""
+    return Proposal(reason, np.zeros((0, joints)), np.zeros((0, 6)))
+
+
+def propose(stage: Stage, a: Form, b: Form, odds: float, seed: int) -> Proposal:
+    """Return measurements that tell two forms apart, ``a`` being likelier by ``odds``."""
+    mechanism = stage.system.problem.mechanism
+    rng = np.random.default_rng(seed)
+    data = possible_rows(stage, rng)
+    if data is None:
+        return nothing("no further pose is within reach", len(mechanism.actuators))
+    old = _old_blocks(stage, a, b)
+    new = _new_blocks(stage, a, b, data)
+    if new is None:
+        return nothing(_remedy(a, b), len(mechanism.actuators))
+    value_a, value_b = stage.search.gram.fit(a.columns)[0], stage.search.gram.fit(b.columns)[0]
+    start = 2.0 * abs(float(np.log(odds)))
+    goal = wanted(start)
+    picked, gain = _pick(old, new, value_a, value_b, goal)
+    after = float(np.exp(np.clip((gain - 2.0 * SURE * np.sqrt(gain) - start) / 2.0, 0.0, 300.0)))
+    label = " and ".join(shorter(f.label, len(mechanism.actuators)) for f in (a, b))
+    if gain < goal:
+        many = (counted(len(picked), "further measurement") if picked
+                else "further measurements alone")
+        return Proposal(f"{many} would not tell {label} apart: {_remedy(a, b)}",
+                        np.zeros((0, data.q.shape[1])), np.zeros((0, 6)), {}, odds, after)
+    rows = np.array(picked, dtype=np.int64)
+    needed = {n: c[rows] for n, c in data.columns.items()}
+    pose = pose_vector(pose_motor(np.nan_to_num(np.concatenate(
+        [data.position, data.rotation], axis=1)[rows])))
+    return Proposal(f"{counted(len(picked), 'measurement')} to tell {label} apart",
+                    data.q[rows], pose, needed, odds, after)
+
+
+def wanted(start: float) -> float:
+    """Return how far apart D new rows must drive two rivals, for them to be settled.
+
+    Twice the log-likelihood ratio of new rows is D with a standard deviation of 2 sqrt(D); it
+    must outweigh what the old rows say, ``start``, in the worse case the wrong way, and then
+    reach :data:`SETTLED`.
+    """
+    return float((SURE + np.sqrt(SURE**2 + SETTLED + start)) ** 2)
+
+
+def _remedy(a: Form, b: Form) -> str:
+    hints = [REMEDY[f.kind] for f in (a, b) if f.kind in REMEDY]
+    return hints[0] if hints else "record what the two depend on separately"
+
+
+def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
+    """Return poses within and around the measured range, each under several settings."""
+    problem = stage.system.problem
+    first = problem.datasets[_template(stage)]
+    if first.to_q is not None:
+        return None
+    seen = pose_vector(np.concatenate([p.response.pose for p in stage.system.parts]))
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    wide = WIDER * (high - low)
+    tried = rng.uniform(low - wide, high + wide, (POSES, 6))
+    short = problem.mechanism.conditions - len(problem.mechanism.actuators)
+    if short:
+        tried = seen[rng.integers(len(seen), size=POSES)]
+    bare = Model(replace(problem.mechanism, effects=()), stage.system.state.g)
+    table = inverse_table(bare, tried)
+    good = np.array([s == "ok" for s in table.status])
+    if not good.any():
+        return None
+    q, pose = table.q[good], table.pose[good]
+    columns = _settings(stage, len(q), rng)
+    repeat = len(next(iter(columns.values()))) // len(q) if columns else 1
+    q, pose = np.tile(q, (repeat, 1)), np.tile(pose, (repeat, 1))
+    flat = np.array([False, False, True, True, True, False]) & (
+        problem.mechanism.motion == "planar")
+    place, turn, number = (float(np.median(s[np.isfinite(s)])) if np.isfinite(s).any() else 1.0
+                           for s in (first.sigma_position, first.sigma_rotation,
+                                     first.sigma_value))
+    data = Dataset.of_poses(first.name, q, np.where(flat, np.nan, pose), (place, turn), False)
+    # of a height or a distance only the slopes count here, whatever the value
+    value = np.full(len(q), np.nan if first.kind not in SCALARS else float(
+        np.median(first.value[np.isfinite(first.value)])))
+    return replace(data, columns=columns, kind=first.kind, frame=first.frame, value=value,
+                   sigma_value=np.full(len(q), number), target=first.target,
+                   target_rotation=first.target_rotation, extra=first.extra)
+
+
+def _template(stage: Stage) -> int:
+    """Return which data set new rows are like: not distances between two platform positions."""
+    single = [i for i, d in enumerate(stage.system.problem.datasets) if d.to_q is None]
+    return single[0] if single else 0
+
+
+def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array]:
+    """Return settings at the ends of what was recorded, four of them for each of n poses."""
+    data = stage.system.problem.datasets[_template(stage)]
+    out: dict[str, Array] = {}
+    signs = np.array([1.0, -1.0, 1.0, -1.0])
+    levels = np.array([1.0, 1.0, -1.0, -1.0])
+    for name in sorted(data.columns):  # dir_ before vel_
+        values = data.columns[name]
+        seen = values[np.isfinite(values)]
+        if not seen.size:
+            continue
+        if name.startswith("dir_"):
+            pattern = rng.choice([-1.0, 1.0], size=n)
+            out[name] = np.concatenate([s * pattern for s in signs])
+        elif name.startswith("vel_"):
+            speed = np.abs(seen)
+            way = out.get(f"dir_{name.removeprefix('vel_')}", np.repeat(signs, n))
+            out[name] = way * np.repeat(np.where(levels > 0, speed.max(), speed.min()), n)
+        elif name == "time":
+            out[name] = np.concatenate([np.full(n, seen.max() + 60.0 * (i + 1) * n)
+                                        for i in range(4)])
+        else:
+            ends = (seen.min(), seen.max())
+            out[name] = np.concatenate([
+                np.full(n, ends[1] if (level > 0) != (name == "temperature" and sign < 0)
+                        else ends[0]) for sign, level in zip(signs, levels, strict=True)])
+    return out
+
+
+Blocks = tuple[Array, Array, Array]
+
+
+def _old_blocks(stage: Stage, a: Form, b: Form) -> Blocks:
+    """Return geometry (N, m, c) and the columns of both forms, of the rows measured."""
+    shape = (*stage.system.residual.shape, -1)
+    geometry = stage.noise.apply(stage.system.jacobian, stage.system)
+    return (geometry.reshape(shape), form_columns(stage, a).reshape(shape),
+            form_columns(stage, b).reshape(shape))
+
+
+def _new_blocks(stage: Stage, a: Form, b: Form, data: Dataset) -> Blocks | None:
+    """Return the same of possible rows; None where a pose or a form does not exist there."""
+    i = _template(stage)
+    problem = replace(stage.system.problem, datasets=(data,),
+                      pivots=(stage.system.problem.opens[i].about,), given=None)
+    start = State(stage.system.state.g, (stage.system.state.stations[i],),
+                  (pose_motor(np.nan_to_num(np.concatenate([data.position, data.rotation],
+                                                           axis=1))),))
+    state = problem.solve(start)
+    keep = [known(state.poses[0])]
+    if not keep[0].all():
+        return None
+    system = without(build(problem, state, keep), stage.added)
+    found = library(system, tuple({a.kind, b.kind}))
+
+    def columns(form: Form) -> Array:
+        match = [f for f in found.forms if (f.kind, f.on, f.shared, f.slot) == (
+            form.kind, form.on, form.shared, form.slot)]
+        if not match:
+            return of_single(found.columns, found.forms, form)
+        nearest = min(match, key=lambda f: f.apart(form))
+        return np.asarray(found.columns[..., nearest.columns])
+
+    # other data sets' frames and targets are open too, and new rows do not feel them
+    here, there = ([n for c, n in enumerate(p.columns) if c not in set(stage.added)]
+                   for p in (problem, stage.system.problem))
+    geometry = np.zeros((*system.residual.shape, len(there)))
+    geometry[..., [there.index(n) for n in here]] = system.jacobian
+    try:
+        return geometry, columns(a), columns(b)
+    except KeyError:
+        return None
+
+
+def _pick(old: Blocks, new: Blocks, value_a: Array, value_b: Array, goal: float
+          ) -> tuple[list[int], float]:
+    """Return chosen rows, and by how much they drive the two apart (worse direction)."""
+    ways = [(_reduced(old[0], old[rival], old[truth] @ value),
+             np.concatenate([new[0], new[rival]], axis=-1), new[truth] @ value)
+            for truth, rival, value in ((1, 2, value_a), (2, 1, value_b))]
+    picked: list[int] = []
+    start, differences = _apart(ways, picked)
+    figures = start
+    while len(picked) < FEWEST_ROWS or (
+            len(picked) < MOST_ROWS and _least(figures, start) < goal):
+        best = _next_row(differences[int(np.argmin(np.subtract(figures, start)))], picked)
+        if best is None:
+            break
+        picked.append(best)
+        figures, differences = _apart(ways, picked)
+    return picked, _least(figures, start)
+
+
+def _least(figures: list[float], start: list[float]) -> float:
+    return max(float(np.min(np.subtract(figures, start))), 0.0)
+
+
+def _next_row(gain: Array, picked: list[int]) -> int | None:
+    gain[picked] = -1.0
+    best = int(np.argmax(gain))
+    return best if gain[best] > 1e-12 else None
+
+
+def _reduced(geometry: Array, rival: Array, goal: Array) -> Array:
+    """Return old rows as one triangle [geometry, rival, goal]."""
+    whole = np.concatenate([geometry, rival, goal[..., None]], axis=-1)
+    return np.asarray(np.linalg.qr(whole.reshape(-1, whole.shape[-1]), mode="r"))
+
+
+def _apart(ways: list[tuple[Array, Array, Array]], picked: list[int]
+           ) -> tuple[list[float], list[Array]]:
+    """Return, both ways, what the rival cannot imitate, in all and row by row."""
+    figures, rows = [], []
+    for old, columns, goal in ways:
+        matrix = np.concatenate([old[:, :-1], columns[picked].reshape(-1, columns.shape[-1])])
+        right = np.concatenate([old[:, -1], goal[picked].reshape(-1)])
+        solution = np.linalg.lstsq(matrix, right, rcond=1e-10)[0]
+        figures.append(float(np.sum((right - matrix @ solution) ** 2)))
+        rows.append(np.sum((goal - columns @ solution) ** 2, axis=1))
+    return figures, rows

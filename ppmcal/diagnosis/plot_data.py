@@ -1,0 +1,228 @@
+"""The diagnosis as data for pictures: what is where, what follows what, what is how likely.
+
+Nothing is decided here; every number is drawn from a finished :class:`Diagnosis`. SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.calibration.least_squares import gauss_newton, prior_weights
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.linear_system import build
+from ppmcal.diagnosis.residual_profiles import Errors, gather
+from ppmcal.diagnosis.residual_series import Series, all_series
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.selection import columns_of, own_log_p
+from ppmcal.diagnosis.stage import Stage, named_only
+from ppmcal.errors import PpmcalError
+from ppmcal.linalg import Array, Bools, known
+
+MOST_RANKED, OF_ONE_KIND = 14, 2
+"""Hypotheses shown, and how many of one kind besides those named and their alternatives."""
+ITERATIONS = 60
+MANY_OUT = 0.05
+"""More rows left out than this part are likely what is missing itself, and are drawn."""
+
+
+@dataclass(frozen=True)
+class ActuatorError:
+    """Root mean square of one joint's error without and with the effects, and what noise gives."""
+
+    name: str
+    quantity: str
+    before: float
+    after: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A hypothesis with the logs of its p-value, and of that before anything was named.
+
+    The two differ for what is named: its p-value is given the others that are named.
+    ``form``: ``one value`` or ``one each`` where it acts on several actuators.
+    """
+
+    kind: str
+    on: tuple[str, ...]
+    form: str
+    log_p: float
+    log_p_alone: float
+    status: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """One model and its residual: rms over the noise.
+
+    ``what``: start, geometry, or the effect that was added (``kind``, ``on``).
+    """
+
+    what: str
+    ratio: float
+    kind: str = ""
+    on: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Story:
+    """All pictures' data.
+
+    ``left_out``: rows that the fit left out as outliers and that are in ``actuators`` and
+    ``series`` all the same.
+    """
+
+    actuators: tuple[ActuatorError, ...]
+    series: tuple[Series, ...]
+    ranking: tuple[Ranked, ...]
+    steps: tuple[Step, ...]
+    left_out: int = 0
+
+
+def story(result: Diagnosis) -> Story:
+    """Return the data of a diagnosis's pictures."""
+    fit = result.identification.fit
+    rows, left_out = _rows(result)
+    before, after, inputs, row = gather(result.before, fit, rows)
+    return Story(_actuators(result, before, after),
+                 all_series(result, before, after, inputs, row), _ranking(result),
+                 _steps(result), left_out)
+
+
+def _rows(result: Diagnosis) -> tuple[list[Bools], int]:
+    """Return the rows to draw, and how many of them the fit has left out.
+
+    A robust fit takes what nothing explains for outliers; without them nothing is to be seen.
+    """
+    fit = result.identification.fit
+    everything = [known(p) for p in fit.state.poses]
+    out = sum(int((e & ~k).sum()) for e, k in zip(everything, fit.keep, strict=True))
+    if result.verdict not in ("unnamed", "weak") or out <= MANY_OUT * sum(k.size for k in fit.keep):
+        return list(fit.keep), 0
+    return everything, out
+
+
+def _actuators(result: Diagnosis, before: Errors, after: Errors) -> tuple[ActuatorError, ...]:
+    mechanism = result.identification.mechanism
+    stage = result.found.last
+    left = max(stage.system.count - stage.basis.shape[1], 1) / stage.system.count
+    noise = np.sqrt(left * np.nanmean(after.sigma**2, axis=0)) * result.remainder.reference
+
+    def rms(values: Array) -> Array:
+        return np.asarray(np.sqrt(np.nanmean(values**2, axis=0)))
+
+    table = zip(mechanism.actuators, mechanism.actuator_quantity, rms(before.joint).tolist(),
+                rms(after.joint).tolist(), noise.tolist(), strict=True)
+    return tuple(ActuatorError(*entry) for entry in table)
+
+
+def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
+    """Return the best hypotheses, those that were named first of all."""
+    stage = result.found.last
+    out = []
+    if result.effects:
+        alone = stage.search.values()
+        out = [_ranked(stage.forms[i], own_log_p(stage.search, stage.chosen, i), float(alone[i]),
+                       "named") for i in named_only(stage)]
+    rest = [_ranked(c.form, c.log_p, c.log_p_alone, c.status) for c in result.candidates
+            if c.status not in ("not testable", "named")]
+    rest = _one_alternative_each(result, sorted(rest, key=lambda r: r.log_p))
+    first = [r for r in rest if r.status == "alternative"]
+    others = _few_of_each([r for r in rest if r.status != "alternative"])
+    room = max(MOST_RANKED - len(out) - len(first), 0)
+    return tuple(sorted([*out, *first, *others[:room]], key=lambda r: r.log_p_alone))
+
+
+def _few_of_each(ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Keep the first few of each kind, so that one on many actuators does not crowd out others."""
+    kinds = [r.kind for r in ranked]
+    return [r for n, r in enumerate(ranked) if kinds[:n].count(r.kind) < OF_ONE_KIND]
+
+
+def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Keep one form of each alternative as such; its other forms show the same thing."""
+    wanted = {a for e in result.effects for a in e.alternatives}
+    name = result.found.first.search.name
+    out = []
+    for r in ranked:
+        label = f"{r.kind} on {', '.join(r.on)}" if r.on else r.kind
+        if label in wanted:
+            wanted.discard(label)
+            r = replace(r, status="alternative")
+        elif r.status == "alternative":
+            r = replace(r, status="explained" if r.log_p < name else "not needed")
+        out.append(r)
+    return out
+
+
+def _ranked(form: Form, log_p: float, alone: float, status: str) -> Ranked:
+    several = "" if len(form.on) < 2 else "one value" if form.shared else "one each"
+    return Ranked(form.family, form.on if not form.slot else (), several, log_p, alone,
+                  status)
+
+
+def _steps(result: Diagnosis) -> tuple[Step, ...]:
+    """Return residuals from the machine as it was given to the last effect."""
+    stage = result.found.last
+    out = []
+    given = _as_given(result.found.first, result.start.reference)
+    if given is not None:
+        out.append(Step("start", given))
+    out.append(Step("geometry", result.start.ratio))
+    order = _by_gain(stage) if result.effects else []
+    for count, _ in enumerate(order, 1):
+        ratio = result.remainder.ratio if count == len(order) else _ratio(
+            stage, order[:count], result.remainder.reference)
+        form = stage.forms[order[count - 1]]
+        out.append(Step("effect", ratio, form.family, () if form.slot else form.on))
+    return tuple(out)
+
+
+def _by_gain(stage: Stage) -> list[int]:
+    """Return the named forms, each time the one that then explains most."""
+    left, order = list(named_only(stage)), list[int]()
+    while left:
+        best = min(left, key=lambda i: stage.search.gram.left(
+            columns_of(stage.search, [*order, i])))
+        order.append(best)
+        left.remove(best)
+    return order
+
+
+def _ratio(stage: Stage, forms: Sequence[int], reference: float) -> float:
+    """Return rms over the noise with geometry and some effects, to first order."""
+    columns = columns_of(stage.search, forms)
+    gram = stage.search.gram
+    freedom = max(gram.freedom - len(columns), 1)
+    return float(np.sqrt(max(gram.left(columns), 0.0) / freedom)) / reference
+
+
+def _as_given(stage: Stage, reference: float) -> float | None:
+    """Return rms over the noise of the machine as its file has it, only frames fitted.
+
+    None where it cannot be had: no pose at the rows' joint values.
+    """
+    system = stage.system
+    problem: Problem = replace(system.problem, free=())
+    try:
+        state = problem.start()
+        keep = []
+        for i, pose in enumerate(state.poses):
+            mine = np.zeros(len(problem.datasets[i]), dtype=bool)
+            mine[system.row[system.dataset == i]] = True
+            keep.append(mine & known(pose))
+        if problem.columns:
+            state = gauss_newton(problem, state, keep, prior_weights(problem, "prior"),
+                                 ITERATIONS)[0]
+        fitted = build(problem, state, keep)
+    except (PpmcalError, np.linalg.LinAlgError):
+        return None
+    white = stage.noise.apply(fitted.residual[..., None], fitted)
+    freedom = max(fitted.count - len(problem.columns), 1)
+    ratio = float(np.sqrt(np.sum(white**2) / freedom)) / reference
+    return ratio if np.isfinite(ratio) else None

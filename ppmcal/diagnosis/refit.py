@@ -1,0 +1,221 @@
+"""Fits that start where a fit of the same measurements ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from ppmcal.calibration.fit import Fit, Options, posterior
+from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.diagnosis.added_variable_test import log_p
+from ppmcal.diagnosis.extended_model import Added, with_named
+from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.linear_system import (
+    INVISIBLE,
+    MOST_ROWS,
+    Whitening,
+    build,
+    range_basis,
+    unit_columns,
+)
+from ppmcal.diagnosis.result import Found
+from ppmcal.diagnosis.selection import own_log_p
+from ppmcal.diagnosis.stage import NOT_LINEAR, named_only, without
+from ppmcal.linalg import Array, Bools, known, thinned
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.effects import find_effect
+from ppmcal.model.mechanism import Mechanism
+
+
+def with_mechanism(fit: Fit, mechanism: Mechanism, options: Options) -> Fit:
+    """Fit a machine with further effects, or slots freed, to the rows of ``fit``.
+
+    Args:
+        fit: of the machine without them.
+        mechanism: with them, started at their estimates; its parameters begin with those of
+            the fitted machine.
+        options: of the fit.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
+    """
+    problem = replace(fit.problem, mechanism=mechanism, free=mechanism.free)
+    old = fit.problem.mechanism
+    g = mechanism.values.copy()
+    kept = [p for p, name in enumerate(old.names)
+            if mechanism.names[p] == name and mechanism.parameters[p].value
+            == old.parameters[p].value]
+    g[kept] = fit.state.g[kept]
+    return _near(problem, State(g, fit.state.stations, fit.state.poses), options)
+
+
+def of_rows(fit: Fit, rows: Sequence[Bools], options: Options) -> Fit:
+    """Fit the same machine to some rows (N,) of each data set."""
+    datasets: tuple[Dataset, ...] = tuple(
+        d.take(r) for d, r in zip(fit.problem.datasets, rows, strict=True))
+    about = tuple(o.about for o in fit.problem.opens)
+    problem = replace(fit.problem, datasets=datasets, pivots=about)
+    poses = tuple(p[r] for p, r in zip(fit.state.poses, rows, strict=True))
+    return _near(problem, replace(fit.state, poses=poses), options)
+
+
+def _near(problem: Problem, state: State, options: Options) -> Fit:
+    """Fit from a state near by, or from scratch where rows get lost on the way."""
+    start = problem.solve(state)
+    lost = any((known(old) & ~known(new)).any()
+               for old, new in zip(state.poses, start.poses, strict=True))
+    if lost:
+        return identify(replace(problem, pivots=None), options)
+    return identify(problem, options, start=start, near=True)
+
+
+SURE, MOSTLY_KNOWN = 0.01, 0.5
+"""A size is known where chance gives it this rarely if there is nothing; of several, so many."""
+APART = 1e-3
+"""Periods of one hypothesis are not the same where chance takes them so far apart this rarely."""
+
+
+def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit | None]:
+    """Drop effects that do not stand in all rows; return what is left and its fit to them.
+
+    Args:
+        found: on the training rows.
+        whole: fit of all rows without effects.
+        options: of the fits.
+    """
+    while found.added:
+        fit = with_mechanism(whole, found.after.problem.mechanism, options)
+        values = own_values(fit, found.added, found.last.noise, thinned(fit.keep, MOST_ROWS))
+        spread = posterior(fit)
+        values = {key: max(value, _known_size(fit, spread, found.added, key),
+                           _outside(fit, spread, found, key)) for key, value in values.items()}
+        weakest = max(values, key=lambda key: values[key])
+        if values[weakest] <= found.first.search.name:
+            return found, fit
+        rest = _without(found, weakest)
+        last = replace(found.last, chosen=rest)
+        if not named_only(last):
+            break
+        mechanism, added = with_named(whole.problem.mechanism, last.search, named_only(last))
+        after = with_mechanism(found.before, mechanism, options)
+        found = Found(found.before, after, found.first, last, added)
+    return nothing_named(found), None
+
+
+def _without(found: Found, key: Key) -> tuple[int, ...]:
+    """Return the chosen forms without those of ``key``; of two waves only the weaker one goes."""
+    last = found.last
+    mine = [i for i in last.chosen if _key(last.forms[i]) == key]
+    if len(mine) > 1:
+        mine = [max(mine, key=lambda i: own_log_p(last.search, last.chosen, i))]
+    return tuple(i for i in last.chosen if i not in mine)
+
+
+def nothing_named(found: Found) -> Found:
+    """Return the same without any effect."""
+    return Found(found.before, found.before, found.first, replace(found.first, chosen=()), ())
+
+
+Key = tuple[str, tuple[str, ...]]
+
+
+def _key(form: Form) -> Key:
+    return form.family, form.on
+
+
+def _columns(fit: Fit, added: Sequence[Added], key: Key) -> list[int]:
+    """Return the columns of the parameters that were added for a form."""
+    names = fit.problem.mechanism.names
+    own = {n for a in added if _key(a.form) == key for n in a.parameters}
+    return [c for c, p in enumerate(fit.problem.free) if names[p] in own]
+
+
+def _known_size(fit: Fit, spread: Array, added: Sequence[Added], key: Key) -> float:
+    """Return the log p of an effect's size against zero, with all that geometry may do instead.
+
+    ``spread``: covariance of the fit's columns (C, C).
+
+    The linear test counts as geometry what one tolerance can do; a fit may do more, and then the
+    size of an effect is not known, however well it explains the rows. Of values for each actuator
+    most have to be known.
+    """
+    mine = [a for a in added if _key(a.form) == key]
+    each = np.array([_against_zero(fit, spread, _columns(fit, [a], key)) for a in mine])
+    if np.mean(each < np.log(SURE)) < MOSTLY_KNOWN:
+        return 0.0
+    together = _columns(fit, mine, key)
+    return _against_zero(fit, spread, together) if len(mine) > 1 else float(each[0])
+
+
+def _against_zero(fit: Fit, spread: Array, columns: Sequence[int]) -> float:
+    """Return the log p of the linear parameters among some columns of a fit being all 0."""
+    mechanism = fit.problem.mechanism
+    linear = [c for c in columns
+              if not mechanism.parameters[fit.problem.free[c]].name.endswith(NOT_LINEAR)]
+    if not linear or not any(mechanism.parameters[fit.problem.free[c]].size for c in linear):
+        return -np.inf  # a slot of the geometry
+    parameters = [mechanism.parameters[fit.problem.free[c]] for c in linear]
+    g = np.array([fit.state.g[fit.problem.free[c]] for c in linear])
+    # a stiffness is judged by its inverse, in which the effect is linear
+    inverse = np.array([p.reciprocal for p in parameters])
+    value = np.where(inverse, 1.0 / g, g)
+    slope = np.where(inverse, -1.0 / g**2, 1.0)
+    covariance = spread[np.ix_(linear, linear)] * np.outer(slope, slope)
+    if not np.isfinite(covariance).all():
+        return 0.0
+    # residuals above the stated noise make everything less certain
+    ratio = max(1.0, fit.reduced.square / max(fit.reduced.count - fit.scale.size, 1))
+    square = float(value @ np.linalg.pinv(covariance, hermitian=True) @ value) / ratio
+    return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
+
+
+def _outside(fit: Fit, spread: Array, found: Found, key: Key) -> float:
+    """Return 0 where what is not linear, a period, is none of a machine, else -inf.
+
+    It has to be in the range that machines have. Joints that are made alike have one period, and
+    two waves of their own on the same joints are more often some other shape.
+    """
+    names = fit.problem.mechanism.names
+    columns = [c for c in _columns(fit, found.added, key)
+               if names[fit.problem.free[c]].endswith(NOT_LINEAR)]
+    if not columns:
+        return -np.inf
+    parameters = find_effect(key[0]).parameters(fit.problem.mechanism.motion)
+    spec = next(s for s in parameters if f".{s.name}" in NOT_LINEAR)
+    scale = found.last.system.stroke if spec.of_stroke else 1.0
+    values = np.array([fit.state.g[fit.problem.free[c]] for c in columns])
+    if np.any(values < spec.usual[0] * scale) or np.any(values > spec.usual[1] * scale):
+        return 0.0
+    variance = np.diagonal(spread)[columns]
+    mean = np.sum(values / variance) / np.sum(1.0 / variance)
+    apart = float(np.sum((values - mean) ** 2 / variance))
+    return 0.0 if len(values) > 1 and chdtrc(len(values) - 1, apart) < APART else -np.inf
+
+
+def own_values(fit: Fit, added: Sequence[Added], noise: Whitening, keep: Sequence[Bools]
+               ) -> dict[Key, float]:
+    """Return the log p of each added form given geometry and the others, at a fit."""
+    names = fit.problem.mechanism.names
+    where: dict[Key, list[int]] = {}
+    for a in added:
+        own = where.setdefault(_key(a.form), [])
+        own += [c for c, p in enumerate(fit.problem.free) if names[p] in a.parameters]
+    system = build(fit.problem, fit.state, keep)
+    out = {}
+    for key, own in where.items():
+        alone = without(system, own)
+        basis = range_basis(noise.apply(alone.jacobian, alone), INVISIBLE)
+        columns = noise.apply(system.jacobian[..., own], system)
+        left = noise.apply(alone.residual[..., None], alone)[:, 0]
+        left = left - basis @ (basis.T @ left)
+        columns = columns - basis @ (basis.T @ columns)
+        plane = range_basis(unit_columns(columns)[0])
+        gain = float(np.sum((plane.T @ left) ** 2))
+        freedom = system.count - basis.shape[1]
+        out[key] = float(log_p(np.array([gain]), float(left @ left), plane.shape[1], freedom)[0])
+    return out

@@ -1,0 +1,128 @@
+"""What a diagnosis found, as plain data; SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.model_averaging import Reading
+from ppmcal.calibration.summary import Identification
+from ppmcal.diagnosis.added_variable_test import probability
+from ppmcal.diagnosis.adequacy import Remainder
+from ppmcal.diagnosis.extended_model import Added
+from ppmcal.diagnosis.held_out_blocks import BlockGap
+from ppmcal.diagnosis.held_out_gap import Gap
+from ppmcal.diagnosis.hypotheses import Form, Untestable
+from ppmcal.diagnosis.localization import Place
+from ppmcal.diagnosis.next_experiment import Proposal
+from ppmcal.diagnosis.stage import Stage
+
+VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """One effect that the data ask for.
+
+    ``parameters``: names in the model; ``p_value`` of it given the others, ``log_p`` its
+    logarithm; ``survival``: the part that geometry leaves; ``alternatives``: labels of other
+    families that the data cannot tell from it, with the odds for this one against each;
+    ``form``: the hypothesis that it came from, which may have a value for each of several
+    actuators.
+    """
+
+    kind: str
+    on: tuple[str, ...]
+    parameters: tuple[str, ...]
+    p_value: float
+    log_p: float
+    survival: float
+    alternatives: tuple[str, ...]
+    odds: tuple[float, ...]
+    form: Form
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One hypothesis of the library and what became of it.
+
+    ``log_p``: log of its p-value, of what is named given the others that are named, of all
+    else before anything was named; ``log_p_alone``: of everything before anything was named.
+    ``status``: named, alternative, explained (by what was named), not needed, weakly testable,
+    not testable. ``detectable``: the smallest value of its (first) parameter that these data
+    would show 9 times in 10, SI; 0 where unknown.
+    """
+
+    form: Form
+    log_p: float
+    log_p_alone: float
+    survival: float
+    status: str
+    alternatives: tuple[str, ...]
+    detectable: float
+
+    @property
+    def p_value(self) -> float:
+        """The p-value of ``log_p``."""
+        return probability(self.log_p)
+
+
+@dataclass(frozen=True)
+class Swallowed:
+    """A parameter that had moved to imitate an effect: error before and after, SI."""
+
+    name: str
+    quantity: str
+    before: float
+    after: float
+    tolerance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Fits and tests on the training rows: without and with effects, first and last tests."""
+
+    before: Fit
+    after: Fit
+    first: Stage
+    last: Stage
+    added: tuple[Added, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Everything that a diagnosis found.
+
+    Attributes:
+        verdict: one of :data:`VERDICTS`.
+        effects: what was named. possible: what is there but cannot be named.
+        remainder: what is left; start: of the fit without effects.
+        gap: on held-out poses, None where none could be held out.
+        localised: where residuals are, without and with the effects.
+        candidates, untestable, swallowed: tables.
+        before: fit to all rows without the effects; identification: with them.
+        found: fits and tests on the training rows.
+        proposal: what to measure next.
+        findings: what the user must look at.
+        others: the machine with each rival in place of what it rivals; last, with no effect and
+            odds 1, the one without effects.
+        blocks: the gap where stretches of time, temperature or load are left out in turn.
+    """
+
+    verdict: str
+    effects: tuple[NamedEffect, ...]
+    possible: tuple[Candidate, ...]
+    remainder: Remainder
+    start: Remainder
+    gap: Gap | None
+    localised: tuple[Place, ...]
+    candidates: tuple[Candidate, ...]
+    untestable: tuple[Untestable, ...]
+    swallowed: tuple[Swallowed, ...]
+    before: Fit
+    identification: Identification
+    found: Found
+    proposal: Proposal
+    findings: tuple[str, ...]
+    blocks: tuple[BlockGap, ...] = ()
+    others: tuple[Reading, ...] = ()

@@ -1,0 +1,126 @@
+"""The tables of a diagnosis: candidates and their fate, parameters that had imitated effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.result import Candidate, Found, NamedEffect, Swallowed
+from ppmcal.diagnosis.selection import columns_of, scan
+from ppmcal.diagnosis.stage import WEAK_SURVIVAL, Stage, named_only
+
+POWER = 1.2816
+"""Standard normal quantile of 90 %."""
+
+
+def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate, ...]:
+    """Return every hypothesis, the best of each grid, with what became of it.
+
+    Each effect that is named has a row of its own, be it on a few actuators or one of several
+    values of one hypothesis.
+    """
+    first = found.first
+    named = {k for e in effects for k in (_key(e.form), _key(replace(e.form, on=e.on)))}
+    families = {e.form.family for e in effects}
+    rivals = {a.split(" on ")[0] for e in effects for a in e.alternatives}
+    left = first.search.gram.given(columns_of(first.search, named_only(first)))
+    after = scan(left, first.library.forms)
+    best: dict[Key, int] = {}
+    for i, form in enumerate(first.library.forms):
+        if form.anonymous:
+            continue
+        key = _key(form)
+        if key in named:
+            continue
+        if key not in best or first.log_p[i] < first.log_p[best[key]]:
+            best[key] = i
+    out = [_named(found, e) for e in effects]
+    for i in best.values():
+        form = first.library.forms[i]
+        survival = first.search.gram.survival(form.columns)
+        significant = first.log_p[i] < first.search.name
+        status = "not needed"
+        if survival < 1e-3:
+            status = "not testable"
+        elif form.family in rivals:
+            status = "alternative"
+        elif significant:
+            status = "explained" if after[i] > first.search.name or families else "significant"
+        elif survival < WEAK_SURVIVAL:
+            status = "weakly testable"
+        log_p = float(first.log_p[i])
+        out.append(Candidate(form, log_p, log_p, survival, status, (), _detectable(first, i)))
+    return tuple(sorted(out, key=lambda c: (c.status != "named", c.log_p)))
+
+
+Key = tuple[str, frozenset[str], bool]
+"""Kind or slot, actuators, and whether they share one value: a form but for its constants."""
+
+
+def _key(form: Form) -> Key:
+    return form.family, frozenset(form.on), form.shared or len(form.on) == 1
+
+
+def _named(found: Found, effect: NamedEffect) -> Candidate:
+    """Return the row of an effect that was named, its form perhaps made while choosing."""
+    form, last = effect.form, found.last
+    alone = float(last.search.values()[last.forms.index(form)])
+    same = [i for i, f in enumerate(found.first.library.forms) if _key(f) == _key(form)]
+    like = min(same, key=lambda i: form.apart(found.first.library.forms[i]), default=None)
+    return Candidate(replace(form, on=effect.on), effect.log_p, alone, effect.survival, "named",
+                     effect.alternatives,
+                     0.0 if like is None else _detectable(found.first, like))
+
+
+def _detectable(stage: Stage, index: int) -> float:
+    """Return the smallest value of a single-column form that would be named 9 times in 10."""
+    form = stage.library.forms[index]
+    if form.size != 1:
+        return 0.0
+    c = form.columns[0]
+    gram = stage.search.gram
+    seen = gram.length[c] * np.sqrt(max(gram.gram[c, c], 0.0))
+    if seen <= 0.0:
+        return 0.0
+    # two-sided normal quantile of the naming threshold
+    need = np.sqrt(max(-2.0 * stage.search.name - np.log(-2.0 * stage.search.name) - 0.45, 1.0))
+    sigma = np.sqrt(gram.square / max(gram.freedom, 1)) if not stage.chosen else 1.0
+    return float((need + POWER) * sigma / seen)
+
+
+def possible(found: Found, effects: Sequence[NamedEffect], verdict: str
+             ) -> tuple[Candidate, ...]:
+    """Return what is there but cannot be named: too weak, or no more than an imitation."""
+    stage = found.first
+    if verdict == "unnamed":
+        return tuple(Candidate(replace(e.form, on=e.on), e.log_p, e.log_p, e.survival,
+                               "imitation", e.alternatives, 0.0) for e in effects)
+    if verdict != "weak":
+        return ()
+    out = []
+    for i in np.argsort(stage.log_p, kind="stable")[:3]:
+        if stage.log_p[i] < stage.search.detect:
+            form = stage.library.forms[i]
+            log_p = float(stage.log_p[i])
+            out.append(Candidate(form, log_p, log_p, stage.search.gram.survival(form.columns),
+                                 "weak", (), 0.0))
+    return tuple(out)
+
+
+def swallowed(before: Fit, after: Fit) -> tuple[Swallowed, ...]:
+    """Return the parameters that had moved by more than their tolerance to imitate effects."""
+    out = []
+    nominals = after.problem.mechanism.nominals
+    for p in before.problem.free:
+        parameter = before.problem.mechanism.parameters[p]
+        tau = parameter.tolerance
+        moved = float(before.state.g[p] - after.state.g[p])
+        if before is not after and tau and np.isfinite(tau) and abs(moved) > tau:
+            out.append(Swallowed(parameter.name, parameter.quantity,
+                                 float(before.state.g[p] - nominals[p]),
+                                 float(after.state.g[p] - nominals[p]), tau))
+    return tuple(sorted(out, key=lambda s: -abs(s.before - s.after) / s.tolerance))

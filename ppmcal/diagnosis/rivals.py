@@ -1,0 +1,233 @@
+"""What could take an effect's place: other families that explain as much."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import gammaln
+
+from ppmcal.diagnosis.hypotheses import Form, united
+from ppmcal.diagnosis.selection import (
+    BETTER,
+    Choice,
+    Search,
+    bic,
+    columns_of,
+    doubtful,
+    own_log_p,
+    possible,
+    pruned,
+    stand,
+)
+from ppmcal.linalg import Array
+
+NOTICEABLE = float(np.log(1e-3))
+"""A rival has to explain something itself: log p."""
+ADDS_NOTHING = 0.01
+"""An effect adds nothing to its rival if its p-value exceeds this."""
+AS_GOOD = 10.0
+"""A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
+
+DOUBTED = 23.0
+"""The same where the effect itself is doubtful: odds of 1e5."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A form that could take another's place.
+
+    ``angle``: between their columns, seen past geometry and the other effects, rad; ``odds``:
+    how much likelier the chosen one is, e^(BIC difference/2).
+    """
+
+    form: Form
+    angle: float
+    odds: float
+
+
+def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
+    """Return the best rival of each other family that these data cannot tell from ``effect``."""
+    others = [i for i in chosen if i != effect]
+    values = search.values(others)
+    now, doubt = bic(search, chosen), doubtful(search, chosen, effect)
+    form = search.forms[effect]
+    taken = {search.forms[i].family for i in chosen}
+    best: dict[str, Rival] = {}
+    for rival in [*((int(i),) for i in np.argsort(values, kind="stable")
+                    if values[i] <= NOTICEABLE), *_elsewhere(search, form)]:
+        first = search.forms[rival[0]]
+        if first.anonymous or first.family in taken or first.family in best:
+            continue
+        trial = (*others, *rival)
+        worse = bic(search, trial) - now
+        size = sum(search.forms[i].size for i in rival)
+        limit = DOUBTED if doubt else AS_GOOD
+        if first.shared:  # a kind is not out for having more parameters, unless one per joint
+            limit += np.log(search.gram.freedom) * max(0, size - form.size)
+        if worse > limit or not possible(search, trial):
+            continue
+        if own_log_p(search, [*trial, effect], effect) > (
+                search.name if doubt else np.log(ADDS_NOTHING)):
+            best[first.family] = Rival(united([search.forms[i] for i in rival]),
+                                       _angle(search, others, effect, rival),
+                                       float(np.exp(min(worse / 2.0, 50.0))))
+    return list(best.values())
+
+
+def _elsewhere(search: Search, form: Form) -> list[tuple[int, ...]]:
+    """Return other kinds on just the actuators of ``form``, one value for each."""
+    if len(form.on) < 2:
+        return []
+    single: dict[str, dict[str, int]] = {}
+    for i, other in enumerate(search.forms):
+        if len(other.on) == 1 and other.on[0] in form.on and not other.slot and (
+                other.kind not in ("periodic", form.kind)):
+            single.setdefault(other.kind, {}).setdefault(other.on[0], i)
+    return [tuple(have.values()) for have in single.values() if len(have) == len(form.on)]
+
+
+def _angle(search: Search, others: list[int], one: int, rival: Sequence[int]) -> float:
+    """Return the smallest principal angle between two forms' columns."""
+    rest = search.gram.given(columns_of(search, others))
+    a = np.array(search.forms[one].columns)
+    b = np.array(columns_of(search, rival))
+
+    def root(block: Array) -> Array:
+        w, v = np.linalg.eigh(block)
+        use = w > 1e-10
+        return np.asarray(v[:, use] / np.sqrt(w[use]))
+
+    left, right = root(rest.block(a, a)), root(rest.block(b, b))
+    s = np.linalg.svd(left.T @ rest.block(a, b) @ right, compute_uv=False)
+    return float(np.arccos(np.clip(s.max(initial=0.0), 0.0, 1.0)))
+
+
+FEW = 3
+"""Choices of nearly the same BIC whose actuators are looked at."""
+
+
+def settled(search: Search, choices: Sequence[Choice]) -> tuple[Search, tuple[int, ...]]:
+    """Return the best of a few choices, once it is settled where each of its effects acts."""
+    best: tuple[int, ...] = ()
+    for choice in choices[:FEW]:
+        search, chosen = merged(search, choice.chosen)
+        if not best or bic(search, chosen) < bic(search, best):
+            best = chosen
+    return search, best
+
+
+def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ...]]:
+    """Settle, kind by kind, on which actuators an effect acts and with how many values.
+
+    Tried are one value for a set of actuators and one for each of them, besides what was
+    chosen: those that were named, and the strongest one, two, ... BIC decides.
+    """
+    kinds = list(dict.fromkeys(
+        search.forms[i].kind for i in chosen if search.forms[i].on and not search.forms[i].slot
+        and not search.forms[i].anonymous))
+    best = tuple(chosen)
+    for kind in kinds:
+        mine = [i for i in best if search.forms[i].kind == kind]
+        if not mine:
+            continue
+        others = [i for i in best if i not in mine]
+        search, options = _options(search, kind, mine, others)
+        sets = [tuple(pruned(search, [*others, *o], search.name)) for o in options]
+        values = [(bic(search, s), n, s) for n, s in enumerate(sets) if stand(search, s)]
+        if values:
+            best = min(values)[2]
+    return search, best
+
+
+def _options(search: Search, kind: str, mine: Sequence[int], others: Sequence[int]
+             ) -> tuple[Search, list[tuple[int, ...]]]:
+    """Return sets of forms of one kind that might replace ``mine``."""
+    forms = search.forms
+    options: list[tuple[int, ...]] = [tuple(mine)]
+    constants = forms[mine[0]].constants
+    single = {f.on[0]: i for i, f in enumerate(forms)
+              if f.kind == kind and len(f.on) == 1 and f.constants == constants}
+    named = [a for a in single if any(a in forms[i].on for i in mine)]
+    for subset in _subsets(search, others, single, named):
+        alone = [single[a] for a in subset]
+        options.append(tuple(alone))
+        if len(subset) > 1:
+            search, together = _together(search, [forms[single[a]] for a in subset])
+            options.append((together,))
+    return search, options
+
+
+def _subsets(search: Search, others: Sequence[int], single: Mapping[str, int],
+             named: Sequence[str]) -> list[list[str]]:
+    """Return sets of actuators worth trying: those named, and the strongest one, two, ...
+
+    Strong is what stands out when every actuator has a value of its own.
+    """
+    out = [list(named)]
+    for among in (list(named), list(single)):
+        alone = [single[a] for a in among]
+        own = {a: own_log_p(search, [*others, *alone], single[a]) for a in among}
+        order = sorted(among, key=lambda a: own[a])
+        out += [[a for a in among if a in order[:k]] for k in range(1, len(order) + 1)]
+    return [s for n, s in enumerate(out) if s and s not in out[:n]]
+
+
+def _together(search: Search, parts: Sequence[Form]) -> tuple[Search, int]:
+    """Return the form in which several actuators share one value, added where it is new."""
+    wanted = {a for part in parts for a in part.on}
+    for i, form in enumerate(search.forms):
+        if form.kind == parts[0].kind and form.shared and set(form.on) == wanted \
+                and form.alike(parts[0]):
+            return search, i
+    total = search.gram.right.size
+    size = parts[0].size
+    weights = np.zeros((total, size))
+    for part in parts:
+        for j, c in enumerate(part.columns):
+            weights[c, j] = 1.0
+    on = tuple(a for part in parts for a in part.on)
+    form = replace(parts[0], on=on, columns=tuple(range(total, total + size)),
+                   choices=_choices(search, len(on)))
+    return replace(search, gram=search.gram.extended(weights),
+                   forms=(*search.forms, form)), len(search.forms)
+
+
+def _choices(search: Search, some: int) -> float:
+    """Return the logarithm of the number of sets of so many actuators."""
+    total = max(len(f.on) for f in search.forms)
+    return float(gammaln(total + 1) - gammaln(some + 1) - gammaln(max(total - some, 0) + 1))
+
+
+def held(search: Search, chosen: tuple[int, ...], forms: Sequence[Form]
+         ) -> tuple[Search, tuple[int, ...]]:
+    """Return ``forms``, chosen at an earlier fit, if they are as good as ``chosen``.
+
+    Without this two effects that look alike would take turns for ever.
+    """
+    old: list[int] = []
+    for form in forms:
+        search, index = find(search, form)
+        if index is None:
+            return search, chosen
+        old.append(index)
+    if not old or not stand(search, old):
+        return search, chosen
+    good = not chosen or bic(search, old) <= bic(search, chosen) + BETTER
+    return search, tuple(old) if good else chosen
+
+
+def find(search: Search, form: Form) -> tuple[Search, int | None]:
+    """Return where a form of another search is in this one, made where it can be."""
+    match = [i for i, f in enumerate(search.forms)
+             if (f.family, f.on, f.shared) == (form.family, form.on, form.shared)]
+    if match:
+        return search, min(match, key=lambda i: form.apart(search.forms[i]))
+    parts = [f for f in search.forms if f.family == form.family and len(f.on) == 1
+             and f.on[0] in form.on and f.alike(form)]
+    if len(parts) != len(form.on):
+        return search, None
+    if form.shared:
+        return _together(search, parts)
+    return replace(search, forms=(*search.forms, united(parts))), len(search.forms)

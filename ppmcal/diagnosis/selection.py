@@ -1,0 +1,308 @@
+"""Choosing effects: the smallest p-value first, then what the others explain goes again.
+
+The library is searched, so thresholds are quantiles of the *smallest* p-value that noise
+alone gives, simulated through the same projections. Shared against single actuators is
+settled by BIC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from ppmcal.diagnosis.added_variable_test import Gram, log_p
+from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.linalg import Array
+
+MOST_EFFECTS = 6
+STARTS = 6
+DETECT, NAME = 0.03, 0.01
+"""False alarms of the search. The tests of what is left have another 0.01; what remains of
+0.05 is for noise that is not quite what was simulated."""
+OUT_OF_RANGE = 2.5
+"""A coefficient may miss its physical range by so many standard deviations."""
+MOST_PERIODS = 2
+"""Screw and motor, gear and pinion."""
+BETTER = 2.0
+"""An exchange has to lower BIC by this."""
+ANONYMOUS = 6.0
+"""BIC that an anonymous shape must make up for before it is preferred to a kind."""
+SWALLOWED, MOSTLY = 0.2, 0.75
+"""See :func:`doubtful`."""
+Group = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Forms with as many columns: their indices (f,) and columns (f, k)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Tests and thresholds for a library of forms.
+
+    ``detect``, ``name``: log p below which something is there, and may be named; ``smallest``
+    (B,) of noise.
+    """
+
+    gram: Gram
+    forms: tuple[Form, ...]
+    detect: float
+    name: float
+    smallest: Array
+
+    @cached_property
+    def hypotheses(self) -> int:
+        """How many there are, the constants of a grid not counted."""
+        return len({(f.family, f.on, f.shared) for f in self.forms})
+
+    @cached_property
+    def _groups(self) -> list[Group]:
+        return by_size(self.forms)
+
+    @cached_property
+    def _found(self) -> dict[tuple[int, ...], Array]:
+        return {}
+
+    def values(self, chosen: Sequence[int] = ()) -> Array:
+        """Return the log p of every form (F,) with the forms ``chosen`` in the model."""
+        key = tuple(sorted(chosen))
+        if key not in self._found:
+            rest = self.gram.given(columns_of(self, key))
+            self._found[key] = _scanned(rest, self._groups, len(self.forms))
+            self._found[key].setflags(write=False)
+        return self._found[key]
+
+    def calibrated(self, value: float) -> float:
+        """Return how often noise alone shows a log p as small as ``value`` somewhere."""
+        return float((np.sum(self.smallest <= value) + 1) / (self.smallest.size + 1))
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Chosen forms (indices) and their BIC."""
+
+    chosen: tuple[int, ...]
+    bic: float
+
+
+def by_size(forms: Sequence[Form]) -> list[Group]:
+    """Return the forms in groups of equal size."""
+    sizes = [f.size for f in forms]
+    groups = ([i for i, n in enumerate(sizes) if n == size] for size in dict.fromkeys(sizes))
+    return [(np.array(g), np.array([forms[i].columns for i in g])) for g in groups]
+
+
+def scan(gram: Gram, forms: Sequence[Form]) -> Array:
+    """Return the log p of every form (F,), the model's columns being projected out already."""
+    return _scanned(gram, by_size(forms), len(forms))
+
+
+def _scanned(gram: Gram, groups: Sequence[Group], count: int) -> Array:
+    out = np.zeros(count)
+    for which, columns in groups:
+        square, rank = gram.explained(columns)
+        out[which] = log_p(square, gram.square, rank, gram.freedom)
+    return out
+
+
+def null_scan(gram: Gram, forms: Sequence[Form]) -> Array:
+    """Return the smallest log p over all forms for each draw of noise (B,)."""
+    smallest = np.zeros(gram.null.shape[1])
+    for _, columns in by_size(forms):
+        for begin in range(0, len(columns), 256):
+            square, rank = gram.explained(columns[begin:begin + 256], null=True)
+            values = log_p(square, gram.null_square, rank[:, None], gram.freedom)
+            smallest = np.minimum(smallest, values.min(axis=0))
+    return smallest
+
+
+def prepare(gram: Gram, forms: Sequence[Form], like: Search | None = None) -> Search:
+    """Return the search with its thresholds from simulated noise, or those of ``like``."""
+    if like is not None:
+        return replace(like, gram=gram, forms=tuple(forms))
+    smallest = null_scan(gram, forms) if forms else np.zeros(gram.null.shape[1])
+    # without freedom nothing can be shown, however small the smallest
+    detect, name = np.minimum(np.quantile(smallest, [DETECT, NAME]), np.log([DETECT, NAME]))
+    return Search(gram, tuple(forms), float(detect), float(name), smallest)
+
+
+def choose(search: Search) -> list[Choice]:
+    """Return the best sets of effects, from several first guesses, best first.
+
+    Every effect must reach the naming threshold. Against nothing that threshold decides; BIC
+    only chooses between effects.
+    """
+    level = search.name
+    values = search.values()
+    starts: list[int] = []
+    for i in np.argsort(values, kind="stable"):
+        if values[i] > level or len(starts) == STARTS:
+            break
+        if possible(search, [int(i)]) and all(
+                search.forms[i].family != search.forms[j].family
+                or search.forms[i].size != search.forms[j].size for j in starts):
+            starts.append(int(i))
+    found: dict[frozenset[int], Choice] = {}
+    for start in starts:
+        chosen = _exchanged(search, _grown(search, [start], level), level)
+        if chosen:
+            found[frozenset(chosen)] = Choice(tuple(chosen), bic(search, chosen))
+    return sorted(found.values(), key=lambda c: c.bic)
+
+
+def columns_of(search: Search, chosen: Sequence[int]) -> list[int]:
+    """Return the columns of chosen forms, each once."""
+    return list(dict.fromkeys(c for i in chosen for c in search.forms[i].columns))
+
+
+def bic(search: Search, chosen: Sequence[int]) -> float:
+    """Return n log(RSS/n) + k log n + 2 log C(families, effects), the extended BIC.
+
+    Constants of a grid count as parameters; the last term pays for the search.
+    """
+    columns = columns_of(search, chosen)
+    left = search.gram.left(columns)
+    n = search.gram.freedom
+    searched = sum(search.forms[i].searched for i in chosen)
+    hypotheses, k = search.hypotheses, len(chosen)
+    looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
+    anonymous = sum(1 for i in chosen if search.forms[i].anonymous)
+    looked += sum(search.forms[i].choices for i in chosen)
+    return float(n * np.log(max(left, 1e-300) / n) + ANONYMOUS * anonymous
+                 + (len(columns) + searched) * np.log(n) + 2.0 * looked)
+
+
+def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
+    """Whether all coefficients of the chosen forms are physical, and their waves too.
+
+    ``usual``: they have to be in the range of machines too, not only to have a meaning.
+    """
+    if not _apart([search.forms[i] for i in chosen if search.forms[i].turns]):
+        return False
+    columns = columns_of(search, chosen)
+    value, covariance = search.gram.fit(columns)
+    slack = OUT_OF_RANGE * np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    place = {c: j for j, c in enumerate(columns)}
+    for i in chosen:
+        form = search.forms[i]
+        at = [place[c] for c in form.columns]
+        if form.size == 1:
+            slack = np.where(np.isin(np.arange(len(columns)), at), 0.0, slack)
+        ranges: list[tuple[Sequence[float], Sequence[float]]] = [(form.low, form.high)]
+        if usual and form.usual:
+            ranges.append(([r[0] for r in form.usual], [r[1] for r in form.usual]))
+        if any(np.any(value[at] < np.array(low) - slack[at])
+               or np.any(value[at] > np.array(high) + slack[at]) for low, high in ranges):
+            return False
+    return True
+
+
+def _apart(waves: Sequence[Form]) -> bool:
+    """Whether no joint has more than :data:`MOST_PERIODS`, or two that are one between the grid.
+
+    More waves are some other shape.
+    """
+    for n, wave in enumerate(waves):
+        alike = [w for w in waves[:n] if set(w.on) & set(wave.on)]
+        if len(alike) >= MOST_PERIODS or any(abs(w.turns - wave.turns) < 1.0 for w in alike):
+            return False
+    return True
+
+
+def _grown(search: Search, chosen: list[int], level: float) -> list[int]:
+    """Add the form of smallest p, drop what the others explain, until nothing changes."""
+    for _ in range(2 * MOST_EFFECTS):
+        added = _added(search, chosen, level) if len(chosen) < MOST_EFFECTS else None
+        if added is None:
+            break
+        new = pruned(search, [*chosen, added], level)
+        if set(new) == set(chosen):
+            break
+        chosen = new
+    return chosen
+
+
+def _added(search: Search, chosen: Sequence[int], level: float) -> int | None:
+    values = search.values(chosen)
+    for i in np.argsort(values, kind="stable"):
+        if values[i] > level:
+            return None
+        if int(i) not in chosen and possible(search, [*chosen, int(i)]):
+            return int(i)
+    return None
+
+
+def pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
+    """Drop forms that add nothing to the others, weakest first."""
+    left = list(chosen)
+    while len(left) > 1:
+        values = [own_log_p(search, left, i) + search.forms[i].choices for i in left]
+        weakest = int(np.argmax(values))
+        if values[weakest] <= level:
+            break
+        left.pop(weakest)
+    return left
+
+
+def stand(search: Search, chosen: Sequence[int]) -> bool:
+    """Whether chosen forms are physical, and each reaches the naming threshold."""
+    return possible(search, chosen) and all(
+        own_log_p(search, chosen, i) + search.forms[i].choices <= search.name for i in chosen)
+
+
+def own_log_p(search: Search, chosen: Sequence[int], form: int) -> float:
+    """Return the log p of one chosen form given the others."""
+    others = [j for j in chosen if j != form]
+    rest = search.gram.given(columns_of(search, others))
+    return float(scan(rest, [search.forms[form]])[0])
+
+
+def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:
+    """Replace forms one for one while that lowers BIC, then grow and prune again."""
+    for _ in range(3 * MOST_EFFECTS):
+        better = _best_exchange(search, chosen, level)
+        if better is None:
+            break
+        chosen = _grown(search, pruned(search, better, level), level)
+    return chosen
+
+
+def _best_exchange(search: Search, chosen: Sequence[int], level: float) -> list[int] | None:
+    now = bic(search, chosen)
+    best: tuple[float, list[int]] | None = None
+    for form in chosen:
+        others = [j for j in chosen if j != form]
+        values = search.values(others)
+        for i in np.argsort(values, kind="stable")[:12]:
+            trial = [*others, int(i)]
+            if int(i) in chosen or values[i] > level or not possible(search, trial):
+                continue
+            value = bic(search, trial)
+            if value < now - BETTER and (best is None or value < best[0]):
+                best = value, trial
+    return None if best is None else best[1]
+
+
+def doubtful(search: Search, chosen: Sequence[int], effect: int) -> bool:
+    """Whether a chosen form may only imitate something.
+
+    What the geometry nearly swallows looks like much that it is not, and so does a kind
+    with a value of its own on every actuator, unless most of its values stand out one by
+    one. Any other family that explains as much is then a rival, whatever parameters it takes.
+    """
+    form = search.forms[effect]
+    if search.gram.survival(form.columns) < SWALLOWED:
+        return True
+    if form.shared:
+        return False
+    size = form.size // len(form.on)
+    parts = [list(form.columns[a:a + size]) for a in range(0, form.size, size)]
+    others = columns_of(search, [j for j in chosen if j != effect])
+    significant = 0
+    for part in parts:
+        rest = search.gram.given([*others, *(c for p in parts if p is not part for c in p)])
+        square, rank = rest.explained(np.array([part]))
+        significant += bool(log_p(square, rest.square, rank, rest.freedom)[0] < np.log(0.01))
+    return significant < MOSTLY * len(parts)

@@ -1,0 +1,171 @@
+"""One pass: linearise at a fit, whiten, test the library, choose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.calibration.least_squares import column_scale
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.diagnosis.added_variable_test import build_gram
+from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.hypotheses import Form, Library
+from ppmcal.diagnosis.linear_system import (
+    INVISIBLE,
+    MOST_ROWS,
+    System,
+    Whitening,
+    build,
+    range_basis,
+    unit_columns,
+)
+from ppmcal.diagnosis.rivals import held, settled
+from ppmcal.diagnosis.selection import Search, choose, prepare
+from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
+from ppmcal.linalg import Array, Bools, thinned
+
+DRAWS = 2000
+WEAK_SURVIVAL = 0.2
+"""Effects of which the geometry leaves less than this are weakly testable."""
+NOT_LINEAR = (".period", ".direction")
+"""Parameters whose contribution is not value times derivative; they only shape others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """The linear problem at one state, its tests and what was chosen.
+
+    Attributes:
+        system, library, noise: rows, hypotheses, whitening.
+        basis: of the geometry, whitened (n, r); residual (n,) whitened, the contributions
+            of effects that the state already has added back.
+        columns: whitened library (n, T).
+        search: tests and thresholds; chosen: indices of forms.
+        log_p: of every form before anything is chosen (F,).
+        pure: scatter of repeats, if there are any.
+        added: columns of the problem that belong to effects under test.
+    """
+
+    system: System
+    library: Library
+    noise: Whitening
+    basis: Array
+    residual: Array
+    columns: Array
+    search: Search
+    chosen: tuple[int, ...]
+    log_p: Array
+    pure: PureError | None
+    added: tuple[int, ...] = ()
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """All hypotheses, those made while choosing included."""
+        return self.search.forms
+
+    @property
+    def named(self) -> tuple[Form, ...]:
+        """The chosen hypotheses that have a name."""
+        return tuple(self.search.forms[i] for i in named_only(self))
+
+
+def named_only(stage: Stage) -> tuple[int, ...]:
+    """Return the chosen forms without anonymous shapes."""
+    return tuple(i for i in stage.chosen if not stage.forms[i].anonymous)
+
+
+def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
+              kinds: Sequence[str] | None = None, draws: int = DRAWS,
+              added: Sequence[int] = (), like: Search | None = None,
+              hold: Sequence[Form] = ()) -> Stage:
+    """Return the tests at a state.
+
+    Args:
+        problem: machine, data and what is free.
+        state: the fit.
+        keep: rows to use, by data set; where there are very many, some of them.
+        seed: of the simulated noise.
+        kinds: which kinds to try; default all.
+        draws: of noise, for the thresholds.
+        added: columns of the problem that belong to effects under test: they count as
+            hypotheses, not as geometry.
+        like: an earlier search of the same library and rows, whose thresholds hold.
+        hold: what was chosen before, which stays unless something is better.
+    """
+    system = without(build(problem, state, thinned(keep, MOST_ROWS)), added)
+    found = library(system, kinds, [problem.free[c] for c in added])
+    noise = estimate(system, found)
+    rng = np.random.default_rng(seed)
+    for _ in range(2):
+        stage = _tested(system, found, noise, rng, draws, like, hold)
+        grids = [c for i in stage.chosen for c in stage.forms[i].columns
+                 if stage.forms[i].constants and c < found.columns.shape[-1]]
+        if not grids or noise.rho == 0.0:
+            break
+        noise = estimate(system, found, grids)
+    return replace(stage, added=tuple(added))
+
+
+def without(system: System, added: Sequence[int]) -> System:
+    """Take effects that a fit already has out of the geometry, and put back what they do."""
+    if not added:
+        return system
+    rest = [c for c in range(system.jacobian.shape[-1]) if c not in set(added)]
+    scale = column_scale(system.problem)
+    residual = system.residual.copy()
+    for c in added:
+        parameter = system.problem.mechanism.parameters[system.problem.free[c]]
+        value = float(system.state.g[system.problem.free[c]])
+        if parameter.size is None:
+            value -= parameter.nominal
+        if not parameter.name.endswith(tuple(NOT_LINEAR)):
+            sign = -1.0 if parameter.reciprocal else 1.0
+            residual += sign * system.jacobian[..., c] / scale[c] * value
+    return replace(system, jacobian=system.jacobian[..., rest], residual=residual)
+
+
+def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,
+            draws: int, like: Search | None, hold: Sequence[Form]) -> Stage:
+    jacobian = noise.apply(system.jacobian, system)
+    basis = range_basis(jacobian, INVISIBLE)
+    residual = noise.apply(system.residual[..., None], system)[:, 0]
+    columns = noise.apply(found.columns, system)
+    left = residual - basis @ (basis.T @ residual)
+    gram = build_gram(basis, columns, residual, system.count,
+                      simulated(noise, system, basis, left, 0 if like else draws, rng))
+    search = prepare(gram, found.forms, like)
+    start = search.values()
+    search, chosen = settled(search, choose(search))
+    search, chosen = held(search, chosen, hold)
+    return Stage(system, found, noise, basis, residual, columns, search, chosen, start,
+                 pure_error(system))
+
+
+def explained(stage: Stage) -> tuple[Array, Array]:
+    """Return a basis (n, r) of geometry and chosen effects, and the residual free of both."""
+    columns = np.concatenate([np.zeros((len(stage.residual), 0)),
+                              *(form_columns(stage, stage.forms[i]) for i in stage.chosen)], axis=1)
+    extra = columns - stage.basis @ (stage.basis.T @ columns)
+    basis = np.concatenate([stage.basis, range_basis(unit_columns(extra)[0])], axis=1)
+    return basis, stage.residual - basis @ (basis.T @ stage.residual)
+
+
+def form_columns(stage: Stage, form: Form) -> Array:
+    """Return a form's whitened columns (n, k)."""
+    if max(form.columns) < stage.columns.shape[1]:
+        return stage.columns[:, form.columns]
+    return of_single(stage.columns, stage.forms, form)
+
+
+def of_single(columns: Array, forms: Sequence[Form], form: Form) -> Array:
+    """Return the columns (..., k) of a form on a few actuators from those of each alone.
+
+    Raises:
+        KeyError: an actuator has no form of its own.
+    """
+    own = {f.on[0]: f for f in forms if f.kind == form.kind and len(f.on) == 1
+           and f.alike(form)}
+    each = [columns[..., own[a].columns] for a in form.on]
+    return np.sum(each, axis=0) if form.shared else np.concatenate(each, axis=-1)

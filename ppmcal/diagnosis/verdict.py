@@ -1,0 +1,137 @@
+"""The verdict of diagnosis.md, step 11, what to look at, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.noise import OVERSTATED
+from ppmcal.diagnosis.adequacy import TOO_MUCH, Remainder
+from ppmcal.diagnosis.held_out_blocks import BlockGap
+from ppmcal.diagnosis.held_out_gap import Gap
+from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.left_out_rows import LeftOut
+from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
+from ppmcal.diagnosis.result import Found, NamedEffect
+from ppmcal.diagnosis.rivals import Rival
+from ppmcal.diagnosis.stage import Stage
+from ppmcal.errors import NoResult
+from ppmcal.wording import counted
+
+Alternatives = dict[int, tuple[list[Rival], list[Form]]]
+"""By named form: rivals in the library, and what was not recorded."""
+FAR = 10.0
+MOSTLY = 0.5
+"""Effects that explain less than this of what exceeds the noise are no more than an imitation."""
+
+
+def refuse_unconverged(fit: Fit) -> None:
+    """Refuse a diagnosis that would be built on a fit which is not at its minimum.
+
+    Raises:
+        NoResult: with how far it got.
+    """
+    if fit.converged:
+        return
+    raise NoResult(
+        f"the fit of the geometry did not converge: {fit.reached}, so no effect can be told from "
+        "geometry", ", ".join(d.source for d in fit.problem.datasets),
+        "These poses hardly tell the parameters apart: measure poses that differ in every "
+        "coordinate, or free fewer parameters (--free)")
+
+
+def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[NamedEffect],
+           out: LeftOut, blocks: Sequence[BlockGap], imitated: bool) -> str:
+    """Return the verdict.
+
+    Args:
+        found: fits and tests on the training rows.
+        left: what the named effects leave.
+        start: what geometry alone leaves.
+        effects: what was named.
+        out: the rows that were left out.
+        blocks: the gap on stretches of time and conditions.
+        imitated: whether what was named only makes up a shape that none of it is.
+    """
+    search = found.first.search
+    smallest = float(found.first.log_p.min(initial=0.0))
+    adequate = left.adequate and not out.suspicious
+    if not effects:
+        # far beyond chance, but no physical value fits
+        if not adequate or smallest < search.name - FAR:
+            return "unnamed"
+        return "weak" if smallest < search.detect else "none"
+    if imitated or not_predicted(blocks, left, start):
+        return "unnamed"  # what does not predict, or only makes up a shape, is no name
+    if not left.adequate:
+        explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
+        return "unnamed" if explained < MOSTLY else "partial"
+    if out.suspicious:
+        return "partial"
+    return "named-set" if any(e.alternatives for e in effects) else "named"
+
+
+def not_predicted(blocks: Sequence[BlockGap], left: Remainder, start: Remainder
+                  ) -> list[BlockGap]:
+    """Return the blocks that the effects do not predict as well as they explain all rows."""
+    before, after = (max(0.0, r.ratio**2 - 1.0) for r in (start, left))
+    if before <= 0.0:
+        return []
+    everywhere = max(0.0, 1.0 - (after / before) ** 0.5)
+    return [b for b in blocks if b.fails(everywhere, left.excess < TOO_MUCH)]
+
+
+def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEffect],
+             gap: Gap | None, out: LeftOut, blocks: Sequence[BlockGap]) -> list[str]:
+    """Return what the user must look at; ``blocks``: those that were not predicted."""
+    told = [f for d in after.problem.datasets for f in d.findings]
+    for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
+                                  strict=True):
+        if reasons:
+            told.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
+                        "residuals.csv for each reason")
+        back = sorted(set(old) - set(reasons))
+        if back:
+            told.append(f"{data.name}: {counted(len(back), 'row')} at first taken for outliers, "
+                        "explained by the effects and back in use")
+    if out.sentence:
+        told.append(out.sentence)
+    if left.excess >= TOO_MUCH:
+        told.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
+                    "unrecorded, or a sigma that is too small")
+    if left.ratio < OVERSTATED:
+        told.append(f"residuals are only {left.ratio:.3g} times the {left.source} noise: sigma is "
+                    "too large, in a wrong unit perhaps; correct it, it decides what geometry is "
+                    "held to")
+    weak = [e.kind for e in effects if e.survival < 0.2]
+    if weak:
+        told.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
+                    "testable), so its size is uncertain")
+    if effects and gap is not None and not gap.confirmed:
+        told.append("the held-out poses do not confirm the improvement: too few, or too small")
+    told += [f"left out by {b.by} (a third at a time), only {b.gap.closed or 0.0:.0%} of the gap "
+             "is closed: what was found does not predict there" for b in blocks]
+    if not after.converged:
+        told.append(f"the fit had not converged after {after.iterations} iterations")
+    return told
+
+
+def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
+              gap: Gap | None = None) -> Proposal:
+    """Return measurements that tell the first rivals apart, or what else to do."""
+    joints = len(stage.system.problem.mechanism.actuators)
+    for i, (others, _) in alternatives.items() if verdict != "unnamed" else ():
+        if others and not stage.forms[i].slot:
+            likeliest = min(others, key=lambda r: r.odds)
+            return propose(stage, stage.forms[i], likeliest.form, likeliest.odds, seed)
+    if verdict in ("named-set", "partial") and any(a for _, a in alternatives.values()):
+        return nothing("measure again with a known payload (column payload): give under a "
+                       "weight that was not recorded looks much like this", joints)
+    if verdict == "named" and gap is not None and not gap.confirmed:
+        return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
+                       "yet what was found", joints)
+    return nothing({"none": "nothing is missing that these data could show",
+                    "weak": "repeat the campaign: the suspicion grows or goes with more rows",
+                    "named": "what was found is settled"}.get(
+                        verdict, "record more of what might matter (load, temperature, time)"),
+                   joints)

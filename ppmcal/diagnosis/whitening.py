@@ -1,0 +1,240 @@
+"""What the noise is like: repeats, covariance within a row, correlation from row to row.
+
+Everything is estimated with the candidate effects projected out, so that an effect is
+not whitened away as if it were noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from ppmcal.diagnosis.hypotheses import GEOMETRY, Library
+from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis, unit_columns
+from ppmcal.linalg import Array
+
+SIGNIFICANT = 1e-3
+"""A covariance or correlation is whitened away where chance would show it this rarely."""
+SAME, SAME_TEMPERATURE = 0.02, 0.05
+"""Repeats may differ in speed and load by this part of the largest, and by so many K."""
+MOST = 0.4
+"""Candidate columns take at most this part of the freedom when noise is estimated."""
+
+
+@dataclass(frozen=True)
+class PureError:
+    """Scatter of repeats under the same conditions: sigma over the stated one, freedom."""
+
+    ratio: float
+    freedom: int
+
+
+def pure_error(system: System) -> PureError | None:
+    """Return the scatter within rows of one pose and the same conditions, or None."""
+    label = _conditions(system)
+    if label is None:
+        return None
+    count = int(label.max()) + 1
+    size = np.zeros((count, system.residual.shape[1]))
+    total = np.zeros_like(size)
+    np.add.at(size, label, system.observed.astype(float))
+    np.add.at(total, label, system.residual)
+    away = np.where(system.observed, system.residual - (total / np.maximum(size, 1.0))[label], 0.0)
+    freedom = int(np.sum(np.maximum(size - 1.0, 0.0)))
+    return PureError(float(np.sqrt(np.sum(away**2) / freedom)), freedom) if freedom else None
+
+
+def _conditions(system: System) -> NDArray[np.int64] | None:
+    """Return one label per pose and set of conditions (N,); different ones hide no effect."""
+    keys = [system.group.astype(float), system.dataset.astype(float)]
+    for name in ("approach", "velocity", "temperature", "wrench"):
+        values = np.concatenate([np.asarray(getattr(p.response.rows, name)).reshape(
+            p.at.stop - p.at.start, -1) for p in system.firsts])
+        step = SAME_TEMPERATURE if name == "temperature" else SAME * max(
+            float(np.max(np.abs(np.nan_to_num(values)), initial=0.0)), 1e-12)
+        keys += list(np.round(np.nan_to_num(values / step, nan=-1e9)).T)
+    label = np.unique(np.stack(keys), axis=1, return_inverse=True)[1].reshape(-1)
+    return np.asarray(label, dtype=np.int64) if label.max() + 1 < label.size else None
+
+
+def estimate(system: System, library: Library, extra: Sequence[int] = ()) -> Whitening:
+    """Return the whitening that the residuals ask for.
+
+    ``extra``: columns of the library that must be projected out whatever they cost (chosen
+    effects).
+    """
+    noise = plain(system)
+    columns = _projected(system, library, extra)
+    everything = np.concatenate([system.jacobian, library.columns[..., columns]], axis=-1)
+    basis, left = _cleaned(system, everything, noise)
+    noise = _within_rows(system, basis, left, noise)
+    basis, left = _cleaned(system, everything, noise)
+    rho = 0.0
+    for _ in range(3):
+        more, pairs = _correlation(system, basis, left)
+        share = 1.0 - basis.shape[-1] / system.count
+        noise = replace(noise, rho_error=float(np.sqrt(
+            (1.0 - rho**2) / max(pairs * share, 4.0))))
+        if abs(more) < (2.0 if rho == 0.0 else 0.5) / np.sqrt(max(pairs, 1)):
+            break
+        rho = float(np.clip((rho + more) / (1.0 + rho * more), -0.98, 0.98))
+        noise = replace(noise, rho=rho)
+        basis, left = _cleaned(system, everything, noise)
+    return noise
+
+
+def _projected(system: System, library: Library, extra: Sequence[int]) -> list[int]:
+    """Return the columns to project out: each kind's freest form, the best few of a grid.
+
+    Where there is not room for all, those that explain most come first, grids last.
+    """
+    room = MOST * system.count - system.jacobian.shape[-1]
+    chosen = list(dict.fromkeys(extra))
+    forms: dict[str, list[int]] = {}
+    grid: dict[tuple[str, tuple[str, ...]], tuple[float, list[int]]] = {}
+    flat = library.columns.reshape(-1, library.columns.shape[-1])
+    residual = system.residual.reshape(-1)
+
+    def explains(columns: Sequence[int]) -> float:
+        unit, _ = unit_columns(flat[:, list(columns)])
+        return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
+
+    for form in library.forms:
+        if form.constants and form.kind != "curvature":
+            if form.shared:
+                key, gain = (form.kind, form.on), explains(form.columns)
+                if gain > grid.get(key, (0.0, []))[0]:
+                    grid[key] = gain, list(form.columns)
+        elif form.kind == GEOMETRY:
+            forms[GEOMETRY] = [*forms.get(GEOMETRY, []), *form.columns]
+        elif len(form.columns) > len(forms.get(form.kind, [])):
+            forms[form.kind] = list(form.columns)
+    plain_forms = sorted(forms.values(), key=lambda c: -explains(c) / len(c))
+    for found in [*plain_forms, *(c for _, c in sorted(grid.values(), reverse=True))]:
+        if len(chosen) + len(found) <= room:
+            chosen += [c for c in found if c not in chosen]
+    return chosen
+
+
+def _cleaned(system: System, columns: Array, noise: Whitening) -> tuple[Array, Array]:
+    """Return a basis of the columns and the residual freed of them, (N, m, ...)."""
+    flat = noise.apply(columns, system)
+    basis = range_basis(unit_columns(flat)[0])
+    residual = noise.apply(system.residual[..., None], system)[:, 0]
+    left = residual - basis @ (basis.T @ residual)
+    shape = system.residual.shape
+    return basis.reshape(*shape, -1), left.reshape(shape)
+
+
+def _within_rows(system: System, basis: Array, left: Array, noise: Whitening) -> Whitening:
+    """Whiten with the covariance of the coordinates, where it is not that of stated noise."""
+    inner = noise.inner.copy()
+    scales = []
+    for i in range(len(inner)):
+        rows = (system.dataset == i) & system.observed.all(axis=1)
+        m = left.shape[1]
+        if rows.sum() < 4 * m or not system.observed[system.dataset == i].any():
+            continue
+        # each coordinate's own freedom: n minus what the projection took from it
+        free = np.sum(1.0 - np.sum(basis[rows] ** 2, axis=-1), axis=0)
+        free = np.maximum(free, 1.0)
+        covariance = left[rows].T @ left[rows] / np.sqrt(np.outer(free, free))
+        mean = float(np.trace(covariance)) / m
+        sign, logdet = np.linalg.slogdet(covariance / mean)
+        statistic = -float(free.mean()) * logdet
+        if sign > 0 and chdtrc(m * (m + 1) / 2 - 1, statistic) < SIGNIFICANT:
+            root = np.linalg.cholesky(covariance / mean)
+            inner[i] = np.linalg.inv(root)
+        scales.append(mean)
+    return replace(noise, inner=inner, scale=float(np.sqrt(np.mean(scales))) if scales else 1.0)
+
+
+def _correlation(system: System, basis: Array, left: Array) -> tuple[float, int]:
+    """Return the correlation of successive rows beyond what the projection makes, and pairs."""
+    both = system.observed[1:] & system.observed[:-1] & (system.apart == 1)[:, None]
+    pairs = int(both.sum())
+    if pairs < 20:
+        return 0.0, pairs
+    found = float(np.sum(left[1:] * left[:-1] * both)) / pairs
+    variance = float(np.sum(left**2)) / system.count
+    rank = basis.shape[-1]
+    expected = -float(np.sum(np.sum(basis[1:] * basis[:-1], axis=-1) * both)) / pairs
+    return found / variance - expected / (1.0 - rank / system.count), pairs
+
+
+HEAVY = 3.0
+"""Tails are heavy where the kurtosis is so many standard deviations above that of normal noise."""
+ENOUGH = 100
+"""Fewer values than this show no tails."""
+LEAST_FREE = 0.05
+
+
+def simulated(noise: Whitening, system: System, basis: Array, left: Array, count: int,
+          rng: np.random.Generator) -> Array:
+    """Return simulated noise (N m, count) after a whitening that knows ``rho`` only so well.
+
+    Each draw has a correlation of its own, as far from ``rho`` as that may be off.
+
+    Args:
+        noise: the whitening.
+        system: the rows.
+        basis: of what was fitted, whitened (N m, r).
+        left: whitened residual freed of it (N m,).
+        count: how many draws.
+        rng: where they come from.
+    """
+    n, m = system.residual.shape
+    out = rng.normal(size=(n, m, count))
+    if count:
+        free = np.maximum(1.0 - np.sum(basis**2, axis=1), LEAST_FREE)
+        scaled = (left / np.sqrt(free)).reshape(n, m)
+        for i in range(len(system.problem.datasets)):
+            mine = np.flatnonzero(system.dataset == i)
+            if heavy(scaled[mine][system.observed[mine]]):
+                _resample(out, mine, scaled, system, rng)
+    if noise.rho_error > 0.0:
+        _correlate(out, noise, system, rng)
+    return np.asarray(out * system.observed[..., None]).reshape(n * m, count)
+
+
+def heavy(values: Array) -> bool:
+    """Whether values (n,) have heavier tails than normal noise would show by chance."""
+    square = values**2
+    mean = float(np.mean(square)) if values.size else 0.0
+    if values.size < ENOUGH or mean == 0.0:
+        return False
+    excess = float(np.mean(square**2)) / mean**2 - 3.0
+    return bool(excess > HEAVY * np.sqrt(24.0 / values.size))
+
+
+def _resample(out: Array, mine: NDArray[np.int64], scaled: Array, system: System,
+              rng: np.random.Generator) -> None:
+    """Fill rows ``mine`` of ``out`` (N, m, count) with residuals of other rows, at random signs.
+
+    A row is taken as a whole: what disturbs one coordinate may have disturbed all.
+    """
+    seen = system.observed[mine]
+    source = scaled[mine] / np.sqrt(np.mean(scaled[mine][seen] ** 2))
+    for row in mine:
+        pick = rng.integers(mine.size, size=out.shape[2])
+        sign = rng.choice((-1.0, 1.0), size=out.shape[2])
+        out[row] = np.where(seen[pick].T, source[pick].T * sign, out[row])
+
+
+def _correlate(out: Array, noise: Whitening, system: System, rng: np.random.Generator) -> None:
+    """Give each draw of white noise (N, m, count) the correlation that the whitening may leave."""
+    true = np.clip(noise.rho + noise.rho_error * rng.normal(size=out.shape[2]), -0.95, 0.95)
+    before = out[0].copy()
+    for row in range(1, len(out)):
+        gap = int(system.apart[row - 1])
+        if gap == 0:
+            before = out[row].copy()
+            continue
+        tie, known = true**gap, noise.rho**gap
+        now = tie * before + np.sqrt(1.0 - tie**2) * out[row]
+        out[row] = (now - known * before) / np.sqrt(1.0 - known**2)
+        before = now

@@ -1,1 +1,0 @@
-"""Which poses to measure: candidates, D-optimal exchange, accuracy ahead, a short path."""

@@ -1,0 +1,298 @@
+"""Simulated measurements of a machine whose true geometry differs from the drawing.
+
+The controller turns wanted poses into joints with the nominal machine; the true machine
+goes where its own closure puts it; the instrument sees that pose from its frame, at its
+target, with noise. What was true is kept apart, in truth.json.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.observation import SCALARS, stretched
+from ppmcal.calibration.registration import refuse_flat
+from ppmcal.errors import BadInput, NoResult
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import missing_columns, with_strokes
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import Station, predict
+from ppmcal.linalg import Array, Ints, known
+from ppmcal.model.dataset import Conditions, conditions
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.simulation.pose_patterns import commands
+from ppmcal.simulation.scenario import Scenario
+
+SECONDS_PER_ROW = 60.0
+OUTLIER_SIGMAS = 20.0
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A simulated campaign of N rows, SI.
+
+    ``pose`` labels (N,); ``q`` as the controller believes it (N, k); ``position`` (N, 3) and
+    ``rotation`` vector (N, 3) as measured; ``value`` a height or distance (N,), else nan;
+    ``to_q`` (N, k) joint values at the other end of a distance between two positions;
+    ``direction`` of approach by joint (N, k);
+    ``velocity`` of the joints at the trigger (N, k); ``payload`` kg, ``temperature`` K,
+    ``time`` s (N,); ``outlier`` rows; ``acting`` the machine with its effects and ``g`` its
+    true parameters (P,); ``left_out`` reasons for poses that could not be measured.
+    """
+
+    pose: Ints
+    q: Array
+    position: Array
+    rotation: Array
+    value: Array
+    direction: Array
+    velocity: Array | None
+    payload: Array | None
+    temperature: Array | None
+    time: Array
+    outlier: NDArray[np.bool_]
+    acting: Mechanism
+    g: Array
+    left_out: tuple[str, ...]
+    to_q: Array | None = None
+
+
+def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) -> Campaign:
+    """Return a simulated campaign.
+
+    Args:
+        mechanism: the machine as the controller knows it (its nominals).
+        scenario: what to measure and with what.
+        seed: in place of the scenario's.
+
+    Raises:
+        BadInput: an instrument that is not simulated, or no pose inside the workspace.
+        NoResult: the true machine cannot reach any pose.
+    """
+    refuse_flat(scenario.kind, mechanism.motion, scenario.source)
+    rng = np.random.default_rng(scenario.seed if seed is None else seed)
+    q, left_out, listed = commands(mechanism.nominal(), scenario, rng)
+    own = listed.columns if listed else {}
+    _once(scenario, own)
+    if scenario.pairs and len(q) < 2:
+        raise BadInput("one pose has no distance to another", f"{scenario.source}: poses",
+                       "Ask for more poses")
+    g = true_parameters(mechanism, scenario, rng)
+    order, direction, payload = _visits(q, scenario, rng)
+    direction = _own(own, "dir", mechanism, direction, order)
+    payload = own["payload"][order] if "payload" in own else payload
+    n = order.size
+    time = SECONDS_PER_ROW * np.arange(1, n + 1, dtype=np.float64)
+    temperature = own["temperature"][order] if "temperature" in own else _temperature(
+        scenario, time)
+    velocity = _own(own, "vel", mechanism,
+                    direction * scenario.velocity * _speeds(scenario, direction.shape, rng), order)
+    rows = _conditions(mechanism, direction, velocity, payload, temperature, time)
+    acting = with_strokes(scenario.acting, q)
+    model = Model(acting, g)
+    _recorded(acting, rows, scenario)
+    actual, stretch = _visited(model, q[order], rows, scenario, rng)
+    # a distance between two positions: from each to the one half a campaign away
+    other = (order + len(q) // 2) % len(q)
+    ends = _visited(model, q[other], rows, scenario, rng)[0] if scenario.pairs else actual
+    keep = known(actual) & known(ends)
+    if not keep.any():
+        raise NoResult("the machine with these errors cannot reach any of the poses",
+                       scenario.source, "Inject smaller errors or choose other poses")
+    left_out += [f"pose {p}: the machine with its errors cannot go there"
+                 for p in np.unique(order[~keep])]
+    shown = None if stretch is None else stretch[keep] if len(stretch) > 1 else stretch
+    position, rotation, value, outlier = _measured(actual[keep], ends[keep], shown, mechanism,
+                                                   scenario, rng)
+    labels = order if listed is None or listed.labels is None else listed.labels[order]
+    return Campaign(labels[keep], q[order[keep]], position, rotation, value, direction[keep],
+                    velocity[keep] if np.any(velocity) else None,
+                    payload[keep] if payload is not None else None,
+                    temperature[keep] if temperature is not None else None, time[keep],
+                    outlier, acting, g, tuple(left_out), q[other[keep]] if scenario.pairs else None)
+
+
+def _own(own: Mapping[str, Array], what: str, mechanism: Mechanism, rest: Array, order: Ints
+         ) -> Array:
+    """Return directions or speeds (rows, k): those of the file of poses, else ``rest``."""
+    out = rest.copy()
+    for a, name in enumerate(mechanism.actuators):
+        if f"{what}_{name}" in own:
+            out[:, a] = own[f"{what}_{name}"][order]
+    return out
+
+
+def _once(scenario: Scenario, own: Mapping[str, Array]) -> None:
+    """Refuse settings that both the scenario and its file of poses give."""
+    twice = {"payload": ("conditions.payload", bool(scenario.payload)),
+             "temperature": ("conditions.temperature", scenario.temperature is not None),
+             "dir": ("approach", scenario.approach != "one"),
+             "vel": ("conditions.velocity", bool(np.any(scenario.velocity)))}
+    for name in own:
+        place, given = twice[name.partition("_")[0]]
+        if given:
+            raise BadInput(f"the file of poses has its own column {name}",
+                           f"{scenario.source}: {place}", "Take it out of the scenario, or the "
+                           "column out of the file")
+
+
+def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mechanism,
+              scenario: Scenario, rng: np.random.Generator
+              ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Return what the instrument shows of poses (n, 8), and which rows are outliers.
+
+    Positions (n, 3), rotation vectors (n, 3), heights or distances (n,), those between two
+    positions to the poses ``other``.
+    """
+    station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
+                      np.zeros(len(mechanism.actuators)))
+    position, turn = predict(station, pose)
+    position = stretched(position, stretch)
+    far = stretched(predict(station, other)[0], stretch) if scenario.pairs else scenario.point
+    error, outlier = _errors(len(position), scenario, rng)
+    return (position + error[:, :3], _turned(turn, error[:, 3:], mechanism),
+            _value(position, far, error[:, 0], scenario.kind), outlier)
+
+
+def _visited(model: Model, q: Array, rows: Conditions, scenario: Scenario,
+             rng: np.random.Generator) -> tuple[Array, Array | None]:
+    """Return the poses (N, 8) reached at joint values (N, k), and the instrument's stretch."""
+    real = reach(model, q, rows)
+    actual = real.pose
+    if np.any(scenario.sigma_actuator > 0.0):
+        shaken = q + rng.normal(size=q.shape) * scenario.sigma_actuator
+        actual = reach(model, shaken, rows, start=real.closed, start_q=q).pose
+    shift = real.model.shift
+    return actual, shift.stretch if shift else None
+
+
+def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,
+                temperature: Array | None, time: Array) -> Conditions:
+    columns = {"time": time}
+    for a, name in enumerate(mechanism.actuators):
+        columns[f"dir_{name}"], columns[f"vel_{name}"] = direction[:, a], velocity[:, a]
+    if payload is not None:
+        columns["payload"] = payload
+    if temperature is not None:
+        columns["temperature"] = temperature
+    return conditions(columns, mechanism.actuators, mechanism.gravity, direction)
+
+
+def _recorded(acting: Mechanism, rows: Conditions, scenario: Scenario) -> None:
+    """Refuse effects that depend on what the scenario does not set."""
+    mend = {"payload": "conditions: {payload: [0, 20]}",
+            "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}
+    missing = missing_columns(acting, rows)
+    if missing:
+        raise BadInput(f"an effect depends on {missing[0]}, which the scenario does not set",
+                       f"{scenario.source}: conditions", f"Add `{mend[missing[0]]}`")
+
+
+def _speeds(scenario: Scenario, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Return joint speeds from a fifth of the largest up, as parts of it; drawn if needed."""
+    if not np.any(scenario.velocity):
+        return np.zeros(shape)
+    return rng.uniform(0.2, 1.0, shape)
+
+
+def true_parameters(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator) -> Array:
+    """Return the true parameters (P,): nominal, named errors, errors drawn from tolerances.
+
+    Effects have the values that the files give; they come last.
+    """
+    acting = scenario.acting
+    g = acting.nominals.copy()
+    count = len(mechanism.parameters)
+    g[:count] += acting.values[:count] - mechanism.values
+    for effect in acting.effects:
+        for p in effect.parameters.values():
+            g[p] = acting.values[p]
+    if scenario.error_scale is not None:
+        drawn = rng.normal(size=len(mechanism.parameters))
+        for p in mechanism.free:
+            tau = mechanism.parameters[p].tolerance
+            if tau is not None and np.isfinite(tau):
+                g[p] += scenario.error_scale * tau * drawn[p]
+    place = {name: i for i, name in enumerate(mechanism.names)}
+    for name, error in scenario.errors.items():
+        g[place[name]] += error
+    return g
+
+
+def _visits(q: Array, scenario: Scenario, rng: np.random.Generator
+            ) -> tuple[Ints, Array, Array | None]:
+    """Return pose label, direction of approach (rows, k) and payload of every row."""
+    sides = (1.0, -1.0) if scenario.approach == "both" else (1.0,)
+    loads = scenario.payload or (0.0,)
+    n, k = q.shape
+    order = np.repeat(np.arange(n), scenario.repeats * len(sides) * len(loads))
+    first = rng.choice([-1.0, 1.0], size=(n, k)) if scenario.approach == "both" else np.ones((n, k))
+    side = np.tile(np.repeat(sides, scenario.repeats), n * len(loads))
+    direction = first[order] * side[:, None]
+    if scenario.approach == "sequence":
+        moves = np.sign(np.diff(q[order], axis=0, prepend=q[order][:1]))
+        direction = np.ones_like(direction)
+        for row in range(1, len(order)):
+            direction[row] = np.where(moves[row] == 0.0, direction[row - 1], moves[row])
+    load = np.tile(np.repeat(loads, scenario.repeats * len(sides)), n)
+    return order, direction, load if scenario.payload else None
+
+
+def _errors(n: int, scenario: Scenario, rng: np.random.Generator
+            ) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the instrument's errors (n, 6) and which rows are outliers."""
+    sigma = np.concatenate([np.full(3, scenario.sigma_position),
+                            np.full(3, scenario.sigma_rotation)])
+    noise = _draw(rng, scenario.tails, (n, 6))
+    for row in range(1, n if scenario.ar else 0):
+        noise[row] = scenario.ar * noise[row - 1] + np.sqrt(1.0 - scenario.ar**2) * noise[row]
+    outlier = np.asarray(rng.uniform(size=n) < scenario.outliers, dtype=np.bool_)
+    way = rng.normal(size=(n, 6))
+    if scenario.kind in SCALARS:
+        sigma, way[:, 1:] = np.full(6, scenario.sigma_value), 0.0
+    way *= np.sqrt(1.0 if scenario.kind in SCALARS else 6.0) / np.linalg.norm(
+        way, axis=1, keepdims=True)
+    noise += np.where(outlier[:, None], OUTLIER_SIGMAS * way, 0.0)
+    return noise * sigma, outlier
+
+
+def _turned(turn: Array, error: Array, mechanism: Mechanism) -> Array:
+    """Return measured rotation vectors (n, 3) of true rotations (n, 3, 3) with errors (n, 3)."""
+    n = len(turn)
+    if mechanism.motion == "planar":
+        angle = np.arctan2(turn[:, 1, 0], turn[:, 0, 0]) + error[:, 2]
+        return np.stack([np.zeros(n), np.zeros(n), angle], axis=1)
+    own = cga.motor_from_matrix(turn, np.zeros(3))
+    shake = cga.motor_from_rotation_vector(error, np.zeros(3))
+    return cga.rotation_vector(cga.compose(shake, own))
+
+
+def _value(position: Array, far: Array, error: Array, kind: str) -> Array:
+    """Return measured heights, or distances from ``far`` (3,) or (n, 3), (n,), else nan."""
+    if kind == "plane":
+        return position[:, 2] + error
+    if kind == "distance":
+        return np.asarray(np.linalg.norm(position - far, axis=1) + error)
+    return np.full(len(position), np.nan)
+
+
+def _draw(rng: np.random.Generator, tails: str, shape: tuple[int, int]) -> Array:
+    """Noise of unit variance; t4 has variance 2 before scaling."""
+    if tails == "t4":
+        return np.asarray(rng.standard_t(4, size=shape) / np.sqrt(2.0), dtype=np.float64)
+    return rng.normal(size=shape)
+
+
+def _temperature(scenario: Scenario, time: Array) -> Array | None:
+    if scenario.temperature is None:
+        return None
+    mean, swing = scenario.temperature
+    return np.asarray(mean + swing * np.sin(2.0 * np.pi * time / max(time[-1], 1.0)), dtype=float)
+
+
+
