@@ -20,9 +20,9 @@ from ppmcal.calibration.homing_shift import Shift
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.outliers import blunders
 from ppmcal.calibration.problem import Problem
+from ppmcal.io.results.outliers import sentences, shifts
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.blunder_words import sentences, shifts
 
 Array = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.selection import DETECT, NAME
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.files.output import plain
-from ppmcal.outputs.diagnosis import summary
+from ppmcal.io.results.diagnosis import summary
 from ppmcal.report.bars import EDGE, width
 from ppmcal.report.data import Diagnosed
 from ppmcal.report.diagnosis_figures import pictures

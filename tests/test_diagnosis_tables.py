@@ -24,7 +24,7 @@ from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.verdict import findings, next_step
 from ppmcal.files.output import plain
-from ppmcal.outputs.diagnosis import effects_csv, summary
+from ppmcal.io.results.diagnosis import effects_csv, summary
 from ppmcal.report.data import Diagnosed
 from ppmcal.report.diagnosis_section import diagnosis_section
 

@@ -25,13 +25,13 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import estimates, rank_of, report
 from ppmcal.calibration.validation import fresh_state
 from ppmcal.files import read_campaign, read_mechanism, read_scenario
+from ppmcal.io.results.simulation import files
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.kinematics.tables import pose_motor, pose_vector
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.simulation import files
 from ppmcal.simulation.scenario import Circle, Random, Scenario
 from ppmcal.simulation.simulate import Campaign, simulate
 

@@ -15,12 +15,12 @@ from ppmcal.files.grid_text import read_grid
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import inverse_partial
 from ppmcal.kinematics.region import Grid, named, slice_axes, slice_grid
-from ppmcal.outputs import picture
-from ppmcal.outputs.curve_picture import draw_curves
-from ppmcal.outputs.map_panel import NO_VALUE, SINGULAR_CURVE, Scale, draw_panel
-from ppmcal.outputs.map_picture import _view, draw_map
-from ppmcal.outputs.maps import Map
-from ppmcal.outputs.picture import (
+from ppmcal.plotting import style as picture
+from ppmcal.plotting.curves import draw_curves
+from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_panel import NO_VALUE, SINGULAR_CURVE, Scale, draw_panel
+from ppmcal.plotting.maps import _view, draw_map
+from ppmcal.plotting.style import (
     SINGULAR,
     figure,
     lines_of,
@@ -303,7 +303,7 @@ def test_ranges_ticks_and_words():
 
 def test_pictures_leave_no_state_and_need_no_display():
     code = ("import sys, numpy as np, matplotlib\n"
-            "from ppmcal.outputs.curve_picture import draw_curves\n"
+            "from ppmcal.plotting.curves import draw_curves\n"
             "matplotlib.rcParams['lines.linewidth'] = 7\n"
             "a = draw_curves('t', 'x', 'y', [('a', [1, 2], [1, 2])])\n"
             "assert matplotlib.rcParams['lines.linewidth'] == 7\n"

@@ -18,8 +18,8 @@ from ppmcal.calibration.noise import _scaled
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.files.output import plain
-from ppmcal.outputs.identification import summary
-from ppmcal.outputs.knowledge import read_knowledge, read_posterior
+from ppmcal.io.results.identification import summary
+from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

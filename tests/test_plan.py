@@ -24,12 +24,12 @@ from ppmcal.design.plan.settings import SETTABLE, Asked, needs, offered, refuse,
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import read_mechanism
+from ppmcal.io.results.plan import accuracy_table, pose_table
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.tables import forward_table, inverse_table
 from ppmcal.model.effects import effect_kinds
-from ppmcal.outputs.plan import accuracy_table, pose_table
 from ppmcal.units import Units
 
 CONFIGS = Path(__file__).parents[1] / "configs"

@@ -16,7 +16,7 @@ from commands import ppmcal
 from test_report import cells, read
 
 from ppmcal.errors import BadInput
-from ppmcal.outputs.curve_picture import draw_curves
+from ppmcal.plotting.curves import draw_curves
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
 from ppmcal.report.design_pictures import DESIGNS, LARGEST_FILE, MOST, png_size

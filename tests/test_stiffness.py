@@ -25,6 +25,7 @@ from ppmcal.design.stiffness import Compliance, compliance, stiffness_at_home, s
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import csv_text, read_mechanism, write_mechanism
 from ppmcal.files.stiffness_reader import joint_names
+from ppmcal.io.results.tables import pose_columns
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.forward import forward
@@ -35,7 +36,6 @@ from ppmcal.kinematics.tables import inverse_table
 from ppmcal.model.dataset import conditions
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Limb, Mechanism
-from ppmcal.outputs.tables import pose_columns
 
 Array = np.ndarray
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

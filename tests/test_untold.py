@@ -18,6 +18,7 @@ from ppmcal.calibration.identifiability import CALIPER, foreseen, untold
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.files import read_mechanism
+from ppmcal.io.results.identifiability import sentences
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -25,7 +26,6 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.untold_words import sentences
 
 Array = NDArray[np.float64]
 NAME = "delta-linear"

@@ -19,7 +19,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     from ppmcal.calibration.check import check
     from ppmcal.cli.campaign import load
     from ppmcal.files import unit_findings
-    from ppmcal.outputs.untold_words import entry, sentences
+    from ppmcal.io.results.identifiability import entry, sentences
 
     console = Console(quiet, as_json)
     mechanism, datasets = load(mech, data, ())

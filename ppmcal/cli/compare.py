@@ -45,8 +45,8 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
 
     from ppmcal.calibration.change_detection import between
     from ppmcal.files import Output, provenance, read_mechanism
-    from ppmcal.outputs.comparison import files, summary
-    from ppmcal.outputs.knowledge import read_knowledge, read_posterior
+    from ppmcal.io.results.comparison import files, summary
+    from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 
     console = Console(quiet, as_json)
     first, second = (p / "identified.yaml" if p.is_dir() else p for p in (old, new))
@@ -73,7 +73,7 @@ def _show(found: Comparison, mechanism: Mechanism, console: Console) -> None:
     """Print what a person wants to know."""
     if not console.speaks:
         return
-    from ppmcal.outputs.comparison import change, entries
+    from ppmcal.io.results.comparison import change, entries
 
     console.say(f"{mechanism.name}: {len(found.names)} parameters; "
                 + ("the machine has changed" if found.changed else "nothing has changed")

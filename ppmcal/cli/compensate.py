@@ -50,9 +50,9 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     from ppmcal.calibration.compensation import compensate
     from ppmcal.calibration.model_averaging import Targets, averaged
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
-    from ppmcal.outputs.knowledge import read_knowledge
-    from ppmcal.outputs.other_models import read_other_models
-    from ppmcal.outputs.tables import command_files
+    from ppmcal.io.results.knowledge import read_knowledge
+    from ppmcal.io.results.other_models import read_other_models
+    from ppmcal.io.results.tables import command_files
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(model)

@@ -67,7 +67,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     from ppmcal.diagnosis.diagnose import Options, diagnose
     from ppmcal.files import Output, provenance
     from ppmcal.files.output import plain
-    from ppmcal.outputs.diagnosis import files, summary
+    from ppmcal.io.results.diagnosis import files, summary
     from ppmcal.report.standalone import diagnosis_files, need_png
 
     console = Console(quiet, as_json)
@@ -202,7 +202,7 @@ def _together(effects: Sequence[NamedEffect]) -> list[list[NamedEffect]]:
 
 
 def _values(result: Diagnosis, effect: NamedEffect) -> str:
-    from ppmcal.outputs.diagnosis import parameter_entries
+    from ppmcal.io.results.diagnosis import parameter_entries
 
     return ", ".join(_value(n, v) for n, v in parameter_entries(result, effect).items()
                      if v["sigma"] is not None)
@@ -210,7 +210,7 @@ def _values(result: Diagnosis, effect: NamedEffect) -> str:
 
 def _derived(result: Diagnosis, effect: NamedEffect, several: bool) -> str:
     """Return ``  amplitude 0.02 +- 0.001 mm, phase 35 +- 3 deg at mid-stroke (250 mm).``."""
-    from ppmcal.outputs.diagnosis import derived_entries
+    from ppmcal.io.results.diagnosis import derived_entries
 
     found = derived_entries(result, effect)
     if not found:

@@ -15,8 +15,8 @@ def show_result(result: Identification, console: Console) -> None:
     """Print what a person wants to know."""
     if not console.speaks:
         return
-    from ppmcal.outputs import blunder_words
-    from ppmcal.outputs.untold_words import flat_sentences, sentences
+    from ppmcal.io.results import outliers as blunder_words
+    from ppmcal.io.results.identifiability import flat_sentences, sentences
 
     fit = result.fit
     rows = sum(int(k.sum()) for k in fit.keep)
@@ -41,7 +41,7 @@ def show_result(result: Identification, console: Console) -> None:
 
 def _show_errors(result: Identification, console: Console) -> None:
     """Print errors before, after and on what was held out."""
-    from ppmcal.outputs.identification import figures
+    from ppmcal.io.results.identification import figures
 
     fit, units = result.fit, result.mechanism.units
     table = []
@@ -68,7 +68,7 @@ def _show_noise(result: Identification, console: Console) -> None:
 
 def _show_parameters(result: Identification, console: Console) -> None:
     """Print the parameters that moved farthest, in tolerances."""
-    from ppmcal.outputs.identification import parameter
+    from ppmcal.io.results.identification import parameter
 
     units = result.mechanism.units
     free = [parameter(e, units) for e in result.estimates if e.status != "fixed"]
@@ -90,7 +90,7 @@ HELD = 0.8
 
 def _show_held(result: Identification, console: Console) -> None:
     """Name what the data hardly know better than the drawing did."""
-    from ppmcal.outputs.identification import of_tolerance
+    from ppmcal.io.results.identification import of_tolerance
 
     if not result.fit.prior.any():
         return

@@ -78,8 +78,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     from ppmcal.calibration.problem import Problem
     from ppmcal.calibration.summary import report
     from ppmcal.files import Output, provenance
-    from ppmcal.outputs.identification import files, summary
-    from ppmcal.outputs.knowledge import read_posterior, refuse_twice
+    from ppmcal.io.results.identification import files, summary
+    from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 
     console = Console(quiet, as_json)
     _refuse_mixtures(method, prior, sigma, keep)

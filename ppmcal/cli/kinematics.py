@@ -23,10 +23,10 @@ from ppmcal.wording import counted
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ppmcal.io.results.tables import Shown
     from ppmcal.kinematics.tables import Table
     from ppmcal.model.dataset import Conditions
     from ppmcal.model.mechanism import Mechanism
-    from ppmcal.outputs.tables import Shown
 
 
 @click.command("kinematics")
@@ -68,7 +68,7 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     """
     from ppmcal.files import Output, provenance, read_mechanism
     from ppmcal.files.rotation_text import check_convention
-    from ppmcal.outputs.tables import LOCKED, kinematics_files
+    from ppmcal.io.results.tables import LOCKED, kinematics_files
 
     console = Console(quiet, as_json)
     if which != "forward" and (dataset is not None or method != "newton"):
@@ -128,9 +128,9 @@ def _point(tool: str | None, mechanism: Mechanism) -> NDArray[Any] | None:
 def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: Table,
            rows: Conditions) -> Shown:
     """Return how the results are to be written."""
+    from ppmcal.io.results.tables import Shown
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.tables import tool_poses
-    from ppmcal.outputs.tables import Shown
 
     pose = None
     if dataset is not None:

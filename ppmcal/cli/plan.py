@@ -61,8 +61,8 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     from ppmcal.errors import BadInput
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
     from ppmcal.files.instrument import read_instrument
-    from ppmcal.outputs.plan import files, record
-    from ppmcal.outputs.plan_words import findings, said
+    from ppmcal.io.results.plan import files, record
+    from ppmcal.io.results.plan_wording import findings, said
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)

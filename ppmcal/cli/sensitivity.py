@@ -74,7 +74,7 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     from ppmcal.errors import BadInput
     from ppmcal.files import Output, provenance, read_mechanism, read_poses
     from ppmcal.files.point_text import metric_length, read_point
-    from ppmcal.outputs.sensitivity import files
+    from ppmcal.io.results.sensitivity import files
 
     console = Console(quiet, as_json)
     machine = read_mechanism(mech)
@@ -103,7 +103,7 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     console.table(_ranking(found))
     console.warn(findings)
     finish(out, list(output.files), console)
-    from ppmcal.outputs.sensitivity import ranking, record
+    from ppmcal.io.results.sensitivity import ranking, record
 
     console.summary(record(found, (), ranking(found), said, findings, source))
     leave(bool(findings))
@@ -151,7 +151,7 @@ def sentences(found: Sensitivity, grid: Grid | None) -> list[str]:
     """Return the results in words."""
     import numpy as np
 
-    from ppmcal.outputs.sensitivity import WRONG, at_size, holds_to, size_unit, turns
+    from ppmcal.io.results.sensitivity import WRONG, at_size, holds_to, size_unit, turns
 
     units, home, both = found.mechanism.units, found.home, turns(found)
     length, angle = units.factor("length"), units.factor("angle")
@@ -220,7 +220,7 @@ def _tidy(value: float) -> float:
 
 def _findings(machine: Mechanism, found: Sensitivity, grid: Grid | None) -> list[str]:
     """Return what must be looked at: poses of a file that cannot be reached, wrong linear model."""
-    from ppmcal.outputs.sensitivity import unknown
+    from ppmcal.io.results.sensitivity import unknown
 
     out = list(machine.findings)
     lost = unknown(found)
@@ -242,7 +242,7 @@ def _findings(machine: Mechanism, found: Sensitivity, grid: Grid | None) -> list
 
 def _ranking(found: Sensitivity) -> Table:
     """Return the errors that count most, for the console."""
-    from ppmcal.outputs.sensitivity import ranking, turns
+    from ppmcal.io.results.sensitivity import ranking, turns
 
     table, mm, deg = ranking(found), found.mechanism.units.length, found.mechanism.units.angle
     both = turns(found)

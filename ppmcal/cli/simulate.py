@@ -34,7 +34,7 @@ def command(mech: Path, scenario: Path, out: Path, seed: int | None, quiet: bool
     Writes measurements.csv, measurements.yaml and truth.json.
     """
     from ppmcal.files import Output, provenance, read_mechanism, read_scenario
-    from ppmcal.outputs.simulation import files
+    from ppmcal.io.results.simulation import files
     from ppmcal.simulation.simulate import simulate
 
     console = Console(quiet, as_json)

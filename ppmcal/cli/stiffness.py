@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from ppmcal.io.results.stiffness_wording import Load
     from ppmcal.kinematics.region import Grid
     from ppmcal.model.mechanism import Mechanism
-    from ppmcal.outputs.stiffness_words import Load
 
     Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: st
     from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
     from ppmcal.files import Output, provenance, read_mechanism
     from ppmcal.files.point_text import read_point
-    from ppmcal.outputs.stiffness import Study, files, record, share_table
+    from ppmcal.io.results.stiffness import Study, files, record, share_table
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)
@@ -118,7 +118,7 @@ def _load(text: str | None, mechanism: Mechanism) -> Load | None:
     import numpy as np
 
     from ppmcal.errors import BadInput, unknown
-    from ppmcal.outputs.stiffness_words import Load
+    from ppmcal.io.results.stiffness_wording import Load
 
     if text is None:
         return None
@@ -151,8 +151,8 @@ def _payload(mass: float, mechanism: Mechanism) -> Load:
     import numpy as np
 
     from ppmcal.errors import BadInput
+    from ppmcal.io.results.stiffness_wording import Load
     from ppmcal.model.dataset import STANDARD_GRAVITY
-    from ppmcal.outputs.stiffness_words import Load
 
     if not 0.0 < mass < LARGEST:
         raise BadInput(f"{mass:g} is not a mass", "--payload", "Write kilograms, such as 5")

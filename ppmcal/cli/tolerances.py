@@ -23,8 +23,8 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from ppmcal.io.results.tolerances import Result
     from ppmcal.model.mechanism import Mechanism
-    from ppmcal.outputs.tolerances import Result
 
 
 @click.command("tolerances")
@@ -70,7 +70,7 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     """
     from ppmcal.cli.tolerances_job import Job, solve
     from ppmcal.files import Output, provenance, read_mechanism
-    from ppmcal.outputs.tolerances import files, record
+    from ppmcal.io.results.tolerances import files, record
 
     console = Console(quiet, as_json)
     machine = read_mechanism(mech)
@@ -98,7 +98,7 @@ def sentences(r: Result) -> list[str]:
     """Return the results in words."""
     import numpy as np
 
-    from ppmcal.outputs.tolerances import yields
+    from ppmcal.io.results.tolerances import yields
 
     units, d = r.machine.units, r.demand
     length, angle = units.factor("length"), units.factor("angle")

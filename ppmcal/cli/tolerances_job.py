@@ -20,13 +20,13 @@ from ppmcal.errors import BadInput
 from ppmcal.files import read_poses
 from ppmcal.files.instrument import read_instrument
 from ppmcal.files.point_text import metric_length, read_point
+from ppmcal.io.results.tolerances import Result
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.tolerances import Result
 
 OF_ACCURACY = 0.1
 """Noise of the default instrument, as a part of the accuracy demanded."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ppmcal.design.workspace import Workspace
-    from ppmcal.outputs.workspace_units import ModeRow
+    from ppmcal.io.results.workspace import ModeRow
 
     Array = NDArray[Any]
 
@@ -53,8 +53,8 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     from ppmcal.design.workspace import workspace
     from ppmcal.files import Output, provenance, read_mechanism
     from ppmcal.files.grid_text import read_grid
-    from ppmcal.outputs.workspace import pictures, summary, tables, text
-    from ppmcal.outputs.workspace_words import modes, reach, singular
+    from ppmcal.io.results.workspace import pictures, summary, tables, text
+    from ppmcal.io.results.workspace_wording import modes, reach, singular
 
     console = Console(quiet, as_json)
     seed = seed or 0
@@ -88,9 +88,9 @@ def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
     from ppmcal.design.assembly_modes import assembly_modes
     from ppmcal.errors import BadInput, NoResult
     from ppmcal.files import read_joints
+    from ppmcal.io.results.workspace import ModeRow
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.inverse import home_state
-    from ppmcal.outputs.workspace_units import ModeRow
 
     model = Model(found.mechanism)
     wanted = [(0, home_state(found.mechanism).q)]
@@ -128,7 +128,7 @@ def _findings(found: Workspace, rows: list[ModeRow]) -> list[str]:
 
 def _show(console: Console, found: Workspace, rows: list[ModeRow]) -> None:
     """Say everything, with the tables that belong to it."""
-    from ppmcal.outputs.workspace_words import left_table, modes, modes_table, reach, singular
+    from ppmcal.io.results.workspace_wording import left_table, modes, modes_table, reach, singular
 
     for sentence in reach(found):
         console.say(sentence)

@@ -10,9 +10,9 @@ import numpy as np
 
 from ppmcal.calibration.compensation import model_sigma
 from ppmcal.controllers.pose_grid import rest_columns
+from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.knowledge import read_knowledge
 
 KNOWLEDGE = "identification.json"
 

@@ -19,12 +19,12 @@ from ppmcal.controllers.pose_grid import (
 )
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.files import csv_text, read_poses
+from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.kinematics.region import Grid, named
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.outputs.exported import Exported, Lacking, figure
 from ppmcal.outputs.joints_export import INSTRUMENT, instrument_notes
-from ppmcal.outputs.tables import joint_columns, pose_columns, unit_map
 
 TABLE = "grid.csv"
 SEED = 1

@@ -12,8 +12,8 @@ from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates_of
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.columns import ZERO_CELSIUS
 from ppmcal.files.effects import effects_tree
+from ppmcal.io.results.tables import joint_columns
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.outputs.tables import joint_columns
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
 from ppmcal.units import Units

@@ -11,13 +11,13 @@ from ppmcal.design.error_jacobian import Poses, determinants, error_jacobian
 from ppmcal.design.error_sources import Source
 from ppmcal.design.sensitivity import Sensitivity
 from ppmcal.files import csv_text, json_text
+from ppmcal.io.results.tables import map_table
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid
 from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import POSE_COORDINATES
-from ppmcal.outputs.maps import Map
-from ppmcal.outputs.tables import map_table
+from ppmcal.plotting.map_data import Map
 
 MOST_ENTRIES = 500_000
 """jacobian.csv is left out where it would have more rows."""
@@ -181,8 +181,8 @@ def jacobian_table(found: Sensitivity) -> dict[str, Any]:
 def _pictures(found: Sensitivity, grid: Grid | None, shown: Sequence[Map],
               curve: Mapping[str, Array]) -> Iterator[tuple[str, tuple[str, bytes]]]:
     """Yield (file, (caption, PNG)): maps over a grid, and the linearity curve."""
-    from ppmcal.outputs.curve_picture import draw_curves
-    from ppmcal.outputs.map_picture import draw_map
+    from ppmcal.plotting.curves import draw_curves
+    from ppmcal.plotting.maps import draw_map
 
     if grid is not None:
         at = np.where(known(found.table.pose)[:, None],

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal import told
 from ppmcal.calibration.flatness import Flat
 from ppmcal.calibration.identifiability import CALIPER, Untold
+from ppmcal.io.results import identifiability_wording as told
 from ppmcal.model.mechanism import Mechanism
 
 

@@ -13,10 +13,10 @@ from matplotlib.lines import Line2D
 from ppmcal.kinematics.region import Grid, placed
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.outputs.map_panel import Scale, draw_panel
-from ppmcal.outputs.map_profile import draw_profile
-from ppmcal.outputs.maps import Map
-from ppmcal.outputs.picture import (
+from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_panel import Scale, draw_panel
+from ppmcal.plotting.map_profile import draw_profile
+from ppmcal.plotting.style import (
     BODY,
     EDGE,
     FOOT,

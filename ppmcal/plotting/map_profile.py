@@ -10,9 +10,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ppmcal.linalg import Array
-from ppmcal.outputs.map_panel import NO_POSE, NO_VALUE, SINGULAR_CURVE, Scale
-from ppmcal.outputs.maps import Map
-from ppmcal.outputs.picture import (
+from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_panel import NO_POSE, NO_VALUE, SINGULAR_CURVE, Scale
+from ppmcal.plotting.style import (
     BODY,
     EDGE,
     FOOT,

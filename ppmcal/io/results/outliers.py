@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ppmcal import told
 from ppmcal.calibration.homing_shift import Shift
 from ppmcal.calibration.outliers import Blunder, Blunders
+from ppmcal.io.results import identifiability_wording as told
+from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.outputs.identification_units import column_factor, parameter_unit
 
 SHOWN = 5
 

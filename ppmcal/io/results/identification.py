@@ -14,13 +14,13 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Estimate, Identification
 from ppmcal.calibration.validation import Residuals
 from ppmcal.files import csv_text, json_text, write_mechanism
+from ppmcal.io.results.identifiability import entry as untold_entry
+from ppmcal.io.results.identifiability import flat_entries
+from ppmcal.io.results.outliers import entry as blunder_entry
+from ppmcal.io.results.units import column_factor
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Registration
-from ppmcal.outputs.blunder_words import entry as blunder_entry
-from ppmcal.outputs.identification_units import column_factor
-from ppmcal.outputs.untold_words import entry as untold_entry
-from ppmcal.outputs.untold_words import flat_entries
 from ppmcal.units import Units
 
 CORRELATED = 0.95

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from ppmcal.linalg import Array
-from ppmcal.outputs.picture import (
+from ppmcal.plotting.style import (
     BODY,
     GROUND,
     HATCH,

@@ -12,10 +12,10 @@ from ppmcal.design.error_sources import Source
 from ppmcal.design.monte_carlo import Errors, Fleet, Judged
 from ppmcal.design.tolerance_allocation import Allocation, Check, Demand, Share, count
 from ppmcal.files import csv_text, json_text, write_mechanism
+from ppmcal.io.results.tables import pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.tables import pose_columns
 
 STAGES = (("built", "as built"), ("registered", "registered only"), ("calibrated", "calibrated"))
 
@@ -139,7 +139,7 @@ def files(r: Result, content: Mapping[str, Any]) -> dict[str, str | bytes]:
 
 def _picture(r: Result) -> bytes:
     """Return the share of machines below every accuracy, by stage."""
-    from ppmcal.outputs.curve_picture import draw_curves
+    from ppmcal.plotting.curves import draw_curves
 
     length, unit = r.machine.units.factor("length"), r.machine.units.length
     series = []

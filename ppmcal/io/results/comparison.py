@@ -7,8 +7,8 @@ from typing import Any
 
 from ppmcal.calibration.change_detection import Change, Comparison
 from ppmcal.files import csv_text, json_text
+from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.identification_units import column_factor, parameter_unit
 
 
 def files(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, Any],

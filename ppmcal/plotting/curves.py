@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
 from ppmcal.linalg import Array
-from ppmcal.outputs.picture import (
+from ppmcal.plotting.style import (
     BODY,
     EDGE,
     GROUND,

@@ -10,10 +10,10 @@ import numpy as np
 from ppmcal.design.plan.result import Plan
 from ppmcal.files import csv_text, json_text
 from ppmcal.files.columns import ZERO_CELSIUS
+from ppmcal.io.results.plan_wording import findings, said
+from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.plan_words import findings, said
-from ppmcal.outputs.tables import joint_columns, pose_columns, unit_map
 
 PICTURE = "accuracy.png"
 DIGITS = 4
@@ -79,7 +79,7 @@ def _finite(values: Array) -> Array:
 
 def picture(plan: Plan, wanted: float | None) -> bytes:
     """Return the accuracy at the tasks against the number of measurements, PNG."""
-    from ppmcal.outputs.curve_picture import draw_curves
+    from ppmcal.plotting.curves import draw_curves
 
     table, unit = accuracy_table(plan), plan.mechanism.units.length
     n, exchanged = table["n"], table["sigma_position_exchanged"]

@@ -10,11 +10,7 @@ import numpy as np
 
 from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.files import json_text
-from ppmcal.kinematics.region import Grid
-from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.outputs.maps import Map
-from ppmcal.outputs.stiffness_words import (
+from ppmcal.io.results.stiffness_wording import (
     Load,
     across_words,
     home_findings,
@@ -22,7 +18,11 @@ from ppmcal.outputs.stiffness_words import (
     map_findings,
     model_words,
 )
-from ppmcal.outputs.tables import map_table, unit_map
+from ppmcal.io.results.tables import map_table, unit_map
+from ppmcal.kinematics.region import Grid
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.plotting.map_data import Map
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WIDE = 30.0
@@ -100,7 +100,7 @@ def files(study: Study, provenance: Mapping[str, Any]) -> dict[str, str | bytes]
     pictures: dict[str, bytes] = {}
     captions: dict[str, str] = {}
     if study.grid is not None:
-        from ppmcal.outputs.map_picture import draw_map
+        from ppmcal.plotting.maps import draw_map
 
         determinant = study.found.determinant.reshape(study.grid.shape)
         turns = sum(c >= 3 for c in study.mechanism.dof)

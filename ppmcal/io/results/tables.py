@@ -16,7 +16,7 @@ from ppmcal.kinematics.rotations import to_euler, to_quaternion
 from ppmcal.kinematics.tables import Table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.outputs.maps import Map
+from ppmcal.plotting.map_data import Map
 
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
 

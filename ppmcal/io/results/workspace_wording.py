@@ -7,11 +7,11 @@ from math import log10
 from typing import Any
 
 from ppmcal.design.workspace import Workspace
+from ppmcal.io.results.tables import pose_columns
+from ppmcal.io.results.workspace import ModeRow, distance_unit, size_unit, size_word, why
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.tables import pose_columns
-from ppmcal.outputs.workspace_units import ModeRow, distance_unit, size_unit, size_word, why
 
 
 def reach(found: Workspace) -> list[str]:

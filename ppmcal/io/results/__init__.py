@@ -1,0 +1,1 @@
+"""What each command writes, and reads again: entries, tables and their wording."""

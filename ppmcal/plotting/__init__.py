@@ -1,0 +1,1 @@
+"""Pictures: one style, maps and curves."""
