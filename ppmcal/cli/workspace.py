@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ppmcal.design.workspace import Workspace
-    from ppmcal.io.results.workspace import ModeRow
+    from ppmcal.io.results.workspace_wording import ModeRow
 
     Array = NDArray[Any]
 
@@ -88,7 +88,7 @@ def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
     from ppmcal.design.assembly_modes import assembly_modes
     from ppmcal.errors import BadInput, NoResult
     from ppmcal.files import read_joints
-    from ppmcal.io.results.workspace import ModeRow
+    from ppmcal.io.results.workspace_wording import ModeRow
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.inverse import home_state
 
