@@ -37,7 +37,7 @@ from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Z95, estimates, rank_of
 from ppmcal.calibration.validation import fresh_state
-from ppmcal.files import read_mechanism, read_scenario
+from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.scenario import Circle, Random, Scenario

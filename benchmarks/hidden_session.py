@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.observation import coordinates
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import conditioning, forward
 from ppmcal.kinematics.inverse import inverse

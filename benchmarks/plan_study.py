@@ -43,7 +43,7 @@ from ppmcal.design.plan.candidate_poses import evenly, region_of  # noqa: E402
 from ppmcal.design.plan.plan import Options, plan  # noqa: E402
 from ppmcal.design.virtual_instrument import Instrument, default_instrument  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
-from ppmcal.files import read_mechanism  # noqa: E402
+from ppmcal.io import read_mechanism  # noqa: E402
 from ppmcal.model.mechanism import Mechanism  # noqa: E402
 from ppmcal.simulation.scenario import Listed, Scenario  # noqa: E402
 from ppmcal.simulation.simulate import simulate  # noqa: E402

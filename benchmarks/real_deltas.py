@@ -24,7 +24,7 @@ from ppmcal.calibration.fit import Fit, Options
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import residuals
-from ppmcal.files import read_campaign, read_mechanism
+from ppmcal.io import read_campaign, read_mechanism
 
 TOWERS = "abc"
 CLOSE = 0.002

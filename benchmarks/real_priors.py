@@ -35,7 +35,7 @@ from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.calibration.validation import fresh_state, register_only, residuals
-from ppmcal.files import read_campaign, read_mechanism
+from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.linalg import known
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism

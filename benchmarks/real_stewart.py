@@ -26,7 +26,7 @@ from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import estimates, rank_of
 from ppmcal.calibration.validation import closure_lengths, register_only
-from ppmcal.files import read_campaign, read_mechanism
+from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.model.mechanism import Mechanism
 
 SPLITS, FOLDS = 10, 5

@@ -22,7 +22,7 @@ import pytest  # noqa: E402
 
 from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square  # noqa: E402
 from ppmcal.design.error_sources import all_components  # noqa: E402
-from ppmcal.files import read_mechanism  # noqa: E402
+from ppmcal.io import read_mechanism  # noqa: E402
 from ppmcal.kinematics.closure import Model  # noqa: E402
 from ppmcal.kinematics.inverse import inverse  # noqa: E402
 from ppmcal.kinematics.partial_pose import pose_motor  # noqa: E402

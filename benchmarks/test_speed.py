@@ -30,7 +30,7 @@ from numpy.typing import NDArray  # noqa: E402
 from ppmcal.calibration.fit import Fit, Options  # noqa: E402
 from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import CHUNK, Problem  # noqa: E402
-from ppmcal.files import read_mechanism, read_scenario  # noqa: E402
+from ppmcal.io import read_mechanism, read_scenario  # noqa: E402
 from ppmcal.kinematics.closure import Model  # noqa: E402
 from ppmcal.kinematics.forward import forward  # noqa: E402
 from ppmcal.kinematics.registration import Station, predict  # noqa: E402

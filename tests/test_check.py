@@ -9,7 +9,7 @@ from commands import ppmcal
 from machines import CASES, mechanism_text, plain, plain_text, read_text
 
 from ppmcal.calibration.check import DEAD_POINT, check, transmissions
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 
 CONFIGS = sorted((Path(__file__).parents[1] / "configs").glob("*.yaml"))
 

@@ -14,7 +14,7 @@ import yaml
 from commands import columns, number, pick, ppmcal, ppmcal_process, rows, tree, write_csv
 
 from ppmcal.cli import COMMANDS, cli
-from ppmcal.files.folder import RECORD
+from ppmcal.io.folder import RECORD
 
 MACHINES = {"planar": "3-RPR", "translational": "delta-linear", "spatial": "6-UPS"}
 

@@ -19,7 +19,7 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.posterior import Posterior
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import rank_of
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.files import read_mechanism, read_scenario
-from ppmcal.files.scenario import Circle, Random, Scenario
+from ppmcal.io import read_mechanism, read_scenario
+from ppmcal.io.scenario import Circle, Random, Scenario
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import conditioning, forward
 from ppmcal.kinematics.inverse import Inverse, home_state

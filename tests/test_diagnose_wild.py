@@ -30,7 +30,7 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import diagnose as diagnosing
 from ppmcal.diagnosis.refit import of_rows
-from ppmcal.files import read_campaign, read_mechanism
+from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.model.dataset import Dataset
 
 SIDECAR = "s/measurements.yaml"

@@ -30,7 +30,7 @@ from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.selection import DETECT, NAME
 from ppmcal.diagnosis.stage import Stage
-from ppmcal.files.output import plain
+from ppmcal.io.output import plain
 from ppmcal.io.results.diagnosis import summary
 from ppmcal.report.bars import EDGE, width
 from ppmcal.report.data import Diagnosed

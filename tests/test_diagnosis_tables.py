@@ -23,7 +23,7 @@ from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.verdict import findings, next_step
-from ppmcal.files.output import plain
+from ppmcal.io.output import plain
 from ppmcal.io.results.diagnosis import effects_csv, summary
 from ppmcal.report.data import Diagnosed
 from ppmcal.report.diagnosis_section import diagnosis_section

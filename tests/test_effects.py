@@ -18,8 +18,8 @@ from machines import KINDS, Array, delta, difference, full, mixed, spread
 from ppmcal import algebra as cga
 from ppmcal.calibration.observation import stretched
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.files import read_mechanism
-from ppmcal.files.effects import with_effects
+from ppmcal.io import read_mechanism
+from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import (
     conditions_of,

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from commands import EXECUTABLE, columns, number, pick, ppmcal, rows, write_csv
 
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.model.effects import effect_kinds
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from ppmcal.errors import BadInput
-from ppmcal.files import read_mechanism, read_scenario, write_mechanism
+from ppmcal.io import read_mechanism, read_scenario, write_mechanism
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units

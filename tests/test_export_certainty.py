@@ -14,7 +14,7 @@ import yaml
 from commands import ppmcal
 
 from ppmcal.calibration.compensation import compensate, station_of
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ppmcal.errors import BadInput
-from ppmcal.files import (
+from ppmcal.io import (
     read_campaign,
     read_dataset,
     read_joints,

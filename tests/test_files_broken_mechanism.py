@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ppmcal.errors import BadInput
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 
 GOOD = Path(__file__).parent / "broken"
 BENCH, CRANK, RAILS = "good_bench.yaml", "good_crank.yaml", "good_rails.yaml"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ppmcal.errors import BadInput
-from ppmcal.files import (
+from ppmcal.io import (
     csv_text,
     read_campaign,
     read_dataset,

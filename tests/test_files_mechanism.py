@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ppmcal.errors import BadInput
-from ppmcal.files import read_mechanism, write_mechanism
+from ppmcal.io import read_mechanism, write_mechanism
 
 GOOD = Path(__file__).parent / "broken"
 DEG = np.pi / 180.0
@@ -242,7 +242,7 @@ def test_a_moved_direction_keeps_its_drawing(tmp_path):
     path = tmp_path / "out.yaml"
     path.write_text(write_mechanism(m.with_values(g)))
     back = read_mechanism(path)
-    from ppmcal.files.directions import rotation
+    from ppmcal.io.directions import rotation
 
     now, old = back.limbs[0].constants, m.limbs[0].constants
     moved = rotation(g[turn])
@@ -269,8 +269,8 @@ def test_importing_needs_no_scipy():
     import subprocess
     import sys
 
-    code = ("import sys, ppmcal.files.mechanism_reader, ppmcal.files.dataset_reader, "
-            "ppmcal.files.scenario, ppmcal.files.output, ppmcal.files.plausibility; "
+    code = ("import sys, ppmcal.io.mechanism_reader, ppmcal.io.dataset_reader, "
+            "ppmcal.io.scenario, ppmcal.io.output, ppmcal.io.plausibility; "
             "sys.exit('scipy' in sys.modules)")
     assert subprocess.run([sys.executable, "-c", code], cwd=GOOD.parents[1],
                           check=False).returncode == 0

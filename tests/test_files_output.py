@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ppmcal.errors import BadInput
-from ppmcal.files import Output, csv_text, json_text, provenance
-from ppmcal.files.folder import RECORD, running
-from ppmcal.files.yaml_text import read_bytes
+from ppmcal.io import Output, csv_text, json_text, provenance
+from ppmcal.io.folder import RECORD, running
+from ppmcal.io.yaml import read_bytes
 
 
 def test_output_appears_together(tmp_path):

@@ -9,15 +9,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from ppmcal.errors import BadInput
-from ppmcal.files import (
-    read_dataset,
-    read_mechanism,
-    read_poses,
-    read_scenario,
-    write_mechanism,
-)
-from ppmcal.files.exact import decimals, to_file
-from ppmcal.files.yaml_text import dump_yaml, number_text, read_yaml
+from ppmcal.io import read_dataset, read_mechanism, read_poses, read_scenario, write_mechanism
+from ppmcal.io.yaml import decimals, dump_yaml, number_text, read_yaml, to_file
 from ppmcal.model.limbs import kinds
 
 GOOD = Path(__file__).parent / "broken"

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ppmcal.files import read_mechanism, read_scenario
-from ppmcal.files.scenario import Circle, Grid, Helix, Listed, Random
+from ppmcal.io import read_mechanism, read_scenario
+from ppmcal.io.scenario import Circle, Grid, Helix, Listed, Random
 
 GOOD = Path(__file__).parent / "broken"
 BENCH = read_mechanism(GOOD / "good_bench.yaml")

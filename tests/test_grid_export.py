@@ -22,8 +22,8 @@ from ppmcal.controllers.pose_grid import (
     interpolated,
     nearest,
 )
-from ppmcal.files import read_mechanism, write_mechanism
-from ppmcal.files.folder import RECORD
+from ppmcal.io import read_mechanism, write_mechanism
+from ppmcal.io.folder import RECORD
 from ppmcal.kinematics.region import Grid, named
 from ppmcal.model.mechanism import Mechanism
 

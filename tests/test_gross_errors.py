@@ -17,7 +17,7 @@ from test_identify import Options, identify, read_mechanism, read_scenario, repo
 from ppmcal.calibration import fit as fitting
 from ppmcal.calibration.misreading import misfit
 from ppmcal.calibration.problem import Problem
-from ppmcal.files import read_campaign
+from ppmcal.io import read_campaign
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_data"
 MACHINE = SAMPLE / "hexapod.yaml"

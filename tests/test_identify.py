@@ -24,7 +24,7 @@ from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import estimates, rank_of, report
 from ppmcal.calibration.validation import fresh_state
-from ppmcal.files import read_campaign, read_mechanism, read_scenario
+from ppmcal.io import read_campaign, read_mechanism, read_scenario
 from ppmcal.io.results.simulation import files
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward

@@ -17,7 +17,7 @@ from ppmcal.calibration.fit import Fit, Options, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_ratios, with_estimated_noise
 from ppmcal.calibration.problem import Problem
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse

@@ -13,7 +13,7 @@ from ppmcal import algebra as cga
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.intersection import flat_point, forward_by_intersection, intersections
 from ppmcal.errors import NoResult
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.kinematics import forward as newton
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward

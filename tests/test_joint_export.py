@@ -16,7 +16,6 @@ from scipy.optimize import brentq, fsolve
 from ppmcal.controllers.joint_tables import TARGET, joint_tables
 from ppmcal.controllers.knots import knots
 from ppmcal.errors import BadInput
-from ppmcal.files import read_mechanism
 from ppmcal.files.joint_compensation import (
     MOST,
     Triplets,
@@ -25,6 +24,7 @@ from ppmcal.files.joint_compensation import (
     parse_triplets,
     read_triplets,
 )
+from ppmcal.io import read_mechanism
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 BASE = np.array([[0.0, 0.0], [1000.0, 0.0], [500.0, 866.025]])

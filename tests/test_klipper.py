@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from ppmcal.controllers.klipper import drive_of, reached
 from ppmcal.controllers.klipper_fit import project
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.files import read_mechanism
 from ppmcal.files.klipper import (
     Geometry,
     format_geometry,
@@ -25,6 +24,7 @@ from ppmcal.files.klipper import (
     read_geometry,
     read_printer,
 )
+from ppmcal.io import read_mechanism
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 OLD = Geometry(140.0, (210.0, 330.0, 90.0), (300.0,) * 3, (290.0,) * 3)

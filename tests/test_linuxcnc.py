@@ -21,7 +21,6 @@ from scipy.spatial.transform import Rotation
 from ppmcal.controllers.genhexkins import commands, drawn, drive_of, reached, strut_lengths
 from ppmcal.controllers.genhexkins_fit import best, grid, missed
 from ppmcal.errors import BadInput
-from ppmcal.files import read_mechanism
 from ppmcal.files.hal import (
     BASE_N,
     PLATFORM_N,
@@ -33,6 +32,7 @@ from ppmcal.files.hal import (
     parse_joints,
     read_geometry,
 )
+from ppmcal.io import read_mechanism
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.outputs.exported import Exported
 from ppmcal.outputs.linuxcnc_export import export

@@ -10,8 +10,8 @@ import pytest
 from matplotlib import image
 from matplotlib.contour import ContourSet
 
-from ppmcal.files import read_mechanism
-from ppmcal.files.grid_text import read_grid
+from ppmcal.io import read_mechanism
+from ppmcal.io.grid import read_grid
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import inverse_partial
 from ppmcal.kinematics.region import Grid, named, slice_axes, slice_grid

@@ -12,7 +12,7 @@ from commands import ppmcal
 from numpy.typing import NDArray
 
 from ppmcal.calibration.compensation import station_of
-from ppmcal.files import read_mechanism, read_scenario
+from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.registration import predict

@@ -26,7 +26,7 @@ from scipy.optimize import brentq
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.assembly_modes_planar import DEGREE, resultant_spectrum
 from ppmcal.errors import NoResult
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 PLANAR_CONFIGS = [*sorted(p.stem for p in CONFIGS.glob("3-*.yaml") if p.stem != "3-RPS"),

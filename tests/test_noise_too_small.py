@@ -17,7 +17,7 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import _scaled
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
-from ppmcal.files.output import plain
+from ppmcal.io.output import plain
 from ppmcal.io.results.identification import summary
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 

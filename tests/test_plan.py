@@ -23,7 +23,7 @@ from ppmcal.design.plan.refine import PRICE, refined
 from ppmcal.design.plan.settings import SETTABLE, Asked, needs, offered, refuse, with_kinds
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.io.results.plan import accuracy_table, pose_table
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state

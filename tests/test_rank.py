@@ -19,7 +19,7 @@ from ppmcal.calibration.identifiability import analyse
 from ppmcal.calibration.least_squares import column_scale, reduce_rows
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import rank_of
-from ppmcal.files import read_mechanism, read_scenario
+from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.scenario import Circle, Random, Scenario

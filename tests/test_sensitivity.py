@@ -23,7 +23,7 @@ from ppmcal.design.error_jacobian import (
 )
 from ppmcal.design.error_sources import all_components, geometry_only, group_of, sources, tolerances
 from ppmcal.design.sensitivity import Asked, analyse
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
@@ -279,7 +279,7 @@ def test_units_do_not_matter(tmp_path: Path) -> None:
     """The same machine in metres and radians."""
     from dataclasses import replace
 
-    from ppmcal.files import write_mechanism
+    from ppmcal.io import write_mechanism
     from ppmcal.units import Units
 
     m = read_mechanism(CONFIGS / "6-UPS.yaml")

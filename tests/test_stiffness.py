@@ -23,9 +23,9 @@ from scipy.spatial.transform import Rotation
 from ppmcal.design.spring_model import springs_of
 from ppmcal.design.stiffness import Compliance, compliance, stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.files import csv_text, read_mechanism, write_mechanism
-from ppmcal.files.stiffness_reader import joint_names
+from ppmcal.io import csv_text, read_mechanism, write_mechanism
 from ppmcal.io.results.tables import pose_columns
+from ppmcal.io.stiffness import joint_names
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.forward import forward

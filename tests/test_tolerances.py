@@ -25,7 +25,7 @@ from ppmcal.design.recalibration import Recipe, calibrate, predicted
 from ppmcal.design.tolerance_allocation import Demand, Share, check, count
 from ppmcal.design.tolerance_costs import cost, demand, equal_parts, felt, least_cost, one_for_all
 from ppmcal.design.virtual_instrument import Instrument, default_instrument
-from ppmcal.files import read_mechanism, write_mechanism
+from ppmcal.io import read_mechanism, write_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector

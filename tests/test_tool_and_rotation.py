@@ -10,7 +10,7 @@ from commands import ppmcal
 from scipy.spatial.transform import Rotation
 
 from ppmcal.errors import BadInput
-from ppmcal.files.rotation_text import check_convention
+from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import Named, pose_motor, pose_vector

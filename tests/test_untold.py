@@ -17,7 +17,7 @@ from ppmcal.calibration.fit import Fit, Options
 from ppmcal.calibration.identifiability import CALIPER, foreseen, untold
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.io.results.identifiability import sentences
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward

@@ -24,7 +24,7 @@ from machines import (
 
 from ppmcal.design.workspace import workspace
 from ppmcal.errors import NoResult
-from ppmcal.files import read_mechanism
+from ppmcal.io import read_mechanism
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid, placed, slice_axes, slice_grid
 from ppmcal.kinematics.tables import inverse_table

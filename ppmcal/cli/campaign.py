@@ -18,7 +18,7 @@ def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
     import numpy as np
 
     from ppmcal.errors import unknown
-    from ppmcal.files import read_mechanism
+    from ppmcal.io import read_mechanism
     from ppmcal.kinematics.effect_response import with_strokes
     from ppmcal.model.parameters import unmatched
 
@@ -51,7 +51,7 @@ def _recorded(mechanism: Mechanism, data: Dataset) -> None:
 
 def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]:
     """Read measurements, with joints."""
-    from ppmcal.files import read_campaign
+    from ppmcal.io import read_campaign
     from ppmcal.kinematics.tables import with_joints
 
     datasets = read_campaign(list(paths), mechanism)
@@ -62,7 +62,7 @@ def readable(mechanism: Mechanism, paths: Sequence[Path]) -> tuple[Dataset, ...]
 def unit_findings_told(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Iterator[list[str]]:
     """Yield what `check` says of units and limits; a fit that fails inside says it too."""
     from ppmcal.errors import PpmcalError
-    from ppmcal.files import unit_findings
+    from ppmcal.io import unit_findings
 
     found = unit_findings(mechanism, datasets)
     try:
@@ -74,7 +74,7 @@ def unit_findings_told(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Ite
 
 def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
     """Return the machine with the free values of an earlier calibration, and what was odd."""
-    from ppmcal.files import read_mechanism
+    from ppmcal.io import read_mechanism
 
     other = read_mechanism(start)
     notes = same_machine(mechanism, other, start)

@@ -18,7 +18,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.calibration.check import check
     from ppmcal.cli.campaign import load
-    from ppmcal.files import unit_findings
+    from ppmcal.io import unit_findings
     from ppmcal.io.results.identifiability import entry, sentences
 
     console = Console(quiet, as_json)

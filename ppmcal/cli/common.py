@@ -50,13 +50,13 @@ force_option = click.option("--force", is_flag=True,
 def out_option(default: str) -> Callable[[F], F]:
     """Return the options ``--out``, with a default folder, and ``--force``.
 
-    The command's body runs as one run of :mod:`ppmcal.files.folder`: what it reads is never
+    The command's body runs as one run of :mod:`ppmcal.io.folder`: what it reads is never
     replaced, and what it did not write only with ``--force``.
     """
     def decorate(function: F) -> F:
         @functools.wraps(function)
         def body(*args: Any, out: Path, force: bool, **options: Any) -> Any:
-            from ppmcal.files.folder import running
+            from ppmcal.io.folder import running
 
             name = click.get_current_context().command.name or ""
             with running(name, out, force):
@@ -125,7 +125,7 @@ class Console:
     def summary(self, content: Mapping[str, Any]) -> None:
         """Print the summary where ``--json`` asks for it."""
         if self.as_json:
-            from ppmcal.files import json_text
+            from ppmcal.io import json_text
 
             click.echo(json_text(content), nl=False)
 
@@ -169,7 +169,7 @@ def effects_words(mechanism: Mechanism) -> list[str]:
 
 def input_columns(path: Path) -> tuple[tuple[str, ...], list[Any]]:
     """Return header and columns of a table as it stands, to be repeated in the output."""
-    from ppmcal.files import read_table
+    from ppmcal.io import read_table
 
     raw = read_table(path, loose=lambda _: True)
     return raw.header, [raw.numbers.get(h, raw.text.get(h)) for h in raw.header]

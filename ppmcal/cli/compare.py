@@ -44,7 +44,7 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     import numpy as np
 
     from ppmcal.calibration.change_detection import between
-    from ppmcal.files import Output, provenance, read_mechanism
+    from ppmcal.io import Output, provenance, read_mechanism
     from ppmcal.io.results.comparison import files, summary
     from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 

@@ -22,7 +22,7 @@ from ppmcal.cli.common import (
 
 if TYPE_CHECKING:
     from ppmcal.calibration.compensation import Compensation, Knowledge
-    from ppmcal.files.poses import PoseTable
+    from ppmcal.io.poses import PoseTable
     from ppmcal.model.mechanism import Mechanism, Registration
 
 
@@ -49,7 +49,7 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     """
     from ppmcal.calibration.compensation import compensate
     from ppmcal.calibration.model_averaging import Targets, averaged
-    from ppmcal.files import Output, provenance, read_mechanism, read_poses
+    from ppmcal.io import Output, provenance, read_mechanism, read_poses
     from ppmcal.io.results.knowledge import read_knowledge
     from ppmcal.io.results.other_models import read_other_models
     from ppmcal.io.results.tables import command_files

@@ -20,8 +20,8 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
     Check, identify, compensate, diagnose, inverse kinematics, simulation, sensitivity and a
     plan of measurements, one report.
     """
-    from ppmcal.files import Output
-    from ppmcal.templates import sample_data
+    from ppmcal.io import Output
+    from ppmcal.io.templates import sample_data
 
     with Output(out):
         pass    # the folder is the demo's own from now on

@@ -65,8 +65,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     from ppmcal.calibration.misreading import refuse_misread
     from ppmcal.calibration.problem import Problem
     from ppmcal.diagnosis.diagnose import Options, diagnose
-    from ppmcal.files import Output, provenance
-    from ppmcal.files.output import plain
+    from ppmcal.io import Output, provenance
+    from ppmcal.io.output import plain
     from ppmcal.io.results.diagnosis import files, summary
     from ppmcal.report.standalone import diagnosis_files, need_png
 

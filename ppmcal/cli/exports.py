@@ -55,7 +55,7 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     """
     from dataclasses import replace
 
-    from ppmcal.files import Output, provenance, read_mechanism
+    from ppmcal.io import Output, provenance, read_mechanism
     from ppmcal.outputs.certainty import KNOWLEDGE, certainty
     from ppmcal.outputs.exported import all_files, exporter, summary
 

@@ -77,7 +77,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     from ppmcal.calibration.misreading import refuse_misread
     from ppmcal.calibration.problem import Problem
     from ppmcal.calibration.summary import report
-    from ppmcal.files import Output, provenance
+    from ppmcal.io import Output, provenance
     from ppmcal.io.results.identification import files, summary
     from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 

@@ -18,7 +18,7 @@ from ppmcal.cli.common import FILE, Console, json_option, plain_table, quiet_opt
 def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_json: bool) -> None:
     """Write a commented mechanism file for KIND (none: list the kinds)."""
     from ppmcal.errors import BadInput
-    from ppmcal.templates import find_template, templates
+    from ppmcal.io.templates import find_template, templates
 
     console = Console(quiet, as_json)
     if kind is None:

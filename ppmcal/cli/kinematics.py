@@ -66,9 +66,9 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     ppmcal kinematics forward 3-RPR.yaml joints.csv --method intersection
     ppmcal kinematics velocity 3-RPR.yaml moves.csv --tool 30,-15
     """
-    from ppmcal.files import Output, provenance, read_mechanism
-    from ppmcal.files.rotation_text import check_convention
+    from ppmcal.io import Output, provenance, read_mechanism
     from ppmcal.io.results.tables import LOCKED, kinematics_files
+    from ppmcal.io.rotations import check_convention
 
     console = Console(quiet, as_json)
     if which != "forward" and (dataset is not None or method != "newton"):
@@ -114,7 +114,7 @@ class _Asked(NamedTuple):
 def _point(tool: str | None, mechanism: Mechanism) -> NDArray[Any] | None:
     """Return the tool point (3,), m; one of a planar machine is in its plane."""
     from ppmcal.errors import BadInput
-    from ppmcal.files.point_text import read_point
+    from ppmcal.io.grid import read_point
 
     if tool is None:
         return None
@@ -157,7 +157,7 @@ def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Con
 
     from ppmcal.design.intersection import forward_by_intersection
     from ppmcal.errors import BadInput
-    from ppmcal.files import read_joints, read_poses, twists
+    from ppmcal.io import read_joints, read_poses, twists
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.partial_pose import Named
     from ppmcal.kinematics.tables import forward_table, inverse_table, velocity_table

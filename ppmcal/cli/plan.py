@@ -59,10 +59,10 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     from ppmcal.design.plan.settings import Asked
     from ppmcal.design.virtual_instrument import default_instrument
     from ppmcal.errors import BadInput
-    from ppmcal.files import Output, provenance, read_mechanism, read_poses
-    from ppmcal.files.instrument import read_instrument
+    from ppmcal.io import Output, provenance, read_mechanism, read_poses
     from ppmcal.io.results.plan import files, record
     from ppmcal.io.results.plan_wording import findings, said
+    from ppmcal.io.sidecar import read_instrument
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)

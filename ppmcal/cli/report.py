@@ -16,7 +16,7 @@ from ppmcal.cli.common import FOLDER, Console, finish, json_option, out_option, 
 @json_option
 def command(dirs: tuple[Path, ...], out: Path, quiet: bool, as_json: bool) -> None:
     """Gather the output folders DIRS into report.html and report.json."""
-    from ppmcal.files import Output, json_text
+    from ppmcal.io import Output, json_text
     from ppmcal.report import collect, to_html, to_json
 
     console = Console(quiet, as_json)

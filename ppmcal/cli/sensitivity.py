@@ -72,8 +72,8 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     from ppmcal.design.error_sources import all_components as components
     from ppmcal.design.sensitivity import Asked, analyse
     from ppmcal.errors import BadInput
-    from ppmcal.files import Output, provenance, read_mechanism, read_poses
-    from ppmcal.files.point_text import metric_length, read_point
+    from ppmcal.io import Output, provenance, read_mechanism, read_poses
+    from ppmcal.io.grid import metric_length, read_point
     from ppmcal.io.results.sensitivity import files
 
     console = Console(quiet, as_json)
@@ -112,7 +112,7 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
 def _grid(machine: Mechanism, grid: str | None, poses: Path | None, home_only: bool
           ) -> Grid | None:
     from ppmcal.errors import BadInput
-    from ppmcal.files.grid_text import read_grid
+    from ppmcal.io.grid import read_grid
 
     if sum((grid is not None, poses is not None, home_only)) > 1:
         raise BadInput("only one of --poses, --grid and --home-only can be given", "",

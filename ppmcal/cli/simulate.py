@@ -33,7 +33,7 @@ def command(mech: Path, scenario: Path, out: Path, seed: int | None, quiet: bool
 
     Writes measurements.csv, measurements.yaml and truth.json.
     """
-    from ppmcal.files import Output, provenance, read_mechanism, read_scenario
+    from ppmcal.io import Output, provenance, read_mechanism, read_scenario
     from ppmcal.io.results.simulation import files
     from ppmcal.simulation.simulate import simulate
 

@@ -60,8 +60,8 @@ def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: st
     if load_text is not None and payload is not None:
         raise click.UsageError("Give --load or --payload, not both.")
     from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
-    from ppmcal.files import Output, provenance, read_mechanism
-    from ppmcal.files.point_text import read_point
+    from ppmcal.io import Output, provenance, read_mechanism
+    from ppmcal.io.grid import read_point
     from ppmcal.io.results.stiffness import Study, files, record, share_table
 
     console = Console(quiet, as_json)
@@ -100,8 +100,8 @@ def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: st
 def _poses(grid_text: str | None, poses: Path | None, mechanism: Mechanism
            ) -> tuple[Grid | None, Array, list[str]]:
     """Return the grid, if there is one, the wanted poses (N, 6), and notes on them."""
-    from ppmcal.files import read_poses
-    from ppmcal.files.grid_text import read_grid
+    from ppmcal.io import read_poses
+    from ppmcal.io.grid import read_grid
 
     if poses is not None:
         table = read_poses(poses, mechanism)

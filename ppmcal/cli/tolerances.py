@@ -69,7 +69,7 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     yield.png and tolerances.json.
     """
     from ppmcal.cli.tolerances_job import Job, solve
-    from ppmcal.files import Output, provenance, read_mechanism
+    from ppmcal.io import Output, provenance, read_mechanism
     from ppmcal.io.results.tolerances import files, record
 
     console = Console(quiet, as_json)

@@ -17,10 +17,10 @@ from ppmcal.design.recalibration import Recipe, predicted
 from ppmcal.design.tolerance_allocation import Demand, allocate, check, simulate
 from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.errors import BadInput
-from ppmcal.files import read_poses
-from ppmcal.files.instrument import read_instrument
-from ppmcal.files.point_text import metric_length, read_point
+from ppmcal.io import read_poses
+from ppmcal.io.grid import metric_length, read_point
 from ppmcal.io.results.tolerances import Result
+from ppmcal.io.sidecar import read_instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector

@@ -51,8 +51,8 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     workspace.json and a picture of each map.
     """
     from ppmcal.design.workspace import workspace
-    from ppmcal.files import Output, provenance, read_mechanism
-    from ppmcal.files.grid_text import read_grid
+    from ppmcal.io import Output, provenance, read_mechanism
+    from ppmcal.io.grid import read_grid
     from ppmcal.io.results.workspace import pictures, summary, tables, text
     from ppmcal.io.results.workspace_wording import modes, reach, singular
 
@@ -87,7 +87,7 @@ def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
     """Return the assembly modes at home's joints, or for each row of a file."""
     from ppmcal.design.assembly_modes import assembly_modes
     from ppmcal.errors import BadInput, NoResult
-    from ppmcal.files import read_joints
+    from ppmcal.io import read_joints
     from ppmcal.io.results.workspace_wording import ModeRow
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.inverse import home_state

@@ -19,7 +19,7 @@ from pathlib import Path
 from textwrap import wrap
 
 from ppmcal.errors import BadInput
-from ppmcal.files.yaml_text import read_bytes
+from ppmcal.io.yaml import read_bytes
 
 STRUTS = 6
 DIGITS = 7

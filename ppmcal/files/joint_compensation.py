@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.files.yaml_text import read_bytes
+from ppmcal.io.yaml import read_bytes
 from ppmcal.linalg import Array
 
 MOST = 256

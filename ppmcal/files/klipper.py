@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.yaml_text import read_bytes
+from ppmcal.io.yaml import read_bytes
 
 TOWERS = ("a", "b", "c")
 ANGLES = (210.0, 330.0, 90.0)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.yaml_text import read_bytes
+from ppmcal.io.yaml import read_bytes
 
 DIGITS = 4
 """Decimals of what is written: what single precision holds of 500 mm, in one line of below 100

@@ -12,7 +12,7 @@ import numpy as np
 
 from ppmcal.controllers.misses import Misses
 from ppmcal.errors import unknown
-from ppmcal.files import json_text
+from ppmcal.io import json_text
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.outputs.certainty import UNKNOWN, Certainty

@@ -18,7 +18,7 @@ from ppmcal.controllers.pose_grid import (
     tried_between,
 )
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.files import csv_text, read_poses
+from ppmcal.io import csv_text, read_poses
 from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.kinematics.region import Grid, named
 from ppmcal.linalg import Array

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.files import csv_text
 from ppmcal.files.klipper import TOWERS, Printer
+from ppmcal.io import csv_text
 
 HEIGHT_SIGMA = 0.02
 DISTANCE_SIGMA = 0.05

@@ -21,7 +21,6 @@ from ppmcal.controllers.genhexkins import (
 )
 from ppmcal.controllers.genhexkins_fit import EXACT, best, grid, missed, within
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.files import read_poses
 from ppmcal.files.hal import (
     STRUTS,
     Geometry,
@@ -34,6 +33,7 @@ from ppmcal.files.hal import (
     read_geometry,
     read_hal,
 )
+from ppmcal.io import read_poses
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import Mechanism

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.files.records import NUMBER, TEXT, read_json
+from ppmcal.io.json import NUMBER, TEXT, read_json
 from ppmcal.linalg import Array
 from ppmcal.report.compare_section import COMPARISON
 from ppmcal.report.compare_section import WORDS as COMPARE_WORDS

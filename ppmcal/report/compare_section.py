@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.files.records import NUMBER, TEXT
+from ppmcal.io.json import NUMBER, TEXT
 from ppmcal.report import svg
 from ppmcal.report.bars import fitting
 from ppmcal.report.data import Columns, Other

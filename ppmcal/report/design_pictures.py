@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.files.records import AGAIN, NUMBER, TEXT, read_json
+from ppmcal.io.json import AGAIN, NUMBER, TEXT, read_json
 from ppmcal.report.data import Designed, Picture, Record
 from ppmcal.report.sources import read_columns
 

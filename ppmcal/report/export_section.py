@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ppmcal.files.records import NUMBER, TEXT
+from ppmcal.io.json import NUMBER, TEXT
 from ppmcal.report import svg
 from ppmcal.report.bars import EDGE, Bars, linear_scale
 from ppmcal.report.data import Other

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal import __version__
-from ppmcal.files.output import plain
+from ppmcal.io.output import plain
 from ppmcal.report.compare_section import parameters
 from ppmcal.report.data import Columns, Comparison, Identified, ReportData, Rows
 from ppmcal.report.design_section import look_at

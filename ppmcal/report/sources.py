@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.files.folder import note_read
-from ppmcal.files.records import AGAIN
+from ppmcal.io.folder import note_read
+from ppmcal.io.json import AGAIN
 from ppmcal.linalg import Array
 from ppmcal.report.data import Columns
 from ppmcal.report.numbers import LARGEST

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from ppmcal.files.records import NUMBER, TEXT
+from ppmcal.io.json import NUMBER, TEXT
 from ppmcal.io.results import identifiability_wording as told
 from ppmcal.report.numbers import exact, number
 from ppmcal.report.tables import MAX_ROWS, amount, bullets, dotted, paragraph, table, words

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ppmcal.calibration.change_detection import Change, Comparison
-from ppmcal.files import csv_text, json_text
+from ppmcal.io import csv_text, json_text
 from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.model.mechanism import Mechanism
 

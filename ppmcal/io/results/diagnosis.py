@@ -15,8 +15,8 @@ from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.plot_data import Story, story
 from ppmcal.diagnosis.residual_series import Series
 from ppmcal.diagnosis.result import Diagnosis, NamedEffect
-from ppmcal.files import csv_text, json_text, write_mechanism
-from ppmcal.files.columns import ZERO_CELSIUS
+from ppmcal.io import csv_text, json_text, write_mechanism
+from ppmcal.io.measurement_columns import ZERO_CELSIUS
 from ppmcal.io.results.identification import residuals_csv
 from ppmcal.io.results.identification import summary as identification_summary
 from ppmcal.io.results.tables import joint_columns

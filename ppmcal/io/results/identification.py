@@ -13,7 +13,7 @@ from ppmcal.calibration.posterior import of_data
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Estimate, Identification
 from ppmcal.calibration.validation import Residuals
-from ppmcal.files import csv_text, json_text, write_mechanism
+from ppmcal.io import csv_text, json_text, write_mechanism
 from ppmcal.io.results.identifiability import entry as untold_entry
 from ppmcal.io.results.identifiability import flat_entries
 from ppmcal.io.results.outliers import entry as blunder_entry

@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal.calibration.compensation import Knowledge
 from ppmcal.calibration.posterior import Posterior
 from ppmcal.errors import BadInput
-from ppmcal.files.records import FINITE, TEXT, read_json
+from ppmcal.io.json import FINITE, TEXT, read_json
 from ppmcal.io.results.units import column_factor
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.units import Units

@@ -7,8 +7,8 @@ from typing import Any
 
 from ppmcal.calibration.model_averaging import Reading, Readings
 from ppmcal.errors import BadInput
-from ppmcal.files import read_mechanism
-from ppmcal.files.records import FINITE, TEXT, read_json
+from ppmcal.io import read_mechanism
+from ppmcal.io.json import FINITE, TEXT, read_json
 from ppmcal.model.mechanism import Mechanism
 
 RECORD = "diagnosis.json"

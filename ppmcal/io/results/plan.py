@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ppmcal.design.plan.result import Plan
-from ppmcal.files import csv_text, json_text
-from ppmcal.files.columns import ZERO_CELSIUS
+from ppmcal.io import csv_text, json_text
+from ppmcal.io.measurement_columns import ZERO_CELSIUS
 from ppmcal.io.results.plan_wording import findings, said
 from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.linalg import Array

@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.design.error_jacobian import Poses, determinants, error_jacobian
 from ppmcal.design.error_sources import Source
 from ppmcal.design.sensitivity import Sensitivity
-from ppmcal.files import csv_text, json_text
+from ppmcal.io import csv_text, json_text
 from ppmcal.io.results.tables import map_table
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor

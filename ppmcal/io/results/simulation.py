@@ -9,9 +9,9 @@ import numpy as np
 import yaml
 
 from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates_of
-from ppmcal.files import csv_text, json_text
-from ppmcal.files.columns import ZERO_CELSIUS
-from ppmcal.files.effects import effects_tree
+from ppmcal.io import csv_text, json_text
+from ppmcal.io.effects import effects_tree
+from ppmcal.io.measurement_columns import ZERO_CELSIUS
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario

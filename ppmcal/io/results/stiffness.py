@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.design.stiffness import Home, Principal, Stiffnesses
-from ppmcal.files import json_text
+from ppmcal.io import json_text
 from ppmcal.io.results.stiffness_wording import (
     Load,
     across_words,

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.calibration.compensation import Compensation
-from ppmcal.files import csv_text, json_text
-from ppmcal.files.rotation_text import EULER, columns_of
+from ppmcal.io import csv_text, json_text
+from ppmcal.io.rotations import EULER, columns_of
 from ppmcal.kinematics.rotations import to_euler, to_quaternion
 from ppmcal.kinematics.tables import Table
 from ppmcal.linalg import Array

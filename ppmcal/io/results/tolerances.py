@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal.design.error_sources import Source
 from ppmcal.design.monte_carlo import Errors, Fleet, Judged
 from ppmcal.design.tolerance_allocation import Allocation, Check, Demand, Share, count
-from ppmcal.files import csv_text, json_text, write_mechanism
+from ppmcal.io import csv_text, json_text, write_mechanism
 from ppmcal.io.results.tables import pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.design.workspace import Workspace
-from ppmcal.files import csv_text, json_text
+from ppmcal.io import csv_text, json_text
 from ppmcal.io.results.tables import joint_columns, map_table, pose_columns, unit_map
 from ppmcal.io.results.workspace_wording import (
     ModeRow,

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.exact import to_file
-from ppmcal.files.schema import LARGEST, show
+from ppmcal.io.schema import LARGEST, show
+from ppmcal.io.yaml import to_file
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.limbs.chain import JOINT_COMPONENTS
 from ppmcal.model.mechanism import Limb, Mechanism

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from ppmcal.files.schema import (
+from ppmcal.io.schema import (
     Count,
     Label,
     Number,

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
-from ppmcal.files.schema import show
-from ppmcal.files.yaml_text import read_yaml
+from ppmcal.io.schema import show
+from ppmcal.io.yaml import read_yaml
 
 MAX_FILES = 20
 

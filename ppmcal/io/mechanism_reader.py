@@ -10,18 +10,17 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files import parameter_reader as assemble
-from ppmcal.files.directions import rotation, square
-from ppmcal.files.drafts import Draft
-from ppmcal.files.effects import with_effects
-from ppmcal.files.exact import decimals
-from ppmcal.files.limb_reader import LimbReader, limb_kind
-from ppmcal.files.mechanism_schema import MechanismFile, TolerancesFile
-from ppmcal.files.merge import read_merged
-from ppmcal.files.pose_text import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity
-from ppmcal.files.schema import check, dotted
-from ppmcal.files.slot_forms import word
-from ppmcal.files.stiffness_reader import read_stiffness
+from ppmcal.io import parameter_reader as assemble
+from ppmcal.io.directions import rotation, square
+from ppmcal.io.effects import with_effects
+from ppmcal.io.limb_reader import LimbReader, limb_kind
+from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
+from ppmcal.io.parameter_reader import Draft
+from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity
+from ppmcal.io.schema import check, dotted
+from ppmcal.io.stiffness import read_stiffness
+from ppmcal.io.yaml import decimals
+from ppmcal.io.yaml_merge import read_merged
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism, Registration
 from ppmcal.model.parameters import Parameter, free_indices
@@ -220,7 +219,7 @@ def _limits(file: MechanismFile, actuators: Sequence[str], factors: Array, sourc
 def _gravity(file: MechanismFile, source: str) -> Array:
     if file.gravity is None:
         return np.array([0.0, -1.0, 0.0] if file.motion == "planar" else [0.0, 0.0, -1.0])
-    from ppmcal.files.directions import unit
+    from ppmcal.io.directions import unit
 
     if len(file.gravity) == 2 and file.motion != "planar":
         raise BadInput("two numbers cannot be a direction in space", f"{source}: gravity",

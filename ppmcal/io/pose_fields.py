@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.schema import Number as _Number
-from ppmcal.files.schema import Strict, check
+from ppmcal.io.schema import Number as _Number
+from ppmcal.io.schema import Strict, check
 from ppmcal.linalg import Array
 from ppmcal.units import Units
 
@@ -117,7 +117,7 @@ def _put_quaternion(out: Array, given: dict[str, float], place: str) -> None:
 
 def pose_to_map(pose: Array, allowed: Sequence[str], units: Units) -> dict[str, float]:
     """Return the mapping that :func:`pose_from_map` reads back as ``pose`` (6,)."""
-    from ppmcal.files.exact import to_file
+    from ppmcal.io.yaml import to_file
 
     return {name: to_file(float(pose[i]), units.factor(quantity(name)))
             for i, name in enumerate(COORDINATES) if name in allowed}

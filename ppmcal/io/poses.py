@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
-from ppmcal.files import columns as cols
-from ppmcal.files.columns import further_columns, joint_factors, stacked
-from ppmcal.files.pose_text import COORDINATES, QUATERNION
-from ppmcal.files.rotation_text import EULER, under_vector_names
-from ppmcal.files.schema import hint
-from ppmcal.files.table import Table, read_table
+from ppmcal.io import measurement_columns as cols
+from ppmcal.io.csv import Table, read_table
+from ppmcal.io.measurement_columns import further_columns, joint_factors, stacked
+from ppmcal.io.pose_fields import COORDINATES, QUATERNION
+from ppmcal.io.rotations import EULER, under_vector_names
+from ppmcal.io.schema import hint
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.errors import BadInput
-from ppmcal.files.folder import note_read
+from ppmcal.io.folder import note_read
 
 AGAIN = "Run the command that writes it again"
 MAX_DEPTH_MEND = "It is nested too deeply to be one of ppmcal's files"

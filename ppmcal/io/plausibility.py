@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.files.columns import row_list
-from ppmcal.files.sidecar import sidecar_path
+from ppmcal.io.measurement_columns import row_list
+from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset

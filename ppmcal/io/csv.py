@@ -20,7 +20,7 @@ import numpy as np
 from pydantic_core import from_json
 
 from ppmcal.errors import BadInput
-from ppmcal.files.yaml_text import read_bytes
+from ppmcal.io.yaml import read_bytes
 from ppmcal.linalg import Array
 
 CHUNK = 1 << 20

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.columns import ZERO_CELSIUS, joint_factors
-from ppmcal.files.effects import with_effects
-from ppmcal.files.pose_text import COORDINATES, pose_from_map
-from ppmcal.files.poses import read_poses
-from ppmcal.files.scenario_schema import PosesFile, ScenarioFile
-from ppmcal.files.schema import LARGEST, check, hint, show
-from ppmcal.files.sidecar import actuator_noise, frame_of, point_of, rotation_of
-from ppmcal.files.yaml_text import read_yaml
+from ppmcal.io.effects import with_effects
+from ppmcal.io.measurement_columns import ZERO_CELSIUS, joint_factors
+from ppmcal.io.pose_fields import COORDINATES, pose_from_map
+from ppmcal.io.poses import read_poses
+from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
+from ppmcal.io.schema import LARGEST, check, hint, show
+from ppmcal.io.sidecar import actuator_noise, frame_of, point_of, rotation_of
+from ppmcal.io.yaml import read_yaml
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import Mechanism

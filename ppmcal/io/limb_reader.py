@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.directions import square, to_nominal, unit
-from ppmcal.files.drafts import Draft, Entry
-from ppmcal.files.mechanism_schema import DirectionFile, SlotFile
-from ppmcal.files.schema import check, show
-from ppmcal.files.slot_forms import TURNS, groups, point_parts, word
+from ppmcal.io.directions import square, to_nominal, unit
+from ppmcal.io.mechanism_schema import TURNS, DirectionFile, SlotFile, groups, point_parts, word
+from ppmcal.io.parameter_reader import Draft, Entry
+from ppmcal.io.schema import check, show
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind
 from ppmcal.model.limbs.chain import SlotSpec

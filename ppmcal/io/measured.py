@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ppmcal.calibration.observation import NUMBERS
 from ppmcal.errors import BadInput
-from ppmcal.files.columns import rotations, row_list, stacked
-from ppmcal.files.pose_text import COORDINATES, QUATERNION
-from ppmcal.files.sidecar import SidecarFile, sigma_needs
-from ppmcal.files.table import Table
+from ppmcal.io.csv import Table
+from ppmcal.io.measurement_columns import rotations, row_list, stacked
+from ppmcal.io.pose_fields import COORDINATES, QUATERNION
+from ppmcal.io.sidecar import SidecarFile, sigma_needs
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.pose_text import COORDINATES, QUATERNION
-from ppmcal.files.table import Table
+from ppmcal.io.csv import Table
+from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.kinematics.rotations import CONVENTIONS
 from ppmcal.model.mechanism import Mechanism
 

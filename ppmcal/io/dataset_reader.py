@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files import columns as cols
-from ppmcal.files.columns import further_columns, row_list, stacked
-from ppmcal.files.measured import Measured, measured
-from ppmcal.files.sidecar import (
+from ppmcal.io import measurement_columns as cols
+from ppmcal.io.csv import Table, read_table
+from ppmcal.io.measured import Measured, measured
+from ppmcal.io.measurement_columns import further_columns, row_list, stacked
+from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
     frame_of,
@@ -25,8 +26,7 @@ from ppmcal.files.sidecar import (
     rotation_of,
     sidecar_path,
 )
-from ppmcal.files.table import Table, read_table
-from ppmcal.files.yaml_text import number_text
+from ppmcal.io.yaml import number_text
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown

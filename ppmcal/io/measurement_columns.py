@@ -9,15 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
-from ppmcal.files.pose_text import (
-    COORDINATES,
-    NORM_TOLERANCE,
-    QUATERNION,
-    factors,
-    rotation_vectors,
-)
-from ppmcal.files.schema import hint
-from ppmcal.files.table import Table, refuse_absurd
+from ppmcal.io.csv import Table, refuse_absurd
+from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
+from ppmcal.io.schema import hint
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units

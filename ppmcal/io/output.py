@@ -20,7 +20,7 @@ import numpy as np
 
 from ppmcal import __version__
 from ppmcal.errors import BadInput
-from ppmcal.files.folder import RECORD, check_files, current, note_read, record_text
+from ppmcal.io.folder import RECORD, check_files, current, note_read, record_text
 
 CHUNK = 20_000
 
@@ -29,7 +29,7 @@ class Output:
     """Several files that appear together in a folder, or not at all.
 
     They replace neither inputs of the run under way nor, unless it is forced to, what its
-    command did not write: see :mod:`ppmcal.files.folder`.
+    command did not write: see :mod:`ppmcal.io.folder`.
 
     Use it as ``with Output("out") as out: out.add("a.csv", text)``: the files are written when
     the block ends without an error. Or call :meth:`write`.

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.files.exact import to_file
-from ppmcal.files.schema import Flag, Label, Number, Spread, Strict, check, refuse, show
+from ppmcal.io.schema import Flag, Label, Number, Spread, Strict, check, refuse, show
+from ppmcal.io.yaml import to_file
 from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds, find_effect
 from ppmcal.model.mechanism import Effect, Given, Mechanism, joint_quantity, resolved, with_effect
 from ppmcal.model.parameters import free_indices

@@ -11,14 +11,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ppmcal.files.dataset_reader import read_campaign, read_dataset
-    from ppmcal.files.mechanism_reader import read_mechanism
-    from ppmcal.files.mechanism_writer import write_mechanism
-    from ppmcal.files.output import Output, csv_text, json_text, provenance
-    from ppmcal.files.plausibility import unit_findings
-    from ppmcal.files.poses import JointTable, PoseTable, read_joints, read_poses, twists
-    from ppmcal.files.scenario import Scenario, read_scenario
-    from ppmcal.files.table import Table, read_table
+    from ppmcal.io.csv import Table, read_table
+    from ppmcal.io.dataset_reader import read_campaign, read_dataset
+    from ppmcal.io.mechanism_reader import read_mechanism
+    from ppmcal.io.mechanism_writer import write_mechanism
+    from ppmcal.io.output import Output, csv_text, json_text, provenance
+    from ppmcal.io.plausibility import unit_findings
+    from ppmcal.io.poses import JointTable, PoseTable, read_joints, read_poses, twists
+    from ppmcal.io.scenario import Scenario, read_scenario
 
 _HOME = {
     "read_campaign": "dataset_reader", "read_dataset": "dataset_reader",
@@ -28,7 +28,7 @@ _HOME = {
     "JointTable": "poses", "PoseTable": "poses", "read_joints": "poses", "read_poses": "poses",
     "twists": "poses",
     "Scenario": "scenario", "read_scenario": "scenario",
-    "Table": "table", "read_table": "table",
+    "Table": "csv", "read_table": "csv",
 }
 
 __all__ = [
