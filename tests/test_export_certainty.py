@@ -14,12 +14,12 @@ import yaml
 from commands import ppmcal
 
 from ppmcal.calibration.compensation import compensate, station_of
+from ppmcal.controllers.export import exporter
+from ppmcal.controllers.model_uncertainty import certainty
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.outputs.certainty import certainty
-from ppmcal.outputs.exported import exporter
 from ppmcal.report.data import Other
 from ppmcal.report.export_section import export_section
 

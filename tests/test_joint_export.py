@@ -13,10 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, fsolve
 
-from ppmcal.controllers.joint_tables import TARGET, joint_tables
-from ppmcal.controllers.knots import knots
-from ppmcal.errors import BadInput
-from ppmcal.files.joint_compensation import (
+from ppmcal.controllers.joint_tables import TARGET, joint_tables, knots
+from ppmcal.controllers.joint_tables_file import (
     MOST,
     Triplets,
     correction,
@@ -24,6 +22,7 @@ from ppmcal.files.joint_compensation import (
     parse_triplets,
     read_triplets,
 )
+from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

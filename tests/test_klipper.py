@@ -15,15 +15,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ppmcal.controllers.klipper import drive_of, reached
-from ppmcal.controllers.klipper_fit import project
-from ppmcal.errors import BadInput, NoResult
-from ppmcal.files.klipper import (
+from ppmcal.controllers.klipper_config import (
     Geometry,
     format_geometry,
     parse_config,
     read_geometry,
     read_printer,
 )
+from ppmcal.controllers.klipper_fit import project
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_mechanism
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -18,10 +18,11 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from ppmcal.controllers.genhexkins import commands, drawn, drive_of, reached, strut_lengths
-from ppmcal.controllers.genhexkins_fit import best, grid, missed
-from ppmcal.errors import BadInput
-from ppmcal.files.hal import (
+from ppmcal.controllers.export import Exported
+from ppmcal.controllers.linuxcnc import commands, drawn, drive_of, reached, strut_lengths
+from ppmcal.controllers.linuxcnc_export import export
+from ppmcal.controllers.linuxcnc_fit import best, grid, missed
+from ppmcal.controllers.linuxcnc_hal import (
     BASE_N,
     PLATFORM_N,
     Geometry,
@@ -32,10 +33,9 @@ from ppmcal.files.hal import (
     parse_joints,
     read_geometry,
 )
+from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.outputs.exported import Exported
-from ppmcal.outputs.linuxcnc_export import export
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 UPS = CONFIGS / "6-UPS.yaml"

@@ -17,7 +17,7 @@ from ppmcal.controllers import klipper
 from ppmcal.controllers.klipper import drive_of
 from ppmcal.controllers.klipper_fit import misses_at
 from ppmcal.controllers.reprap import delta_of, geometry_of, project, reached, travel
-from ppmcal.files.reprap import Delta, format_delta, parse_lines, read_delta
+from ppmcal.controllers.reprap_config import Delta, format_delta, parse_lines, read_delta
 from ppmcal.io import read_mechanism
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"

@@ -21,7 +21,7 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.outputs.exported import Exported
+    from ppmcal.controllers.export import Exported
 
 ROWS = 24
 LEAST = 1e-4
@@ -55,9 +55,9 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     """
     from dataclasses import replace
 
+    from ppmcal.controllers.export import all_files, exporter, summary
+    from ppmcal.controllers.model_uncertainty import KNOWLEDGE, certainty
     from ppmcal.io import Output, provenance, read_mechanism
-    from ppmcal.outputs.certainty import KNOWLEDGE, certainty
-    from ppmcal.outputs.exported import all_files, exporter, summary
 
     console = Console(quiet, as_json)
     writer = exporter(form)

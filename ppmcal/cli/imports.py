@@ -36,9 +36,9 @@ def command(form: str, file: Path, out: Path, rods: str | None, quiet: bool, as_
     DELTA_CALIBRATE saved in it. Writes machine.yaml, heights.csv and .yaml, and distances.csv and
     .yaml where there are any.
     """
-    from ppmcal.files.klipper import find_format, read_printer
+    from ppmcal.controllers.klipper_config import find_format, read_printer
+    from ppmcal.controllers.klipper_export import files, rods_of
     from ppmcal.io import Output, provenance
-    from ppmcal.outputs.klipper_import import files, rods_of
 
     console = Console(quiet, as_json)
     find_format(form)

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal.controllers.klipper_config import TOWERS, Geometry
 from ppmcal.errors import BadInput
-from ppmcal.files.klipper import TOWERS, Geometry
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state

@@ -16,8 +16,8 @@ from scipy.optimize import least_squares
 
 from ppmcal.controllers.klipper import MM, Drive, drawn, drive_of, follows, reached, travel, triple
 from ppmcal.controllers.klipper import axis as tower_axis
+from ppmcal.controllers.klipper_config import Geometry
 from ppmcal.errors import NoResult
-from ppmcal.files.klipper import Geometry
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 

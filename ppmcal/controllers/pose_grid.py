@@ -19,7 +19,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from ppmcal.calibration.compensation import compensate
-from ppmcal.controllers.misses import Misses, misses
+from ppmcal.controllers.pose_errors import Misses, misses
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach

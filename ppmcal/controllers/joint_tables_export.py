@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ppmcal.controllers.export import Exported, Lacking, Number, figure
 from ppmcal.controllers.joint_tables import (
     JointTable,
     Trial,
@@ -18,10 +19,9 @@ from ppmcal.controllers.joint_tables import (
     trial,
     tried,
 )
+from ppmcal.controllers.joint_tables_file import MOST, format_triplets, parse_triplets
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.files.joint_compensation import MOST, format_triplets, parse_triplets
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.exported import Exported, Lacking, Number, figure
 
 SEED = 1
 INSTRUMENT = ("sensor_scale", "tilt")
@@ -29,7 +29,7 @@ INSTRUMENT = ("sensor_scale", "tilt")
 
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
-    """Return the machine's joints as tables; see :class:`ppmcal.outputs.exported.Exporter`."""
+    """Return the machine's joints as tables; see :class:`ppmcal.controllers.export.Exporter`."""
     if old is not None:
         raise BadInput("joint tables replace the present ones, whatever they hold", "--old",
                        "Leave it out; measure with the present tables switched off")

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.controllers.export import Exported, Lacking, figure
+from ppmcal.controllers.joint_tables_export import INSTRUMENT, instrument_notes
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
@@ -23,15 +25,13 @@ from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.kinematics.region import Grid, named
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.outputs.exported import Exported, Lacking, figure
-from ppmcal.outputs.joints_export import INSTRUMENT, instrument_notes
 
 TABLE = "grid.csv"
 SEED = 1
 
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
-    """Return the machine as a table of poses; see :class:`ppmcal.outputs.exported.Exporter`."""
+    """Return the machine as a table of poses; see :class:`ppmcal.controllers.export.Exporter`."""
     if old is not None:
         raise BadInput("a grid of poses is compared with the drawing, not with another grid",
                        "--old", "Leave it out")

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.controllers.linuxcnc_hal import STRUTS, Geometry, Joint, Points
 from ppmcal.errors import BadInput
-from ppmcal.files.hal import STRUTS, Geometry, Joint, Points
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state

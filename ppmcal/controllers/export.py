@@ -10,15 +10,15 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from ppmcal.controllers.misses import Misses
+from ppmcal.controllers.model_uncertainty import UNKNOWN, Certainty
+from ppmcal.controllers.pose_errors import Misses
 from ppmcal.errors import unknown
 from ppmcal.io import json_text
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.certainty import UNKNOWN, Certainty
 
 FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
-           "reprap": "reprap_export", "joints": "joints_export", "grid": "grid_export"}
+           "reprap": "reprap", "joints": "joint_tables_export", "grid": "pose_grid_export"}
 """Formats, and the modules beside this one that write them; each is one more file."""
 NO_GAIN = 1e-9
 
@@ -135,7 +135,7 @@ def exporter(name: str) -> Exporter:
     """
     if name.lower() not in FORMATS:
         raise unknown("format", name, tuple(FORMATS))
-    return cast("Exporter", importlib.import_module(f"ppmcal.outputs.{FORMATS[name.lower()]}"))
+    return cast("Exporter", importlib.import_module(f"ppmcal.controllers.{FORMATS[name.lower()]}"))
 
 
 def figure(found: Misses) -> Figure:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.genhexkins import Drive, Setting, points, reached, right_shift
-from ppmcal.controllers.misses import Misses, misses
-from ppmcal.files.hal import STRUTS
+from ppmcal.controllers.linuxcnc import Drive, Setting, points, reached, right_shift
+from ppmcal.controllers.linuxcnc_hal import STRUTS
+from ppmcal.controllers.pose_errors import Misses, misses
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse

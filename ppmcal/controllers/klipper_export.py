@@ -1,16 +1,97 @@
-"""A delta printer's configuration as a mechanism file and tables of measurements."""
+"""``export klipper``: lines for the printer.cfg of a linear delta."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from ppmcal.files.klipper import TOWERS, Printer
+from ppmcal.controllers.export import Exported, Figure, Lacking, Number, words
+from ppmcal.controllers.klipper import MM
+from ppmcal.controllers.klipper_config import (
+    TOWERS,
+    Config,
+    Geometry,
+    Printer,
+    format_geometry,
+    parse_config,
+    read_config,
+    read_geometry,
+)
+from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, Misses, project
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text
+from ppmcal.model.mechanism import Mechanism
+
+CONFIG = "klipper.cfg"
+
+
+def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
+    """Return the machine in Klipper's numbers; see :class:`ppmcal.controllers.export.Exporter`."""
+    if poses is not None:
+        raise BadInput("klipper takes numbers, not poses", "--poses", "Leave it out")
+    present = None if old is None else read_config(old)
+    found = project(mechanism, None if present is None else read_geometry(present))
+    text = format_geometry(found.new, _comment(found, mechanism.name))
+    if read_geometry(parse_config(text, CONFIG)) != found.new:
+        raise NoResult("the lines read back as another geometry", CONFIG,
+                       "This is a fault of ppmcal; do not use them")
+    before, after = keys(found.old), keys(found.new)
+    held = [] if present is None else _autosaved(present, after)
+    advice = [f"Change these in the #*# lines of {old}, which win over all others: "
+              f"{', '.join(held)}."] if held else []
+    return Exported(
+        "klipper", "Klipper", {CONFIG: text},
+        f"Klipper's numbers hold {'all of the geometry' if found.exact else 'most of it, fitted'}",
+        tuple(Number(key, before[key], value, "deg" if key.endswith("angle") else "mm")
+              for key, value in after.items()),
+        f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
+        "mm, where on the bed a print lies aside",
+        figure(found.before), figure(found.after),
+        tuple(Lacking(lack.what, lack.parameters,
+                      None if lack.cost is None else figure(lack.cost)) for lack in found.lacks),
+        found.notes, tuple(advice),
+        {"grid": {"points": len(found.points), "radius": found.radius / MM,
+                  "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
+        np.pad(found.points, ((0, 0), (0, 3))))
+
+
+def _comment(found: Export[Geometry], name: str) -> str:
+    lines = [f"{name}: error if the model is exact {words(figure(found.after))}, before "
+             f"{words(figure(found.before))}.",
+             "Paste above the #*# lines of printer.cfg, below the sections of the same names (the",
+             "later value wins). Where #*# lines name the same keys, put the numbers there: they",
+             "win over all others."]
+    return "\n".join([*lines, *(f"Cannot be expressed: {lack.what}." for lack in found.lacks),
+                      *(f"Note: {note}." for note in found.notes)])
+
+
+def keys(geometry: Geometry) -> dict[str, float]:
+    """Return ``section.key`` -> value, mm and degrees."""
+    out = {"printer.delta_radius": geometry.radius}
+    for i, tower in enumerate(TOWERS):
+        out |= {f"stepper_{tower}.angle": geometry.angles[i],
+                f"stepper_{tower}.arm_length": geometry.arms[i],
+                f"stepper_{tower}.position_endstop": geometry.endstops[i]}
+    return out
+
+
+def _autosaved(config: Config, names: Iterable[str]) -> list[str]:
+    """Return which ``section.key`` stand in the lines that the printer saved itself."""
+    split = ((name, *name.split(".")) for name in names)
+    return [name for name, section, key in split
+            if key in config.sections.get(section, {}) and config.sections[section][key].saved]
+
+
+def figure(found: Misses) -> Figure:
+    """Return errors with the turn and shift taken out of them, mm and degrees."""
+    return Figure(found.rms, found.max, more={
+        "taken_out": {"turn": float(np.degrees(found.turn)),
+                      "shift": [v / MM for v in found.shift]}})
+
 
 HEIGHT_SIGMA = 0.02
 DISTANCE_SIGMA = 0.05

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.genhexkins import (
+from ppmcal.controllers.export import Exported, Lacking, Number, figure, words
+from ppmcal.controllers.linuxcnc import (
     Drive,
     Setting,
     commands,
@@ -19,9 +20,8 @@ from ppmcal.controllers.genhexkins import (
     reached,
     rounded,
 )
-from ppmcal.controllers.genhexkins_fit import EXACT, best, grid, missed, within
-from ppmcal.errors import BadInput, NoResult
-from ppmcal.files.hal import (
+from ppmcal.controllers.linuxcnc_fit import EXACT, best, grid, missed, within
+from ppmcal.controllers.linuxcnc_hal import (
     STRUTS,
     Geometry,
     Joint,
@@ -33,11 +33,11 @@ from ppmcal.files.hal import (
     read_geometry,
     read_hal,
 )
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_poses
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array, known
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.outputs.exported import Exported, Lacking, Number, figure, words
 from ppmcal.units import LENGTHS
 
 HAL, JOINTS = "genhexkins.hal", "joints.ini"
@@ -60,7 +60,7 @@ class Over:
 
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
-    """Return the machine in genhexkins' numbers; see :class:`ppmcal.outputs.exported.Exporter`."""
+    """Return the machine in genhexkins' numbers; see :class:`export.Exporter`."""
     present = None if old is None else read_geometry(read_hal(old))
     unit = _unit(mechanism, present, old)
     drive = drive_of(mechanism, LENGTHS[unit])
