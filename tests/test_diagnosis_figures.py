@@ -32,14 +32,14 @@ from ppmcal.diagnosis.selection import DETECT, NAME
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.io.output import plain
 from ppmcal.io.results.diagnosis import summary
-from ppmcal.report.bars import EDGE, width
-from ppmcal.report.data import Diagnosed
+from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.diagnosis_section import diagnosis_section
-from ppmcal.report.diagnosis_words import power, scientific
-from ppmcal.report.numbers import sig
-from ppmcal.report.standalone import PNG_SCALE, SCALE, diagnosis_files
+from ppmcal.report.diagnosis_wording import power, scientific
+from ppmcal.report.figure_files import PNG_SCALE, SCALE, diagnosis_files
+from ppmcal.report.format import sig
+from ppmcal.report.records import Diagnosed
 from ppmcal.report.svg import WIDTH
+from ppmcal.report.svg_bars import EDGE, width
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

@@ -25,8 +25,8 @@ from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.verdict import findings, next_step
 from ppmcal.io.output import plain
 from ppmcal.io.results.diagnosis import effects_csv, summary
-from ppmcal.report.data import Diagnosed
-from ppmcal.report.diagnosis_section import diagnosis_section
+from ppmcal.report.diagnosis import diagnosis_section
+from ppmcal.report.records import Diagnosed
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 

@@ -20,8 +20,8 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.report.data import Other
-from ppmcal.report.export_section import export_section
+from ppmcal.report.controllers import export_section
+from ppmcal.report.records import Other
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 

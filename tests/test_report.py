@@ -18,11 +18,11 @@ import pytest
 from ppmcal.errors import BadInput
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
-from ppmcal.report.data import Identified, Simulated
-from ppmcal.report.numbers import NBSP, probability, sig, to_sigma
+from ppmcal.report.format import NBSP, probability, sig, to_sigma
+from ppmcal.report.headlines import noise_verdict, redundancy
+from ppmcal.report.records import Identified, Simulated
 from ppmcal.report.residuals import envelope, spread
 from ppmcal.report.svg import Axis, span
-from ppmcal.report.text import noise_verdict, redundancy
 from ppmcal.report.truth import compare
 
 VOID = {"meta", "br", "wbr", "path", "circle", "rect", "polyline", "link", "img", "hr"}

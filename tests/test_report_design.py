@@ -19,8 +19,8 @@ from ppmcal.errors import BadInput
 from ppmcal.plotting.curves import draw_curves
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
-from ppmcal.report.design_pictures import DESIGNS, LARGEST_FILE, MOST, png_size
-from ppmcal.report.design_section import SHOWN, TITLES
+from ppmcal.report.design import SHOWN, TITLES
+from ppmcal.report.design_records import DESIGNS, LARGEST_FILE, MOST, png_size
 
 TABLES = {"sensitivity": "sensitivity.csv", "tolerances": "tolerances.csv",
           "stiffness": "map.csv", "workspace": "map.csv", "plan": "poses.csv"}

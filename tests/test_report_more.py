@@ -18,7 +18,7 @@ from test_report import cells, read
 
 from ppmcal.errors import BadInput
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.numbers import NBSP, sig, to_sigma
+from ppmcal.report.format import NBSP, sig, to_sigma
 
 ROOT = Path(__file__).parents[1]
 LATER = {"identification.json": ("untold", "blunders", "flats"),

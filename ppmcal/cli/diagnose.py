@@ -68,7 +68,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     from ppmcal.io import Output, provenance
     from ppmcal.io.output import plain
     from ppmcal.io.results.diagnosis import files, summary
-    from ppmcal.report.standalone import diagnosis_files, need_png
+    from ppmcal.report.figure_files import diagnosis_files, need_png
 
     console = Console(quiet, as_json)
     _known_kinds(kinds)
@@ -111,7 +111,7 @@ def tell(result: Diagnosis, console: Console) -> None:
     """Print the story in a few lines."""
     if not console.speaks:
         return
-    from ppmcal.report.diagnosis_words import VERDICTS
+    from ppmcal.report.diagnosis_wording import VERDICTS
 
     headline = VERDICTS[result.verdict]
     if result.verdict == "named" and len({e.kind for e in result.effects}) > 1:

@@ -7,8 +7,7 @@ needs nothing else: no network, no fonts, no script.
 from __future__ import annotations
 
 from ppmcal.report.collect import collect
-from ppmcal.report.data import ReportData
-from ppmcal.report.json_form import to_json
-from ppmcal.report.page import to_html
+from ppmcal.report.page import to_html, to_json
+from ppmcal.report.records import ReportData
 
 __all__ = ["ReportData", "collect", "to_html", "to_json"]

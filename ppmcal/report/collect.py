@@ -12,9 +12,12 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.json import NUMBER, TEXT, read_json
 from ppmcal.linalg import Array
-from ppmcal.report.compare_section import COMPARISON
-from ppmcal.report.compare_section import WORDS as COMPARE_WORDS
-from ppmcal.report.data import (
+from ppmcal.report.comparison import COMPARISON
+from ppmcal.report.comparison import WORDS as COMPARE_WORDS
+from ppmcal.report.controllers import EXPORT
+from ppmcal.report.design_records import DESIGN_FILES, designed
+from ppmcal.report.identifiability import TOLD
+from ppmcal.report.records import (
     Columns,
     Diagnosed,
     Identified,
@@ -24,10 +27,7 @@ from ppmcal.report.data import (
     Rows,
     Simulated,
 )
-from ppmcal.report.design_pictures import DESIGN_FILES, designed
-from ppmcal.report.export_section import EXPORT
 from ppmcal.report.sources import digest, is_command_number, is_number_column, read_columns
-from ppmcal.report.told_section import TOLD
 from ppmcal.report.truth import compare
 
 _FIGURES = {"unit": TEXT, "*": NUMBER}

@@ -10,18 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ppmcal.report import svg
-from ppmcal.report.bars import (
-    EDGE,
-    Bars,
-    Picture,
-    linear_scale,
-    log_scale,
-    ratio_ticks,
-    width,
-)
 from ppmcal.report.diagnosis_inputs import input_pictures
 from ppmcal.report.diagnosis_ranking import ranking
-from ppmcal.report.diagnosis_words import (
+from ppmcal.report.diagnosis_wording import (
     actuators,
     effect_name,
     finer,
@@ -31,7 +22,8 @@ from ppmcal.report.diagnosis_words import (
     story,
     together,
 )
-from ppmcal.report.numbers import number, sig
+from ppmcal.report.format import number, sig
+from ppmcal.report.svg_bars import EDGE, Bars, Picture, linear_scale, log_scale, ratio_ticks, width
 from ppmcal.wording import shorter
 
 Record = Mapping[str, Any]

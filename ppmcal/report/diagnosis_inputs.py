@@ -9,15 +9,9 @@ import numpy as np
 
 from ppmcal.linalg import Array
 from ppmcal.report import svg
-from ppmcal.report.bars import Picture, fitting, width
-from ppmcal.report.diagnosis_words import (
-    INPUTS,
-    actuators,
-    effect_name,
-    finer,
-    left_out,
-)
-from ppmcal.report.numbers import number
+from ppmcal.report.diagnosis_wording import INPUTS, actuators, effect_name, finer, left_out
+from ppmcal.report.format import number
+from ppmcal.report.svg_bars import Picture, fitting, width
 from ppmcal.wording import where
 
 Record = Mapping[str, Any]

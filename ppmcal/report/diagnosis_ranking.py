@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppmcal.report import svg
-from ppmcal.report.bars import EDGE, Bars, Picture, width
-from ppmcal.report.diagnosis_words import chance, effect_name, power, scientific, story
-from ppmcal.report.numbers import number
+from ppmcal.report.diagnosis_wording import chance, effect_name, power, scientific, story
+from ppmcal.report.format import number
+from ppmcal.report.svg_bars import EDGE, Bars, Picture, width
 
 Record = Mapping[str, Any]
 STATUS = {"named": "named", "alternative": "alternative", "explained": "explained"}

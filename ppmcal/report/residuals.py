@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.linalg import Array, Bools
-from ppmcal.report.data import Columns
+from ppmcal.report.records import Columns
 
 POINTS = 1200
 """More rows than this are drawn thinned."""

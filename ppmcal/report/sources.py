@@ -19,8 +19,8 @@ from ppmcal.errors import BadInput
 from ppmcal.io.folder import note_read
 from ppmcal.io.json import AGAIN
 from ppmcal.linalg import Array
-from ppmcal.report.data import Columns
-from ppmcal.report.numbers import LARGEST
+from ppmcal.report.format import LARGEST
+from ppmcal.report.records import Columns
 
 CHUNK = 50_000
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ppmcal.report.data import Comparison, Identified, Record, Simulated, TruthRow
-from ppmcal.report.numbers import number
+from ppmcal.report.format import number
+from ppmcal.report.records import Comparison, Identified, Record, Simulated, TruthRow
 from ppmcal.units import ANGLES, LENGTHS
 
 PER_UNIT = "/unit"

@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from ppmcal.report.bars import Picture
-from ppmcal.report.data import Diagnosed, Identified
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.diagnosis_words import (
+from ppmcal.report.diagnosis_wording import (
     actuators,
     amounts,
     effect_name,
@@ -19,10 +17,12 @@ from ppmcal.report.diagnosis_words import (
     odds_to,
     rivals,
 )
-from ppmcal.report.figures import residual_figures
-from ppmcal.report.numbers import count, number, probability, sig
-from ppmcal.report.tables import Cell, amount, bullets, dotted, paragraph, table, words
-from ppmcal.report.text import finding_text
+from ppmcal.report.format import count, number, probability, sig
+from ppmcal.report.headlines import finding_text
+from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.records import Diagnosed, Identified
+from ppmcal.report.residual_figures import residual_figures
+from ppmcal.report.svg_bars import Picture
 from ppmcal.wording import where
 
 Record = Mapping[str, Any]

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ppmcal.report.data import Identified
-from ppmcal.report.figures import residual_figures
-from ppmcal.report.numbers import (
+from ppmcal.report.format import (
     NBSP,
     count,
     exact,
@@ -18,8 +16,8 @@ from ppmcal.report.numbers import (
     whole,
     with_unit,
 )
-from ppmcal.report.residuals import quantity_of, used
-from ppmcal.report.tables import (
+from ppmcal.report.headlines import figure, redundancy, tolerances
+from ppmcal.report.html import (
     MAX_ROWS,
     Cell,
     amount,
@@ -31,8 +29,10 @@ from ppmcal.report.tables import (
     table,
     words,
 )
-from ppmcal.report.text import figure, redundancy, tolerances
-from ppmcal.report.told_section import blunder_section, told_section
+from ppmcal.report.identifiability import blunder_section, told_section
+from ppmcal.report.records import Identified
+from ppmcal.report.residual_figures import residual_figures
+from ppmcal.report.residuals import quantity_of, used
 
 STAGES = (("before", "before"), ("after", "after"), ("holdout", "held out"))
 COLUMNS = ("mean", "rms", "p95", "max")

@@ -10,8 +10,8 @@ from typing import Any
 
 from ppmcal.io.json import NUMBER, TEXT
 from ppmcal.io.results import identifiability_wording as told
-from ppmcal.report.numbers import exact, number
-from ppmcal.report.tables import MAX_ROWS, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.format import exact, number
+from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, paragraph, table, words
 
 Record = Mapping[str, Any]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ppmcal.report.numbers import count, listed, number, sig, to_sigma, whole, with_unit
+from ppmcal.report.format import count, listed, number, sig, to_sigma, whole, with_unit
 from ppmcal.wording import shorter, where
 
 VERDICTS = {

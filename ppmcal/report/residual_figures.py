@@ -9,8 +9,8 @@ import numpy as np
 
 from ppmcal.linalg import Array, Bools
 from ppmcal.report import svg
-from ppmcal.report.data import Columns, Comparison, Identified, Rows
-from ppmcal.report.numbers import count, sig, whole, with_unit
+from ppmcal.report.format import count, sig, whole, with_unit
+from ppmcal.report.records import Columns, Comparison, Identified, Rows
 from ppmcal.report.residuals import (
     BINS,
     POINTS,

@@ -9,20 +9,11 @@ import numpy as np
 
 from ppmcal.io.json import NUMBER, TEXT
 from ppmcal.report import svg
-from ppmcal.report.bars import fitting
-from ppmcal.report.data import Columns, Other
-from ppmcal.report.figures import figure
-from ppmcal.report.numbers import (
-    count,
-    exact,
-    listed,
-    number,
-    probability,
-    sig,
-    to_sigma,
-    with_unit,
-)
-from ppmcal.report.tables import amount, dotted, paragraph, table, words
+from ppmcal.report.format import count, exact, listed, number, probability, sig, to_sigma, with_unit
+from ppmcal.report.html import amount, dotted, paragraph, table, words
+from ppmcal.report.records import Columns, Other
+from ppmcal.report.residual_figures import figure
+from ppmcal.report.svg_bars import fitting
 
 Record = Mapping[str, Any]
 

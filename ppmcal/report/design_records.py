@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ppmcal.errors import BadInput
 from ppmcal.io.json import AGAIN, NUMBER, TEXT, read_json
-from ppmcal.report.data import Designed, Picture, Record
+from ppmcal.report.records import Designed, Picture, Record
 from ppmcal.report.sources import read_columns
 
 DESIGNS: Mapping[str, tuple[str, ...]] = {

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.report.data import Columns, Comparison, Other, Rows, Simulated
-from ppmcal.report.figures import command_figure, truth_figures
-from ppmcal.report.numbers import count, number, sig, to_sigma, whole
-from ppmcal.report.tables import (
+from ppmcal.report.format import count, number, sig, to_sigma, whole
+from ppmcal.report.headlines import finding_text
+from ppmcal.report.html import (
     MAX_ROWS,
     Cell,
     amount,
@@ -21,7 +20,8 @@ from ppmcal.report.tables import (
     table,
     words,
 )
-from ppmcal.report.text import finding_text
+from ppmcal.report.records import Columns, Comparison, Other, Rows, Simulated
+from ppmcal.report.residual_figures import command_figure, truth_figures
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""

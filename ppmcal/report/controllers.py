@@ -7,11 +7,11 @@ from typing import Any
 
 from ppmcal.io.json import NUMBER, TEXT
 from ppmcal.report import svg
-from ppmcal.report.bars import EDGE, Bars, linear_scale
-from ppmcal.report.data import Other
-from ppmcal.report.figures import figure
-from ppmcal.report.numbers import count, number, sig
-from ppmcal.report.tables import MAX_ROWS, Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.format import count, number, sig
+from ppmcal.report.html import MAX_ROWS, Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.records import Other
+from ppmcal.report.residual_figures import figure
+from ppmcal.report.svg_bars import EDGE, Bars, linear_scale
 
 Record = Mapping[str, Any]
 

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from ppmcal.report.data import Designed, Picture, ReportData
-from ppmcal.report.more_sections import scalars
-from ppmcal.report.numbers import count, exact, number, sig
-from ppmcal.report.tables import Cell, amount, bullets, dotted, paragraph, table, words
-from ppmcal.report.text import attention, finding_text
+from ppmcal.report.format import count, exact, number, sig
+from ppmcal.report.headlines import attention, finding_text
+from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.other import scalars
+from ppmcal.report.records import Designed, Picture, ReportData
 
 TITLES = {"sensitivity": "Sensitivity", "tolerances": "Tolerances", "stiffness": "Stiffness",
           "workspace": "Workspace and singularities", "plan": "Measuring plan"}

@@ -10,10 +10,10 @@ from typing import Any
 
 from ppmcal.errors import BadInput
 from ppmcal.report import svg
-from ppmcal.report.bars import EDGE, Picture
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.diagnosis_words import headline
-from ppmcal.report.style import DRAWINGS, LIGHT
+from ppmcal.report.diagnosis_wording import headline
+from ppmcal.report.html import DRAWINGS, LIGHT
+from ppmcal.report.svg_bars import EDGE, Picture
 
 PAD, LINE = 14.0, 14.0
 LETTERS = 62

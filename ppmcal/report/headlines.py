@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppmcal.calibration.noise import FAILED_NOISE, OVERSTATED
-from ppmcal.report import compare_section, export_section
-from ppmcal.report.data import Comparison, Identified, ReportData, Rows
-from ppmcal.report.diagnosis_words import verdict_of
-from ppmcal.report.numbers import count, listed, number, probability, sig, whole, with_unit
-from ppmcal.report.told_section import moved_zeros
+from ppmcal.report import comparison as compare_section
+from ppmcal.report import controllers as export_section
+from ppmcal.report.diagnosis_wording import verdict_of
+from ppmcal.report.format import count, listed, number, probability, sig, whole, with_unit
+from ppmcal.report.identifiability import moved_zeros
+from ppmcal.report.records import Comparison, Identified, ReportData, Rows
 
 
 def figure(one: Identified, stage: str, kind: str) -> Mapping[str, Any]:
