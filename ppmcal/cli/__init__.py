@@ -38,7 +38,7 @@ COMMANDS = {
     "report": "Gather output folders into one HTML page.",
     "demo": "Run the whole job once on the sample data.",
 }
-MODULES = {"import": "imports", "export": "exports"}
+MODULES = {"import": "import_"}
 """Modules of the commands whose own name cannot be a module's."""
 
 

@@ -17,7 +17,7 @@ from ppmcal.cli.common import FILE, Console, json_option, leave, number, plain_t
 def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.calibration.check import check
-    from ppmcal.cli.campaign import load
+    from ppmcal.cli.common import load
     from ppmcal.io import unit_findings
     from ppmcal.io.results.identifiability import entry, sentences
 

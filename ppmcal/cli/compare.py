@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ppmcal.cli.campaign import same_machine
 from ppmcal.cli.common import (
     Console,
     command_line,
@@ -18,6 +17,7 @@ from ppmcal.cli.common import (
     out_option,
     plain_table,
     quiet_option,
+    same_machine,
 )
 
 if TYPE_CHECKING:

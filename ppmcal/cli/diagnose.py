@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ppmcal.cli.campaign import load, unit_findings_told
 from ppmcal.cli.common import (
     FILE,
     Console,
@@ -18,10 +17,12 @@ from ppmcal.cli.common import (
     finish,
     json_option,
     leave,
+    load,
     number,
     out_option,
     quiet_option,
     seed_option,
+    unit_findings_told,
 )
 from ppmcal.wording import counted, shorter
 
