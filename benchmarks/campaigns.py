@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.calibration.fit import Fit, Options, posterior, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
@@ -177,7 +177,7 @@ def run(task: tuple[str, int]) -> Outcome:
                            mechanism.free))
     seconds = time.perf_counter() - began
     noise = noise_check(fit)
-    fit = with_noise(fit, noise.inflation, Options())
+    fit = with_noise(fit, noise.inflation, FitOptions())
     found = estimates(fit, rank_of(fit)[0])
     within = [found[p].interval for p in mechanism.free]
     inside = [low <= campaign.g[p] <= high for p, (low, high) in

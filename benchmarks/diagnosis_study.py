@@ -33,7 +33,7 @@ from hidden_unknown import UNKNOWN  # noqa: E402
 from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import Problem  # noqa: E402
 from ppmcal.calibration.validation import split  # noqa: E402
-from ppmcal.diagnosis.diagnose import Options as RunOptions  # noqa: E402
+from ppmcal.diagnosis.diagnose import DiagnosisOptions as RunOptions  # noqa: E402
 from ppmcal.diagnosis.diagnose import diagnose  # noqa: E402
 from ppmcal.diagnosis.held_out_gap import measure_gap  # noqa: E402
 from ppmcal.diagnosis.result import Diagnosis  # noqa: E402

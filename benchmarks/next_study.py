@@ -30,9 +30,9 @@ from study_summary import interval  # noqa: E402
 
 from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import Problem  # noqa: E402
-from ppmcal.diagnosis.diagnose import Options as RunOptions  # noqa: E402
+from ppmcal.diagnosis.diagnose import DiagnosisOptions as RunOptions  # noqa: E402
 from ppmcal.diagnosis.diagnose import diagnose  # noqa: E402
-from ppmcal.diagnosis.hypotheses import Form  # noqa: E402
+from ppmcal.diagnosis.hypotheses import Hypothesis  # noqa: E402
 from ppmcal.diagnosis.next_experiment import possible_rows  # noqa: E402
 from ppmcal.diagnosis.result import Diagnosis  # noqa: E402
 from ppmcal.diagnosis.rivals import (  # noqa: E402
@@ -88,7 +88,7 @@ def one(job: tuple[str, str, int, float]) -> Case | None:
     return Case(machine, kind, pair[1].label, rows, *good)
 
 
-def _pair(result: Diagnosis, kind: str) -> tuple[Form, Form] | None:
+def _pair(result: Diagnosis, kind: str) -> tuple[Hypothesis, Hypothesis] | None:
     """Return the true form and its rival, where the true kind is one of the first set."""
     if result.verdict != "named-set" or not result.proposal.rows:
         return None
@@ -116,7 +116,7 @@ def _random(pool: Dataset, campaign: Dataset, rows: int, rng: np.random.Generato
     return replace(data, columns={n: c[like] for n, c in campaign.columns.items()})
 
 
-def _settles(found: Hidden, problem: Problem, rows: Dataset, pair: tuple[Form, Form],
+def _settles(found: Hidden, problem: Problem, rows: Dataset, pair: tuple[Hypothesis, Hypothesis],
              options: Options, seed: int) -> bool:
     """Whether old and new rows together favour the true form clearly."""
     whole = joined(found.dataset, measured(found, rows, options, seed + 77))

@@ -40,7 +40,7 @@ from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import Problem  # noqa: E402
 from ppmcal.calibration.validation import fresh_state  # noqa: E402
 from ppmcal.design.plan.candidate_poses import evenly, region_of  # noqa: E402
-from ppmcal.design.plan.plan import Options, plan  # noqa: E402
+from ppmcal.design.plan.plan import PlanOptions, plan  # noqa: E402
 from ppmcal.design.virtual_instrument import Instrument, default_instrument  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.io import read_mechanism  # noqa: E402
@@ -87,7 +87,7 @@ def case(machine: str, seed: int) -> Case:
     """Plan for a machine, and draw its pool."""
     mechanism = read_mechanism(CONFIGS / f"{machine}.yaml")
     instrument = default_instrument(mechanism)
-    found = plan(mechanism, instrument, Options(POSES, seed))
+    found = plan(mechanism, instrument, PlanOptions(POSES, seed))
     drawn = mechanism.nominal()
     pool = evenly(drawn, region_of(drawn), POOL, seed + 17)
     return Case(mechanism, instrument, found.pool.pose[found.offer.pose[found.rows]], pool.pose)

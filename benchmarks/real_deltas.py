@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import residuals
@@ -92,7 +92,9 @@ def fitted(event: dict[str, Any], rods: str, start: str = "geometry_start") -> F
         path.write_text(mechanism_text(event[start], rods), encoding="utf-8")
         mechanism = read_mechanism(path)
         data = read_campaign(write_data(folder, event), mechanism)
-    return identify(Problem(mechanism, data, mechanism.free), Options(method="flat", robust=False))
+    return identify(
+        Problem(mechanism, data, mechanism.free), FitOptions(method="flat", robust=False)
+    )
 
 
 def geometry(fit: Fit) -> dict[str, Any]:

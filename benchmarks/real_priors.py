@@ -28,7 +28,7 @@ import yaml
 from real_deltas import mechanism_text, write_data
 
 from ppmcal.calibration.change_detection import Change, between, posterior_of
-from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.flatness import flats
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_check, with_noise
@@ -36,7 +36,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.calibration.validation import fresh_state, register_only, residuals
 from ppmcal.io import read_campaign, read_mechanism
-from ppmcal.linalg import known
+from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 
@@ -77,7 +77,7 @@ def machine(event: dict[str, Any], rods: str, tower: bool = False, start: str = 
 
 def fitted(mechanism: Mechanism, data: tuple[Dataset, ...], method: str, robust: bool = True
            ) -> Fit:
-    return identify(Problem(mechanism, data, mechanism.free), Options(method, robust=robust))
+    return identify(Problem(mechanism, data, mechanism.free), FitOptions(method, robust=robust))
 
 
 def left_out(mechanism: Mechanism, data: tuple[Dataset, ...], method: str, parts: int = PARTS
@@ -109,7 +109,7 @@ def events(folder: Path) -> None:
         six = machine(event, "fixed")
         own = machine(event, "single")
         fit = fitted(*own, "prior")
-        told = report(fit, Options(), 0.0, 0)
+        told = report(fit, FitOptions(), 0.0, 0)
         rods = rods_of(fit) - np.array(event["geometry_start"]["arms"])
         apart = [left_out(six[0], six[1][:1], "flat"), left_out(*own, "prior")]
         noise = float(np.sqrt(np.mean(residuals(fit.problem, fit.state).position[0] ** 2))) * 1e3
@@ -191,7 +191,7 @@ def with_numbers(mechanism: Mechanism, geometry: dict[str, Any]) -> Mechanism:
 def on_bed(mechanism: Mechanism, data: Dataset) -> float:
     """Return the rms of a bed's touches, mm, the bed's height and tilt fitted."""
     fit = register_only(Problem(mechanism, (data,), ()))
-    error = residuals(fit.problem, fit.state).position[0][known(fit.state.poses[0])]
+    error = residuals(fit.problem, fit.state).position[0][finite_rows(fit.state.poses[0])]
     return 1e3 * float(np.sqrt(np.mean(error**2)))
 
 
@@ -211,7 +211,7 @@ def repeated(folder: Path) -> None:
             fits = [fitted(m, d[:1], "prior", False) for m, d in (
                 machine(one, "fixed"), machine({**two, "geometry_start": start}, "fixed"))]
             mechanism = fits[1].problem.mechanism.with_values(fits[1].state.g)
-            noisy = [with_noise(f, noise_check(f).inflation, Options()) for f in fits]
+            noisy = [with_noise(f, noise_check(f).inflation, FitOptions()) for f in fits]
             found, _ = between(mechanism, *(posterior_of(f, {str(n): "heights"})
                                             for n, f in enumerate(noisy)), {},
                                np.random.default_rng(0))

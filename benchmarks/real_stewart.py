@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
@@ -65,7 +65,7 @@ def leg_rms(problem: Problem, state: object) -> float:
     return float(1e3 * np.sqrt(np.nanmean(gaps**2)))
 
 
-def cross_validated(problem: Problem, options: Options) -> float:
+def cross_validated(problem: Problem, options: FitOptions) -> float:
     """5-fold held-out leg residual, mean of ten seeded splits, mm."""
     rms = []
     data = problem.datasets[0]
@@ -82,7 +82,7 @@ def cross_validated(problem: Problem, options: Options) -> float:
     return float(np.mean(rms))
 
 
-def across(mechanism: Mechanism, train: object, test: object, options: Options
+def across(mechanism: Mechanism, train: object, test: object, options: FitOptions
            ) -> tuple[float, float]:
     """Fit on one day, test on the other: frame as it was, and frame registered anew, mm."""
     fit = identify(Problem(mechanism, (train,), mechanism.free), options)
@@ -96,7 +96,7 @@ def across(mechanism: Mechanism, train: object, test: object, options: Options
 def retracted(fit: Fit, rig: list[float], key: str) -> None:
     """Print the retracted lengths: what the data alone know of them, and the intervals."""
     noise = noise_check(fit)
-    fit = with_noise(fit, max(1.0, noise.sigma_ratio), Options())
+    fit = with_noise(fit, max(1.0, noise.sigma_ratio), FitOptions())
     found = estimates(fit, rank_of(fit)[0])
     for e, measured in zip((e for e in found if e.name.endswith("offset")), rig, strict=True):
         low, high = (1e3 * v for v in e.interval)
@@ -114,7 +114,7 @@ def main() -> int:
     if not folder.is_dir():
         print(f"skipped: the measurements are not here ({folder})")
         return 0
-    options = Options(robust=False)
+    options = FitOptions(robust=False)
     with tempfile.TemporaryDirectory() as scratch:
         mech = Path(scratch) / "rig.yaml"
         mech.write_text(mechanism_text(folder))

@@ -27,7 +27,7 @@ import pytest  # noqa: E402
 import yaml  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from ppmcal.calibration.fit import Fit, Options  # noqa: E402
+from ppmcal.calibration.fit import Fit, FitOptions  # noqa: E402
 from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import CHUNK, Problem  # noqa: E402
 from ppmcal.io import read_mechanism, read_scenario  # noqa: E402
@@ -93,7 +93,7 @@ def counted() -> Iterator[list[int]]:
     from ppmcal.calibration import least_squares as linear
 
     calls = [0]
-    plain = linear.reduce_rows
+    plain = linear.qr_factor
 
     def counting(*args: object, **more: object) -> object:
         calls[0] += 1
@@ -121,7 +121,7 @@ def rows_of(fit: Fit) -> list[Array]:
         -1, len(fit.problem.columns) + 1) for r in fit.problem.rows(fit.state)]
 
 
-def best(problem: Problem, options: Options, repeats: int = 2) -> float:
+def best(problem: Problem, options: FitOptions, repeats: int = 2) -> float:
     seconds = []
     for _ in range(repeats):
         began = time.perf_counter()
@@ -132,7 +132,7 @@ def best(problem: Problem, options: Options, repeats: int = 2) -> float:
 
 @pytest.mark.parametrize("robust", [False, True], ids=["plain", "robust"])
 def test_a_fit_of_ten_thousand_poses(benchmark, robust: bool) -> None:  # type: ignore[no-untyped-def]
-    problem, options = problem_of(10_000), Options(robust=robust)
+    problem, options = problem_of(10_000), FitOptions(robust=robust)
     fit = benchmark.pedantic(identify, (problem, options), rounds=2, iterations=1)
     assert fit.converged
     with counted() as calls:
@@ -146,7 +146,7 @@ def test_a_fit_of_ten_thousand_poses(benchmark, robust: bool) -> None:  # type: 
 
 
 def test_growth_from_a_thousand_to_ten_thousand() -> None:
-    options = Options(robust=False)
+    options = FitOptions(robust=False)
     small, large = best(problem_of(1_000), options), best(problem_of(10_000), options)
     print(f"\n1000 poses {small:.3f} s, 10000 poses {large:.3f} s: factor {large / small:.1f}")
 
@@ -155,7 +155,7 @@ def test_where_the_time_goes() -> None:
     problem = problem_of(10_000)
     problem = replace(problem)
     profile = cProfile.Profile()
-    profile.runcall(identify, problem, Options(robust=False))
+    profile.runcall(identify, problem, FitOptions(robust=False))
     stats = pstats.Stats(profile)
     total = stats.total_tt  # type: ignore[attr-defined]
     entries = sorted(stats.stats.items(), key=lambda e: -e[1][2])  # type: ignore[attr-defined]

@@ -12,7 +12,7 @@ Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 
 
-def known(rows: Array) -> Bools:
+def finite_rows(rows: Array) -> Bools:
     """Return which rows of (N, m) hold a number everywhere (N,).
 
     >>> known(np.array([[1.0, 2.0], [np.nan, 3.0]])).tolist()
@@ -36,7 +36,7 @@ def svd(matrix: Array) -> tuple[Array, Array, Array]:
     return u, s, vt
 
 
-def thinned(keep: Sequence[Bools], most: int) -> list[Bools]:
+def subsample(keep: Sequence[Bools], most: int) -> list[Bools]:
     """Return masks with at most ``most`` rows in all, evenly spread."""
     total = sum(int(k.sum()) for k in keep)
     if total <= most:

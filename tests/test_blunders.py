@@ -15,8 +15,8 @@ from test_compare import session as poses
 from test_instruments import data_of, truth
 from test_untold import joints_at, printer, touches
 
-from ppmcal.calibration.fit import Fit, Options
-from ppmcal.calibration.homing_shift import Shift
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.homing_shift import HomingShift
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.outliers import blunders
 from ppmcal.calibration.problem import Problem
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 def fitted(mechanism: Mechanism, *data: Dataset, robust: bool = True) -> Fit:
-    return identify(Problem(mechanism, data, mechanism.free), Options(robust=robust))
+    return identify(Problem(mechanism, data, mechanism.free), FitOptions(robust=robust))
 
 
 def calipers(mechanism: Mechanism, g: Array, rng: np.random.Generator, n: int) -> Dataset:
@@ -102,7 +102,7 @@ def two_sessions(seed: int, shift: float, second: int = 20) -> tuple[Mechanism, 
     return mechanism, replace(data, q=moved, sessions=tuple(np.where(in_b, "B", "A").tolist()))
 
 
-def found_shifts(seed: int, shift: float, second: int = 20) -> tuple[Shift, ...]:
+def found_shifts(seed: int, shift: float, second: int = 20) -> tuple[HomingShift, ...]:
     mechanism, data = two_sessions(seed, shift, second)
     return blunders(fitted(mechanism, data)).shifts
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.change_detection import Comparison, between, posterior_of
-from ppmcal.calibration.fit import Fit, Options, posterior, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.posterior import Posterior
 from ppmcal.calibration.problem import Problem
@@ -33,7 +33,7 @@ CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 BOX = {"3-RPR": [0.08, 0.08, 0, 0, 0, 0.2], "delta-linear": [0.08, 0.08, 0.06, 0, 0, 0],
        "6-UPS": [0.3, 0.3, 0.25, 0.2, 0.2, 0.2]}
 POSITION, ROTATION = 1e-5, 2e-5
-OPTIONS = Options(robust=False)
+OPTIONS = FitOptions(robust=False)
 
 
 def machine(name: str) -> Mechanism:
@@ -65,7 +65,7 @@ def drawn(mechanism: Mechanism, rng: np.random.Generator) -> Array:
 
 
 def fitted(mechanism: Mechanism, *data: Dataset, before: Posterior | None = None,
-           options: Options = OPTIONS) -> Fit:
+           options: FitOptions = OPTIONS) -> Fit:
     problem = Problem(mechanism, data, mechanism.free,
                       earlier=before.data() if before else None)
     fit = identify(problem, options)
@@ -103,7 +103,7 @@ def test_carrying_on_is_fitting_everything_at_once(name: str) -> None:
 def test_carrying_on_without_tolerances() -> None:
     """With a flat prior only what the old data saw is kept."""
     mechanism, rng = machine("3-RPR"), np.random.default_rng(6)
-    g, flat = drawn(mechanism, rng), Options("flat", robust=False)
+    g, flat = drawn(mechanism, rng), FitOptions("flat", robust=False)
     data = [session(mechanism, "3-RPR", g, rng, label=label) for label in "ab"]
     whole = fitted(mechanism, *data, options=flat)
     first = known(fitted(mechanism, data[0], options=flat))

@@ -17,7 +17,7 @@ from scipy.stats import f as fisher
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import held_out_gap as gaps
-from ppmcal.diagnosis.added_variable_test import Gram, build_gram, log_p
+from ppmcal.diagnosis.added_variable_test import AddedVariableTest, build_gram, log_p
 from ppmcal.diagnosis.adequacy import kernel_test
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Library, united
@@ -91,7 +91,7 @@ def test_log_p_at_the_ends() -> None:
 
 
 @cache
-def random_case(seed: int = 0) -> tuple[Array, Array, Array, Gram]:
+def random_case(seed: int = 0) -> tuple[Array, Array, Array, AddedVariableTest]:
     """Return geometry (60, 7), columns (60, 9) of all sizes, a residual, and their Gram."""
     rng = np.random.default_rng(seed)
     jacobian, residual = rng.normal(size=(60, 7)), rng.normal(size=60)
@@ -409,9 +409,13 @@ def gap_of(monkeypatch: pytest.MonkeyPatch, before: Array, after: Array, noise: 
     """Return the gap of white errors (poses, rows, values)."""
     poses, rows, values = before.shape
 
-    def made(errors: Array) -> gaps.Errors:
-        return gaps.Errors(np.sum(errors**2, axis=2).reshape(-1), np.full(poses * rows, variance),
-                          np.full(poses * rows, float(values)), np.repeat(np.arange(poses), rows))
+    def made(errors: Array) -> gaps.HeldOutErrors:
+        return gaps.HeldOutErrors(
+            np.sum(errors**2, axis=2).reshape(-1),
+            np.full(poses * rows, variance),
+            np.full(poses * rows, float(values)),
+            np.repeat(np.arange(poses), rows),
+        )
 
     queue = [made(before), made(after)]
     monkeypatch.setattr(gaps, "_errors", lambda fit, held: queue.pop(0))

@@ -25,7 +25,7 @@ from test_diagnose_commands import (
 )
 
 from ppmcal.calibration.fit import OUTLIER, Fit
-from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import diagnose as diagnosing
@@ -275,7 +275,7 @@ def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
     blocks = pytest.importorskip("ppmcal.diagnosis.held_out_blocks")
     simulate(tmp_path, "3-RPR", [effect("leg_thermal", ["leg2"], expansion=15e-6)], count=60,
              conditions={"temperature": {"mean": 24, "swing": 6}})
-    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.Options(draws=500))
+    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions(draws=500))
     assert [e.kind for e in told.effects] == ["leg_thermal"]
     assert {b.by for b in told.blocks} == {"time", "temperature"}
     keep = [a & b for a, b in zip(told.before.keep, told.identification.fit.keep, strict=True)]
@@ -375,7 +375,7 @@ def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
     """A later search has forms, and places for them, that the first one does not have."""
     simulate(tmp_path, "3-RPR", [effect("periodic", ["leg2"], cos=0.03, sin=0.01, period=19.0)],
              count=60, **SINGLE)
-    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.Options(draws=500))
+    told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions(draws=500))
     first, (named_one,) = told.found.first, told.effects
     # as if made later, and the first search had it last
     fewer = replace(first.search, forms=first.library.forms)

@@ -10,7 +10,7 @@ import pytest
 
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.adequacy import TOO_MUCH
-from ppmcal.diagnosis.diagnose import Options, diagnose
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
@@ -25,7 +25,9 @@ def small_campaign(seed: int, times: float) -> Diagnosis:
     made = hidden.campaign("3-RPR", seed, [], hidden.Options(poses=8))
     data = replace(made.dataset, sigma_position=made.dataset.sigma_position / times,
                    sigma_rotation=made.dataset.sigma_rotation / times)
-    return diagnose(Problem(made.mechanism, (data,), made.mechanism.free), Options(draws=300))
+    return diagnose(
+        Problem(made.mechanism, (data,), made.mechanism.free), DiagnosisOptions(draws=300)
+    )
 
 
 @pytest.mark.parametrize("seed", [2, 4])

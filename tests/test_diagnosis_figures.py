@@ -21,11 +21,11 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import fresh_state
-from ppmcal.diagnosis.diagnose import Options, diagnose
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.selection import DETECT, NAME
@@ -75,7 +75,7 @@ class Case:
 def diagnosed(kinds: tuple[str, ...], eta: float, poses: int = 24) -> Case:
     made = hidden.hide("3-RPR", 3, list(kinds), eta, hidden.Options(poses=poses))
     problem = Problem(made.mechanism, (made.dataset,), made.mechanism.free)
-    result = diagnose(problem, Options(draws=400))
+    result = diagnose(problem, DiagnosisOptions(draws=400))
     return Case(result, json.loads(json.dumps(plain(summary(result, {})), allow_nan=False)))
 
 

@@ -18,7 +18,7 @@ import pytest
 from ppmcal.calibration.problem import Problem
 from ppmcal.cli.common import Console, number
 from ppmcal.cli.diagnose import tell
-from ppmcal.diagnosis.diagnose import Options, diagnose
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.result import Diagnosis
@@ -56,7 +56,7 @@ def case(name: str, later: float = 0.0) -> Case:
     columns = made.dataset.columns
     data = replace(made.dataset, columns={**columns, "time": columns["time"] + later})
     problem = Problem(made.mechanism, (data,), made.mechanism.free)
-    result = diagnose(problem, Options(draws=400))
+    result = diagnose(problem, DiagnosisOptions(draws=400))
     assert result.verdict == "named"
     record = json.loads(json.dumps(plain(summary(result, {})), allow_nan=False))
     return Case(result, record, list(csv.DictReader(io.StringIO(effects_csv(result)))))
@@ -140,7 +140,7 @@ def wavy() -> Case:
                           1.0, options)
     made = hidden.campaign("6-UPS", 6, [cause], options)
     result = diagnose(Problem(made.mechanism, (made.dataset,), made.mechanism.free),
-                      Options(draws=400, kinds=("periodic", "backlash")))
+                      DiagnosisOptions(draws=400, kinds=("periodic", "backlash")))
     assert [(e.kind, e.on) for e in result.effects] == [("periodic", ("leg3",))]
     record = json.loads(json.dumps(plain(summary(result, {})), allow_nan=False))
     return Case(result, record, [])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Model

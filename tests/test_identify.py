@@ -18,7 +18,7 @@ from machines import KINDS, delta, full, read_text, spread
 from numpy.typing import NDArray
 
 from ppmcal.calibration.compensation import Knowledge, compensate
-from ppmcal.calibration.fit import Fit, Options, posterior
+from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.problem import Problem, State
@@ -41,7 +41,7 @@ CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 NAMES = sorted(p.stem for p in CONFIGS.glob("*.yaml"))
 PAPER = ["*.base.point.?", "*.offset", "*.platform.point.radius", "*.joint1.rz"]
 EXACT = 1e-9
-PLAIN = Options(robust=False, iterations=25)
+PLAIN = FitOptions(robust=False, iterations=25)
 """Without noise there is nothing to be robust against, and few iterations must do."""
 
 
@@ -328,7 +328,7 @@ def test_without_robustness_every_row_counts() -> None:
     mechanism, scenario = machine("3-RPR")
     made = run(mechanism, box(scenario, 60), 1)
     data, bad = with_outliers(made.data, mechanism.motion, 0.05, 20.0, 1)
-    fit = identify(replace(made.problem, datasets=(data,)), Options(robust=False))
+    fit = identify(replace(made.problem, datasets=(data,)), FitOptions(robust=False))
     assert fit.keep[0].all() and len(bad) == 3
 
 
@@ -364,7 +364,7 @@ def test_one_row_of_half_the_sigma_is_worth_four(noise: float) -> None:
         half = np.where(rows < 10, 0.5, 1.0)[:, None]
         one = replace(data, sigma_position=half * data.sigma_position,
                       sigma_rotation=half * data.sigma_rotation)
-    fits = [identify(replace(made.problem, datasets=(d,)), Options(robust=False))
+    fits = [identify(replace(made.problem, datasets=(d,)), FitOptions(robust=False))
             for d in (four, one)]
     sigma = np.sqrt(np.diagonal(posterior(fits[0])))
     free = list(mechanism.free)
@@ -381,17 +381,21 @@ def test_joint_noise_is_carried_to_the_pose() -> None:
                    sigma_actuator=np.full(6, 2e-5))
     made = run(mechanism, plan, 9)
     np.testing.assert_allclose(made.data.sigma_actuator, 2e-5)
-    result = report(identify(made.problem), Options(), 0.0, 0)
+    result = report(identify(made.problem), FitOptions(), 0.0, 0)
     assert 0.85 < result.noise.sigma_ratio < 1.15
     assert result.noise.chi2_p > 1e-3
     deaf = replace(made.data, sigma_actuator=np.zeros(6))
-    assert report(identify(replace(made.problem, datasets=(deaf,))), Options(), 0.0, 0).noise.failed
+    assert report(
+        identify(replace(made.problem, datasets=(deaf,))), FitOptions(), 0.0, 0
+    ).noise.failed
 
 
 # --- other ways to regularise --------------------------------------------------------------------
 
 def damped(made: Run, damping: float, iterations: int | None = None) -> Fit:
-    return identify(made.problem, Options("damped", damping, robust=False, iterations=iterations))
+    return identify(
+        made.problem, FitOptions("damped", damping, robust=False, iterations=iterations)
+    )
 
 
 def test_damped_scheme_converges_on_the_papers_machine() -> None:
@@ -404,7 +408,7 @@ def test_damped_scheme_converges_on_the_papers_machine() -> None:
     assert small.iterations < fit.iterations
     # both end in the same place, with all rows weighted alike: near the least chi-squared
     assert fit.reduced.square == pytest.approx(small.reduced.square, abs=0.2)
-    flat = identify(made.problem, Options("flat", robust=False))
+    flat = identify(made.problem, FitOptions("flat", robust=False))
     assert flat.reduced.square <= fit.reduced.square < 1.2 * flat.reduced.square
 
 
@@ -431,7 +435,7 @@ def test_cross_validation_finds_the_size_of_the_errors(scale: float) -> None:
     chosen = []
     for seed in range(3):
         made = run(mechanism, plan, seed)
-        fit = identify(made.problem, Options("gcv", robust=False))
+        fit = identify(made.problem, FitOptions("gcv", robust=False))
         assert fit.converged
         chosen.append(fit.prior_scale)
     assert scale / 4.0 < float(np.median(chosen)) < 4.0 * scale
@@ -440,7 +444,7 @@ def test_cross_validation_finds_the_size_of_the_errors(scale: float) -> None:
 def test_flat_prior_has_no_bound_where_the_data_have_none() -> None:
     mechanism, scenario = machine("3-PPR-1")
     made = run(mechanism, noiseless(scenario), 4)
-    fit = identify(made.problem, Options("flat"))
+    fit = identify(made.problem, FitOptions("flat"))
     assert_exact(fit, made)
     assert not fit.prior.any()
     rank = rank_of(fit)[0]
@@ -457,7 +461,7 @@ def test_flat_prior_without_redundancy_has_the_sigma_of_the_data() -> None:
     plan = replace(scenario, frame=np.zeros(6), target=np.zeros(3), frame_known=True,
                    target_known=True)
     made = run(mechanism, plan, 4)
-    fit = identify(made.problem, Options("flat"))
+    fit = identify(made.problem, FitOptions("flat"))
     for e in estimates(fit, rank_of(fit)[0]):
         if e.status == "identified":
             assert e.sigma == pytest.approx(e.sigma_data, rel=1e-6)
@@ -549,7 +553,7 @@ def test_per_file_homing_finds_the_shift_of_the_zeros() -> None:
     np.testing.assert_allclose(stations[1].homing, shift, rtol=0.0, atol=1e-6)
     assert np.sqrt(fit.reduced.square / fit.reduced.count) < 1.0, again.data.name
     tied = replace(moved, homing="shared")
-    blind = identify(replace(problem, datasets=(first.data, tied)), Options(robust=False))
+    blind = identify(replace(problem, datasets=(first.data, tied)), FitOptions(robust=False))
     assert blind.reduced.square > 1e6
 
 
@@ -579,24 +583,24 @@ def test_held_out_poses_are_as_good_as_the_noise_allows() -> None:
     mechanism, scenario = machine("6-UPS")
     made = run(mechanism, replace(box(scenario, 60), repeats=2), 3)
     fit = identify(made.problem)
-    result = report(fit, Options(), 0.25, 0)
+    result = report(fit, FitOptions(), 0.25, 0)
     noise = scenario.sigma_position * np.sqrt(3.0)
     assert 0.9 * noise < result.holdout["position"]["rms"] < 1.6 * noise
     assert result.before.figures(fit.keep)["position"]["rms"] > 5.0 * noise
     assert "25%" in result.holdout_note
     assert result.noise.repeat_ratio == pytest.approx(1.0, abs=0.15)
-    again = report(fit, Options(), 0.25, 0)
+    again = report(fit, FitOptions(), 0.25, 0)
     assert again.holdout == result.holdout
-    assert report(fit, Options(), 0.25, 1).holdout != result.holdout
+    assert report(fit, FitOptions(), 0.25, 1).holdout != result.holdout
     few = run(mechanism, box(scenario, 10), 3)
-    assert report(identify(few.problem), Options(), 0.2, 0).holdout == {}
+    assert report(identify(few.problem), FitOptions(), 0.2, 0).holdout == {}
 
 
 def test_other_measurements_may_be_held_out() -> None:
     mechanism, scenario = machine("6-UPS")
     made = run(mechanism, scenario, 3)
     other = second(made, 4, frame=np.array([1.0, 2.0, 0.5, 0.1, 0.2, -0.4]))
-    result = report(identify(made.problem), Options(), 0.0, 0, (other.data,))
+    result = report(identify(made.problem), FitOptions(), 0.0, 0, (other.data,))
     noise = scenario.sigma_position * np.sqrt(3.0)
     assert 0.7 * noise < result.holdout["position"]["rms"] < 1.8 * noise
 
@@ -642,7 +646,7 @@ def test_identifying_again_from_the_result_changes_nothing(name: str, tmp_path: 
 def test_compensated_commands_lead_the_true_machine_to_the_pose(name: str) -> None:
     mechanism, scenario = machine(name)
     made = run(mechanism, scenario, 11)
-    result = report(identify(made.problem), Options(), 0.0, 0)
+    result = report(identify(made.problem), FitOptions(), 0.0, 0)
     wanted, true_station = targets(made)
     assert_led(made, result, wanted, true_station)
 
@@ -651,7 +655,7 @@ def test_compensated_commands_lead_the_true_machine_to_the_pose(name: str) -> No
 def test_commands_of_machines_with_open_coordinates(name: str) -> None:
     mechanism, scenario = machine(name)
     made = run(mechanism, scenario, 11)
-    result = report(identify(made.problem), Options(), 0.0, 0)
+    result = report(identify(made.problem), FitOptions(), 0.0, 0)
     wanted, true_station = targets(made)
     named = (2, 3, 4) if name == "3-RPS" else (0, 1, 2)
     wanted[:, [c for c in range(6) if c not in named]] = np.nan

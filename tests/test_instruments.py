@@ -13,7 +13,7 @@ from commands import ppmcal, rows
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit import Fit, Options, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_ratios, with_estimated_noise
 from ppmcal.calibration.problem import Problem
@@ -154,7 +154,7 @@ def test_what_is_promised_is_kept(name: str, kind: str) -> None:
     errors = []
     for seed in range(12):
         problem, g = session(name, kind, 120, 50 + seed, SIGMA, scale=1.0)
-        errors.append(white_errors(identify(problem, Options(robust=False)), g))
+        errors.append(white_errors(identify(problem, FitOptions(robust=False)), g))
     away = np.concatenate(errors)
     # errors of one campaign hang together: not more than 8 parameters count as independent
     spread = np.sqrt(0.95 * 0.05 / (12 * 8))
@@ -245,7 +245,7 @@ def test_noise_of_each_instrument_is_found() -> None:
         heights, g = session("delta-linear", "plane", 80, 100 + seed, 3.0 * SIGMA, scale=1.0)
         points, _ = session("delta-linear", "point", 60, 100 + seed, 0.4 * SIGMA, scale=1.0)
         both = replace(heights, datasets=(*heights.datasets, *points.datasets))
-        fit, factor = with_estimated_noise(both, Options(robust=False))
+        fit, factor = with_estimated_noise(both, FitOptions(robust=False))
         found.append(factor / [3.0, 0.4])
         again, redundancy = noise_ratios(fit)
         assert np.allclose(again, 1.0, atol=0.02)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from ppmcal.controllers.klipper import drive_of, reached
 from ppmcal.controllers.klipper_config import (
-    Geometry,
+    DeltaGeometry,
     format_geometry,
     parse_config,
     read_geometry,
@@ -27,13 +27,13 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_mechanism
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
-OLD = Geometry(140.0, (210.0, 330.0, 90.0), (300.0,) * 3, (290.0,) * 3)
-TRUE = Geometry(140.8, (210.3, 329.6, 90.0), (300.5,) * 3, (290.4, 289.7, 290.2))
+OLD = DeltaGeometry(140.0, (210.0, 330.0, 90.0), (300.0,) * 3, (290.0,) * 3)
+TRUE = DeltaGeometry(140.8, (210.3, 329.6, 90.0), (300.5,) * 3, (290.4, 289.7, 290.2))
 STEP = 0.0125
 AUTOSAVE = "#*# <---------------------- SAVE_CONFIG ---------------------->"
 
 
-def heights_of(g: Geometry, point: np.ndarray) -> np.ndarray:
+def heights_of(g: DeltaGeometry, point: np.ndarray) -> np.ndarray:
     """Carriage heights (N, 3), mm: written out for each tower, on purpose unlike the program's."""
     x, y, z = point.T
     out = []
@@ -43,17 +43,17 @@ def heights_of(g: Geometry, point: np.ndarray) -> np.ndarray:
     return np.stack(out, axis=-1)
 
 
-def tops(g: Geometry) -> np.ndarray:
+def tops(g: DeltaGeometry) -> np.ndarray:
     return np.array([e + (a**2 - g.radius**2) ** 0.5
                      for e, a in zip(g.endstops, g.arms, strict=True)])
 
 
-def steps_at(g: Geometry, point: np.ndarray) -> np.ndarray:
+def steps_at(g: DeltaGeometry, point: np.ndarray) -> np.ndarray:
     """Microsteps below the endstops at which a printer ``g`` stands at ``point`` (N, 3)."""
     return (tops(g) - heights_of(g, point)) / STEP
 
 
-def trilaterate(g: Geometry, height: np.ndarray) -> np.ndarray:
+def trilaterate(g: DeltaGeometry, height: np.ndarray) -> np.ndarray:
     """The lower point at all three arms' lengths from carriages at ``height`` (3,), mm."""
     angle = np.radians(g.angles)
     p = np.stack([g.radius * np.cos(angle), g.radius * np.sin(angle), height], axis=-1)
@@ -74,7 +74,7 @@ BED = np.array([[r * np.cos(t), r * np.sin(t), 0.0] for r, n in ((0, 1), (55, 6)
                 for t in np.arange(n) * 2 * np.pi / n + r])
 
 
-def printer_cfg(old: Geometry, true: Geometry, distances: bool = True) -> str:
+def printer_cfg(old: DeltaGeometry, true: DeltaGeometry, distances: bool = True) -> str:
     """A printer.cfg as it stands after calibration: old numbers, true measurements."""
     end = old.endstops
     out = f"""; my printer
@@ -123,7 +123,7 @@ gcode:
     return out
 
 
-def apart(found: Geometry, wanted: Geometry) -> float:
+def apart(found: DeltaGeometry, wanted: DeltaGeometry) -> float:
     """Largest difference, mm, of angles at the radius."""
     turn = np.radians(np.subtract(found.angles, wanted.angles)) * wanted.radius
     return float(np.max(np.abs([found.radius - wanted.radius, *turn, *np.subtract(
@@ -145,7 +145,7 @@ def printer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def read_back(folder: Path) -> Geometry:
+def read_back(folder: Path) -> DeltaGeometry:
     path = folder / "exported" / "klipper.cfg"
     return read_geometry(parse_config(path.read_text(), str(path)))
 
@@ -188,7 +188,7 @@ def test_an_imported_printer_is_exported_as_it_was(printer: Path, tmp_path: Path
 
 
 def test_heights_alone_leave_the_rods_as_drawn(tmp_path: Path) -> None:
-    true = Geometry(TRUE.radius, TRUE.angles, OLD.arms, TRUE.endstops)
+    true = DeltaGeometry(TRUE.radius, TRUE.angles, OLD.arms, TRUE.endstops)
     (tmp_path / "p.cfg").write_text(printer_cfg(OLD, true, distances=False))
     ppmcal("import", "klipper", "p.cfg", "--quiet", cwd=tmp_path, expect=1)
     assert not (tmp_path / "imported" / "distances.csv").exists()
@@ -214,7 +214,7 @@ LENGTH = st.floats(100, 400)
 @settings(max_examples=50, deadline=None)
 @given(st.tuples(st.floats(1, 99.9), *[st.floats(-360, 360)] * 3, *[LENGTH] * 6))
 def test_what_is_written_reads_back_equal(v: tuple[float, ...]) -> None:
-    geometry = Geometry(v[0], v[1:4], v[4:7], v[7:10]).rounded()
+    geometry = DeltaGeometry(v[0], v[1:4], v[4:7], v[7:10]).rounded()
     again = read_geometry(parse_config(format_geometry(geometry, "a\n[b]"), "x"))
     assert again == geometry
 
@@ -291,7 +291,7 @@ def test_the_fit_is_a_smallest_one(tmp_path: Path) -> None:
         for step in (-0.02, 0.02):
             w = list(v)
             w[i] += step
-            near = Geometry(w[0], (w[1], w[2], 90.0), tuple(w[3:6]), tuple(w[6:9]))
+            near = DeltaGeometry(w[0], (w[1], w[2], 90.0), tuple(w[3:6]), tuple(w[6:9]))
             at = reached(drive_of(model), near, found.points)
             size = np.linalg.norm(laid(at, found.points), axis=1)
             assert np.sqrt(np.mean(size**2)) > found.after.rms

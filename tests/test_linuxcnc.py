@@ -25,7 +25,7 @@ from ppmcal.controllers.linuxcnc_fit import best, grid, missed
 from ppmcal.controllers.linuxcnc_hal import (
     BASE_N,
     PLATFORM_N,
-    Geometry,
+    HexapodGeometry,
     Joint,
     format_hal,
     format_joints,
@@ -50,7 +50,7 @@ def triples(values: np.ndarray) -> tuple[tuple[float, float, float], ...]:
     return tuple((float(x), float(y), float(z)) for x, y, z in values)
 
 
-SIM = Geometry(triples(SIM_BASE), triples(SIM_PLATFORM))
+SIM = HexapodGeometry(triples(SIM_BASE), triples(SIM_PLATFORM))
 """genhexkins' own defaults, inch."""
 
 
@@ -102,7 +102,7 @@ def test_strut_lengths_are_those_of_linuxcncs_own_simulation() -> None:
 def test_a_screw_lead_adds_what_the_nuts_turn() -> None:
     """n3 lies in the plane of strut and base axis, n2 across strut and platform axis."""
     lead = 0.2
-    geometry = Geometry(SIM.base, SIM.platform, screw_lead=lead)
+    geometry = HexapodGeometry(SIM.base, SIM.platform, screw_lead=lead)
     found = strut_lengths(geometry, POSES)
     for p, row in zip(POSES, found, strict=True):
         turn = turned(*p[3:])
@@ -121,8 +121,9 @@ def test_a_screw_lead_adds_what_the_nuts_turn() -> None:
 def test_offsets_move_the_frames_only() -> None:
     """A spindle offset s is the tool s above the platform's origin and the world s higher."""
     up = np.array([0.0, 0.0, 1.5])
-    moved = strut_lengths(Geometry(SIM.base, SIM.platform, spindle_offset=1.0, tool_offset=0.5),
-                          POSES)
+    moved = strut_lengths(
+        HexapodGeometry(SIM.base, SIM.platform, spindle_offset=1.0, tool_offset=0.5), POSES
+    )
     for p, row in zip(POSES, moved, strict=True):
         turn = turned(*p[3:])
         np.testing.assert_allclose(row, by_hand(
@@ -154,7 +155,7 @@ ITERATION = st.lists(st.tuples(st.sampled_from(["convergence-criterion", "max-er
        st.tuples(*[st.one_of(st.just(0.0), NUMBER)] * 3), ITERATION, st.text(max_size=300))
 def test_pins_read_back_equal(base: Any, platform: Any, axes: Any, scalars: Any,
                               iteration: list[tuple[str, float]], comment: str) -> None:
-    geometry = Geometry(base, platform, *axes, *scalars, tuple(sorted(iteration))).rounded()
+    geometry = HexapodGeometry(base, platform, *axes, *scalars, tuple(sorted(iteration))).rounded()
     text = format_hal(geometry, NAMES, comment + "\\")
     assert read_geometry(parse_hal(text, "x")) == geometry
     assert max(map(len, text.splitlines())) < 120 and geometry == geometry.rounded()
@@ -185,7 +186,7 @@ def test_odd_lines_of_joints_are_refused(old: str, new: str, said: str) -> None:
     assert str(error.value).startswith("x: [JOINT_1]")
 
 
-def pins_text(geometry: Geometry = SIM) -> str:
+def pins_text(geometry: HexapodGeometry = SIM) -> str:
     return format_hal(geometry, NAMES, "mine")
 
 
@@ -389,7 +390,7 @@ def test_offset_and_ratio_become_scale_and_home_offset(tmp_path: Path) -> None:
 
 def test_the_present_pins_are_read_and_kept(tmp_path: Path) -> None:
     path = changed(tmp_path, base=0.5, platform=0.3)
-    old = Geometry(*(triples(v) for v in centres(path, "nominal")), screw_lead=5.0,
+    old = HexapodGeometry(*(triples(v) for v in centres(path, "nominal")), screw_lead=5.0,
                    spindle_offset=-80.0, iteration=(("max-error", 900.0),)).rounded()
     (tmp_path / "k.hal").write_text(pins_text(old))
     run = ppmcal("export", "linuxcnc", path, "--old", "k.hal", "--json", cwd=tmp_path, expect=0)
@@ -415,7 +416,7 @@ def test_inches_are_seen_by_the_size_of_the_old_points(tmp_path: Path) -> None:
     path = changed(tmp_path, {"leg1": {"offset": {"value": 2.54, "nominal": 0}}}, base=0.5,
                    platform=0.3)
     base, platform = (triples(v / 25.4) for v in centres(path, "nominal"))
-    (tmp_path / "k.hal").write_text(pins_text(Geometry(base, platform)))
+    (tmp_path / "k.hal").write_text(pins_text(HexapodGeometry(base, platform)))
     run = ppmcal("export", "linuxcnc", path, "--old", "k.hal", "--json", cwd=tmp_path, expect=0)
     assert run.json["length_unit"] == "in" and run.json["gain"]["after"]["max"] < 1e-4
     new, _, ini = written(tmp_path / "exported")
@@ -430,7 +431,7 @@ def test_inches_are_seen_by_the_size_of_the_old_points(tmp_path: Path) -> None:
 def test_struts_in_another_order_are_refused(tmp_path: Path) -> None:
     base, platform = (v[[1, 2, 3, 4, 5, 0]] for v in centres(
         changed(tmp_path, base=0.5, platform=0.3), "nominal"))
-    (tmp_path / "k.hal").write_text(pins_text(Geometry(triples(base), triples(platform))))
+    (tmp_path / "k.hal").write_text(pins_text(HexapodGeometry(triples(base), triples(platform))))
     run = ppmcal("export", "linuxcnc", "m.yaml", "--old", "k.hal", cwd=tmp_path, expect=2)
     assert "k.hal: strut 0 stands where leg2 is drawn, not leg1" in " ".join(run.err.split())
 
@@ -476,7 +477,7 @@ def test_the_fit_is_a_smallest_one(tmp_path: Path) -> None:
     assert least < 0.01 * cost(drawn(drive))
     rng = np.random.default_rng(2)
     for size, _ in product((1e-4, 1e-3), range(12)):
-        away = Geometry(*(triples(np.array(v) + rng.normal(0, size, (6, 3)))
+        away = HexapodGeometry(*(triples(np.array(v) + rng.normal(0, size, (6, 3)))
                           for v in (found.geometry.base, found.geometry.platform)))
         near = type(found)(away, found.stretch * (1 + rng.normal(0, 1e-3 * size, 6)),
                            found.shift + rng.normal(0, size, 6))
@@ -551,7 +552,7 @@ def test_poses_out_of_reach_are_left_aside(tmp_path: Path) -> None:
 def test_reached_is_nowhere_where_struts_do_not_close(tmp_path: Path) -> None:
     drive = drive_of(read_mechanism(UPS), 1e-3)
     far = pose_motor(np.array([[0.0, 0.0, 2.0, 0, 0, 0]]))
-    apart = Geometry(triples(np.full((6, 3), 9e5)), SIM.platform)
+    apart = HexapodGeometry(triples(np.full((6, 3), 9e5)), SIM.platform)
     setting = drawn(drive)
     assert np.isnan(reached(drive, type(setting)(apart, setting.stretch, setting.shift),
                             far)).all()

@@ -18,7 +18,7 @@ from ppmcal.kinematics.region import Grid, named, slice_axes, slice_grid
 from ppmcal.plotting import style as picture
 from ppmcal.plotting.curves import draw_curves
 from ppmcal.plotting.map_data import Map
-from ppmcal.plotting.map_panel import NO_VALUE, SINGULAR_CURVE, Scale, draw_panel
+from ppmcal.plotting.map_panel import NO_VALUE, SINGULAR_CURVE, ColourScale, draw_panel
 from ppmcal.plotting.maps import _view, draw_map
 from ppmcal.plotting.style import (
     SINGULAR,
@@ -160,7 +160,7 @@ def panel(values, determinant=None, home=None, **more):
     x, y = (np.linspace(0.0, 1.0, n) for n in values.shape)
     with look():
         axes = figure(4, 4).add_axes((0, 0, 1, 1))
-        legend = draw_panel(axes, x, y, values, determinant, Scale.of(values, False),
+        legend = draw_panel(axes, x, y, values, determinant, ColourScale.of(values, False),
                             None if home is None else np.array(home), **more)
     return axes, legend
 
@@ -197,16 +197,16 @@ def test_values_are_the_right_way_round():
 
 def test_outliers_do_not_take_all_colours():
     values = np.concatenate([np.linspace(1.0, 2.0, 97), [1e3, 1e6, INF]])
-    scale = Scale.of(values, False)
+    scale = ColourScale.of(values, False)
     assert scale.extend == "max"
     assert 2.0 < scale.high < 4.0
     assert scale.low == 1.0
-    assert Scale.of(np.linspace(1.0, 2.0, 97), False).extend == "neither"
-    assert Scale.of(np.append(values, -INF), False).extend == "both"
-    scale = Scale.of(np.append(10.0 ** np.linspace(0, 2, 99), 1e30), True)
+    assert ColourScale.of(np.linspace(1.0, 2.0, 97), False).extend == "neither"
+    assert ColourScale.of(np.append(values, -INF), False).extend == "both"
+    scale = ColourScale.of(np.append(10.0 ** np.linspace(0, 2, 99), 1e30), True)
     assert scale.log
     assert 1e2 < scale.high < 1e5
-    assert not Scale.of(-np.ones(4), True).log
+    assert not ColourScale.of(-np.ones(4), True).log
 
 
 def test_words_say_where_the_other_coordinates_are():

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ppmcal.calibration.change_detection import posterior_of
-from ppmcal.calibration.fit import Options, posterior
+from ppmcal.calibration.fit import FitOptions, posterior
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import _scaled
 from ppmcal.calibration.problem import Problem
@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 import hidden
 
 TIMES = 10.0
-METHOD = Options(robust=False)
+METHOD = FitOptions(robust=False)
 
 
 @cache

@@ -15,12 +15,12 @@ from scipy.optimize import minimize
 from ppmcal.design.plan import information as accuracy
 from ppmcal.design.plan.candidate_poses import NEAR_SINGULAR, draw, evenly, listed, region_of
 from ppmcal.design.plan.clearance import leg_distances, segment_distance, too_close
-from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, worth
+from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, log_det
 from ppmcal.design.plan.information import offer, task_rows
 from ppmcal.design.plan.path import by_way_of_home, lengths, moves, route, two_opt
-from ppmcal.design.plan.plan import Options, plan
+from ppmcal.design.plan.plan import PlanOptions, plan
 from ppmcal.design.plan.refine import PRICE, refined
-from ppmcal.design.plan.settings import SETTABLE, Asked, needs, offered, refuse, with_kinds
+from ppmcal.design.plan.settings import SETTABLE, PlanSettings, needs, offered, refuse, with_kinds
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_mechanism
@@ -67,7 +67,7 @@ def planned_from(name, count, mechanism=None):
     """Return a plan that chooses among given poses, and is judged at them."""
     mechanism = mechanism or machine(name)
     given = (pool(name).pose, "given")
-    return plan(mechanism, default_instrument(mechanism), Options(count), given, given)
+    return plan(mechanism, default_instrument(mechanism), PlanOptions(count), given, given)
 
 
 def part(whole, keep):
@@ -80,11 +80,11 @@ def part(whole, keep):
 @pytest.mark.parametrize("name, count", [("3-RPR", 5), ("3-RPS", 4), ("delta-linear", 6)])
 def test_exchange_finds_the_best_of_all_subsets(name, count):
     whole = part(possible(name), np.arange(0, 60, 6))
-    values = {s: worth(whole, s) for s in itertools.combinations(range(len(whole)), count)}
+    values = {s: log_det(whole, s) for s in itertools.combinations(range(len(whole)), count)}
     best = max(values.values())
     ends = [exchange(whole, start, ONCE, np.random.default_rng(seed)) for seed, start in
             enumerate([greedy(whole, count, ONCE), range(count), range(4, 4 + count)])]
-    assert max(worth(whole, rows) for rows in ends) == pytest.approx(best, abs=1e-8)
+    assert max(log_det(whole, rows) for rows in ends) == pytest.approx(best, abs=1e-8)
     assert np.ptp(list(values.values())) > 1.0  # there is something to choose
     for rows_ in ends:
         assert len(set(rows_)) == count
@@ -92,9 +92,9 @@ def test_exchange_finds_the_best_of_all_subsets(name, count):
 
 def fedorov(whole, start):
     """Swap the best pair of a chosen and a free row until none helps (Fedorov 1972)."""
-    chosen, value = list(start), worth(whole, start)
+    chosen, value = list(start), log_det(whole, start)
     while True:
-        tried = [(worth(whole, [*chosen[:i], new, *chosen[i + 1:]]), i, new)
+        tried = [(log_det(whole, [*chosen[:i], new, *chosen[i + 1:]]), i, new)
                  for i in range(len(chosen)) for new in range(len(whole)) if new not in chosen]
         best, i, new = max(tried)
         if best <= value + 1e-9:
@@ -106,13 +106,13 @@ def fedorov(whole, start):
 def test_exchange_against_fedorov_and_greedy(name):
     whole = part(possible(name), np.arange(0, 60, 2))
     start = greedy(whole, 7, ONCE)
-    swapped = worth(whole, fedorov(whole, start))
+    swapped = log_det(whole, fedorov(whole, start))
     ends = [exchange(whole, start, ONCE, np.random.default_rng(5)) for _ in range(2)]
     assert ends[0] == ends[1]
-    assert worth(whole, ends[0]) >= worth(whole, start) - 1e-9
-    assert worth(whole, ends[0]) >= swapped - 0.05
+    assert log_det(whole, ends[0]) >= log_det(whole, start) - 1e-9
+    assert log_det(whole, ends[0]) >= swapped - 0.05
     random = np.random.default_rng(1).permutation(len(whole))[:7]
-    assert worth(whole, exchange(whole, random, ONCE, np.random.default_rng(2))) > worth(
+    assert log_det(whole, exchange(whole, random, ONCE, np.random.default_rng(2))) > log_det(
         whole, random)
 
 
@@ -125,12 +125,12 @@ def test_updates_of_rank_m_are_what_they_replace(name):
     design = design.removed(3).removed(41)
     assert design.age > 0  # not from scratch
     gains, losses = design.gains(), design.losses()
-    value = worth(whole, design.rows)
+    value = log_det(whole, design.rows)
     for row in (50, 55, 59):
-        assert gains[row] == pytest.approx(worth(whole, [*design.rows, row]) - value, rel=1e-5)
+        assert gains[row] == pytest.approx(log_det(whole, [*design.rows, row]) - value, rel=1e-5)
     for i in (0, 5, 20):
         rest = [*design.rows[:i], *design.rows[i + 1:]]
-        assert losses[i] == pytest.approx(value - worth(whole, rest), rel=1e-5)
+        assert losses[i] == pytest.approx(value - log_det(whole, rest), rel=1e-5)
     aim = aims(name, whole)[0]
     before = accuracy.spreads(whole.information(np.array(design.rows))[None], (aim, aim))[0][0]
     after = accuracy.spreads(whole.information(np.array([*design.rows, 50]))[None],
@@ -160,8 +160,8 @@ def test_frames_count_only_where_they_imitate_geometry():
     open_ = whole.nuisance
     schur = full[~open_][:, ~open_] - full[~open_][:, open_] @ np.linalg.solve(
         full[open_][:, open_], full[open_][:, ~open_])
-    assert worth(whole, chosen) == pytest.approx(np.linalg.slogdet(schur)[1], rel=1e-9)
-    assert worth(known, chosen) > worth(whole, chosen)
+    assert log_det(whole, chosen) == pytest.approx(np.linalg.slogdet(schur)[1], rel=1e-9)
+    assert log_det(known, chosen) > log_det(whole, chosen)
 
 
 # --- candidates -----------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ def test_refining_raises_information_and_keeps_its_price():
         drawn, region_of(drawn), default_instrument(mechanism), whole, pool(name), {}, start,
         g[0], np.random.default_rng(0))
     count = int((~whole.nuisance).sum())
-    assert worth(richer, chosen) > worth(whole, start) + np.log(1.0 - PRICE) * count
+    assert log_det(richer, chosen) > log_det(whole, start) + np.log(1.0 - PRICE) * count
     before, after = (accuracy.spreads(w.information(np.array(r))[None], g)[0][0]
                      for w, r in ((whole, start), (richer, chosen)))
     assert after < before
@@ -289,8 +289,8 @@ def test_refining_raises_information_and_keeps_its_price():
 
 def settings_of(kinds, payload=None, temperature=None, name="3-RPR", count=20):
     mechanism = machine(name)
-    asked = Asked(kinds, payload, temperature)
-    return plan(mechanism, default_instrument(mechanism), Options(count, 1, asked, 40))
+    asked = PlanSettings(kinds, payload, temperature)
+    return plan(mechanism, default_instrument(mechanism), PlanOptions(count, 1, asked, 40))
 
 
 @pytest.mark.parametrize("name", ["3-RPR", "delta-linear"])
@@ -331,7 +331,7 @@ def test_every_kind_is_planned_or_refused_with_a_reason():
         mechanism = machine(name)
         q = pool(name, 20).q
         for kind in effect_kinds():
-            asked = Asked((kind,), (1.0, 20.0), (291.15, 299.15))
+            asked = PlanSettings((kind,), (1.0, 20.0), (291.15, 299.15))
             try:
                 refuse(mechanism, asked)
             except BadInput as error:
@@ -356,7 +356,7 @@ def test_effects_of_the_file_keep_their_priors(tmp_path):
             "gain": {"value": 1e-4, "free": True}}}]
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(text))
     mechanism = read_mechanism(tmp_path / "m.yaml")
-    acting = with_kinds(mechanism, Asked(("backlash",)), pool("3-RPR", 20).q)
+    acting = with_kinds(mechanism, PlanSettings(("backlash",)), pool("3-RPR", 20).q)
     assert [e.kind.name for e in acting.effects] == ["backlash"]
     free = [acting.names[p] for p in acting.free]
     assert "backlash.width" in free and not any("gain" in n for n in free)

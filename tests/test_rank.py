@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.identifiability import analyse
-from ppmcal.calibration.least_squares import column_scale, reduce_rows
+from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import rank_of
 from ppmcal.io import read_mechanism, read_scenario
@@ -138,7 +138,7 @@ def at_start(problem: Problem, order: NDArray[np.int64] | None = None) -> Fit:
         problem = replace(problem, datasets=tuple(d.take(order) for d in problem.datasets))
     state = problem.start()
     keep = tuple(np.ones(len(d), dtype=bool) for d in problem.datasets)
-    return Fit(problem, state, reduce_rows(problem, state, keep), np.zeros(len(problem.columns)),
+    return Fit(problem, state, qr_factor(problem, state, keep), np.zeros(len(problem.columns)),
                column_scale(problem), keep, 0, True)
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ppmcal.calibration.fit import Options
+from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.flatness import flats
-from ppmcal.calibration.identifiability import foreseen
+from ppmcal.calibration.identifiability import predict_identifiability
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.diagnosis.diagnose import diagnose
@@ -75,7 +75,7 @@ def test_distances_that_do_not_fit_are_told() -> None:
     event = {**event_of("029"), "geometry_start": event_of("028")["geometry_saved"]}
     fit = real_priors.fitted(*real_priors.machine(event, "single"), "prior")
     assert np.max(np.abs(real_priors.rods_of(fit) - 288.13)) < 1.5
-    told = report(fit, Options(), 0.0, 0)
+    told = report(fit, FitOptions(), 0.0, 0)
     assert told.noise.failed and told.noise.by_dataset["distances"] > 3.0
     assert any("times the stated noise" in finding for finding in told.findings)
 
@@ -120,7 +120,7 @@ def test_rods_and_step_scales_of_one_bed_are_one_direction() -> None:
     (path,) = (DATA / "delta-rostock").glob("*.csv")
     event = real_priors.rostock_event(path)
     mechanism, data = real_priors.machine(event, "single", start="start", loose=True, steps=True)
-    found = foreseen(Problem(mechanism, data, mechanism.free), "prior")
+    found = predict_identifiability(Problem(mechanism, data, mechanism.free), "prior")
     assert ("length", "ratio") in [(t.one, t.other) for t in found.twins]
     assert found.scale is not None and found.scale.held and found.scale.open
 

@@ -22,7 +22,7 @@ from ppmcal.design.error_jacobian import (
     worst_case,
 )
 from ppmcal.design.error_sources import all_components, geometry_only, group_of, sources, tolerances
-from ppmcal.design.sensitivity import Asked, analyse
+from ppmcal.design.sensitivity import SensitivityOptions, analyse
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -381,7 +381,7 @@ def test_no_error_is_refused(tmp_path: Path) -> None:
 
 def test_effects_and_their_parameters_are_no_geometry() -> None:
     m = read_mechanism(CONFIGS / "3-RPR.yaml")
-    found = analyse(m, Asked(np.zeros(3), m.length_scale))
+    found = analyse(m, SensitivityOptions(np.zeros(3), m.length_scale))
     assert all("effect" not in m.names[s.parameter] for s in found.sources)
 
 

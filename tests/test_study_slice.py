@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnosis.diagnose import Options, diagnose
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
@@ -56,7 +56,7 @@ def diagnosed(machine: str, seed: int, kind: str, session: hidden.Options
     """Return a campaign and what the diagnosis makes of it."""
     made = hidden.hide(machine, seed, [kind] if kind else [], 1.0, session)
     problem = Problem(made.mechanism, (made.dataset,), made.mechanism.free)
-    return made, diagnose(problem, Options(seed=seed))
+    return made, diagnose(problem, DiagnosisOptions(seed=seed))
 
 
 def said(result: Diagnosis) -> list[tuple[set[str], dict[str, set[str]]]]:

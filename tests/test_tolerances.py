@@ -11,19 +11,26 @@ from commands import number, ppmcal, rows
 from scipy.optimize import minimize
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit import Options
+from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.observation import coordinates_of
 from ppmcal.calibration.problem import Problem
 from ppmcal.design.error_jacobian import Poses
 from ppmcal.design.error_sources import geometry_only, sources, tolerances
-from ppmcal.design.monte_carlo import Errors, Fleet, batches, run, together
+from ppmcal.design.monte_carlo import Fleet, MachineErrors, batches, run, together
 from ppmcal.design.plan.candidate_poses import evenly, region_of
 from ppmcal.design.processes import over
-from ppmcal.design.recalibration import Recipe, calibrate, predicted
+from ppmcal.design.recalibration import MeasurementSetup, calibrate, predicted
 from ppmcal.design.tolerance_allocation import Demand, Share, check, count
-from ppmcal.design.tolerance_costs import cost, demand, equal_parts, felt, least_cost, one_for_all
+from ppmcal.design.tolerance_costs import (
+    cost,
+    demand,
+    equal_parts,
+    is_sensitive,
+    least_cost,
+    one_for_all,
+)
 from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.io import read_mechanism, write_mechanism
 from ppmcal.kinematics.closure import Model
@@ -52,7 +59,7 @@ def fleet(name: str, kind: str | None = None, measured: int = 30) -> Fleet:
         instrument = replace(instrument, kind=kind, sigma_value=instrument.sigma_position)
     return Fleet(m, tuple(s.parameter for s in found), tolerances(m, found),
                  Poses(tasks.q, pose_motor(tasks.pose), np.zeros(3)),
-                 Recipe(m, instrument, poses.q, poses.pose))
+                 MeasurementSetup(m, instrument, poses.q, poses.pose))
 
 
 def rms(errors: np.ndarray) -> float:
@@ -67,13 +74,15 @@ A = np.array([3.0, 0.5, 0.0, 7.0, 1e-14])
 def test_each_allocation_meets_the_demand() -> None:
     for tau in (equal_parts(A), least_cost(A, np.ones(5), np.ones(5)),
                 least_cost(A, np.array([1.0, 5, 1, 0.2, 1]), np.array([2.0, 1, 1, 0.5, 1]))):
-        use = felt(A)
+        use = is_sensitive(A)
         assert use.tolist() == [True, True, False, True, False]
         assert np.isinf(tau[~use]).all()
         assert np.sum((A[use] * tau[use]) ** 2) == pytest.approx(1.0)
     unit = np.array([1.0, 1.0, 1.0, 0.1, 0.1])
     assert np.sum((A * one_for_all(A, unit)) ** 2) == pytest.approx(1.0)
-    np.testing.assert_allclose(A[felt(A)] * equal_parts(A)[felt(A)], 1.0 / np.sqrt(3.0))
+    np.testing.assert_allclose(
+        A[is_sensitive(A)] * equal_parts(A)[is_sensitive(A)], 1.0 / np.sqrt(3.0)
+    )
 
 
 def test_least_cost_is_what_a_general_solver_finds() -> None:
@@ -92,7 +101,7 @@ def test_least_cost_is_what_a_general_solver_finds() -> None:
 def test_cost_allocation_survives_any_units() -> None:
     for scale in (1e-12, 1.0, 1e12):
         tau = least_cost(A * scale, np.ones(5), np.ones(5))
-        use = felt(A)
+        use = is_sensitive(A)
         assert np.sum((A[use] * scale * tau[use]) ** 2) == pytest.approx(1.0)
 
 
@@ -158,7 +167,7 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
     sigma = recipe.linear.sigma[:len(recipe.problem.free)]
     for i in range(5):
         data = measured(recipe, g[i], noise[i])
-        fit = identify(Problem(m, (data,), m.free), Options(robust=False))
+        fit = identify(Problem(m, (data,), m.free), FitOptions(robust=False))
         free = list(m.free)
         # the chord's fixed point differs from Gauss-Newton's by second order only
         apart = (found.g[i, free] - fit.state.g[free]) / sigma
@@ -166,7 +175,7 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
         assert rms((found.g[i, free] - g[i, free]) / sigma) < 2.0
 
 
-def measured(recipe: Recipe, g: np.ndarray, noise: np.ndarray) -> Dataset:
+def measured(recipe: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Dataset:
     """What the recipe's instrument shows of one machine, as a data set."""
     m, instrument = recipe.mechanism, recipe.instrument
     real, _, _ = newton(Model(m, g).closure(recipe.q), pose_motor(recipe.pose))
@@ -265,7 +274,7 @@ def test_the_check_says_where_the_linear_model_is_wrong() -> None:
 # ---------------------------------------------------------------- shares
 
 def test_a_machine_that_cannot_go_there_is_out_of_specification() -> None:
-    errors = Errors(np.array([[0.1, 0.2], [0.1, np.nan], [0.1, 0.4]]), np.zeros((3, 2)))
+    errors = MachineErrors(np.array([[0.1, 0.2], [0.1, np.nan], [0.1, 0.4]]), np.zeros((3, 2)))
     assert count(errors, Demand(0.3, None, 0.9)).hits == 1
     assert count(errors, Demand(None, 0.1, 0.9)).hits == 3
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from test_instruments import data_of, joints, truth
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.fit import Fit, Options
-from ppmcal.calibration.identifiability import CALIPER, foreseen, untold
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.identifiability import CALIPER, identifiability, predict_identifiability
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.io import read_mechanism
@@ -29,7 +29,7 @@ from ppmcal.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 NAME = "delta-linear"
-ROBUST = Options(robust=False)
+ROBUST = FitOptions(robust=False)
 
 
 def printer(tmp_path: Path, **limb: object) -> Mechanism:
@@ -68,7 +68,7 @@ def joints_at(mechanism: Mechanism, g: Array, pose: Array) -> Array:
     return found.q
 
 
-def fitted(mechanism: Mechanism, *data: Dataset, options: Options = ROBUST) -> Fit:
+def fitted(mechanism: Mechanism, *data: Dataset, options: FitOptions = ROBUST) -> Fit:
     return identify(Problem(mechanism, data, mechanism.free), options)
 
 
@@ -78,8 +78,8 @@ def test_touches_leave_scale_to_the_tolerances(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     g = truth(mechanism, rng)
     data = touches(mechanism, g, rng)
-    ahead = foreseen(Problem(mechanism, (data,), mechanism.free), "prior")
-    after = untold(fitted(mechanism, data))
+    ahead = predict_identifiability(Problem(mechanism, (data,), mechanism.free), "prior")
+    after = identifiability(fitted(mechanism, data))
     for found in (ahead, after):
         assert found.scale is not None and found.scale.held and found.scale.open
         assert ("length", "ratio") in [(t.one, t.other) for t in found.twins]
@@ -94,14 +94,14 @@ def test_the_promised_distance_halves_it(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     g = truth(mechanism, rng)
     data = touches(mechanism, g, rng)
-    before = untold(fitted(mechanism, data)).scale
+    before = identifiability(fitted(mechanism, data)).scale
     assert before is not None and before.needed < before.length
     ends = np.zeros((2, 6))
     ends[:, 0] = -before.needed / 2, before.needed / 2
     q = joints_at(mechanism, g, ends)
     one = data_of(mechanism, "distance", q[:1], q[1:], g, rng, CALIPER, False)
     one = replace(one, name="caliper", sigma_value=np.full(1, CALIPER))
-    after = untold(fitted(mechanism, data, one)).scale
+    after = identifiability(fitted(mechanism, data, one)).scale
     assert after is not None
     assert after.sigma / after.length == pytest.approx(0.5 * before.sigma / before.length, rel=0.1)
 
@@ -115,7 +115,7 @@ def test_the_uncertainty_of_a_distance_is_true(tmp_path: Path) -> None:
         g = truth(mechanism, rng)
         data = touches(mechanism, g, rng, 30)
         fit = fitted(mechanism, data)
-        found = untold(fit).scale
+        found = identifiability(fit).scale
         assert found is not None
         # the two touches that lie farthest apart
         at = cga.translation(forward(Model(mechanism, fit.state.g), data.q).pose)
@@ -136,7 +136,7 @@ def test_positions_tell_scale() -> None:
     pose = np.concatenate([cga.translation(forward(Model(mechanism, g), q).pose),
                            np.full((len(q), 3), np.nan)], axis=1)
     data = replace(Dataset.of_poses("camera", q, pose, (1e-5, 1.0), False), kind="position")
-    found = untold(fitted(mechanism, data))
+    found = identifiability(fitted(mechanism, data))
     assert found.scale is not None and not found.scale.open
     assert not any("Scale" in s for s in sentences(found, mechanism))
 
@@ -154,8 +154,11 @@ def test_poses_tell_scale_whatever_is_open(name: str) -> None:
     seen = measured_pose(station, forward(Model(mechanism, g), q).pose)
     data = Dataset.of_poses("tracker", q, seen, (1e-5, 1e-5), True)
     problem = Problem(mechanism, (data,), mechanism.free)
-    for found in (foreseen(problem, "flat"), foreseen(problem, "prior"),
-                  untold(identify(problem, ROBUST))):
+    for found in (
+        predict_identifiability(problem, "flat"),
+        predict_identifiability(problem, "prior"),
+        identifiability(identify(problem, ROBUST)),
+    ):
         assert found.scale is not None and not found.scale.lost and not found.scale.open
         assert found.scale.alone < 5e-5
 
@@ -165,7 +168,9 @@ def test_fixed_drives_tell_scale_a_little(tmp_path: Path) -> None:
     mechanism = printer(tmp_path, ratio=-0.0125, length={"value": 300, "fixed": True})
     rng = np.random.default_rng(5)
     g = truth(mechanism, rng)
-    found = foreseen(Problem(mechanism, (touches(mechanism, g, rng),), mechanism.free), "flat")
+    found = predict_identifiability(
+        Problem(mechanism, (touches(mechanism, g, rng),), mechanism.free), "flat"
+    )
     assert found.scale is not None and not found.scale.lost
 
 
@@ -199,5 +204,5 @@ def test_nothing_free_leaves_nothing_to_say(tmp_path: Path) -> None:
     mechanism = printer(tmp_path)
     rng = np.random.default_rng(7)
     data = touches(mechanism, mechanism.values, rng)
-    found = foreseen(Problem(mechanism, (data,), ()), "prior")
+    found = predict_identifiability(Problem(mechanism, (data,), ()), "prior")
     assert found.scale is None and found.twins == ()

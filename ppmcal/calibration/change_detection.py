@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
-from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_check, with_noise
-from ppmcal.calibration.pose_difference import Moved, moved
+from ppmcal.calibration.pose_difference import PoseDifference, pose_difference
 from ppmcal.calibration.posterior import BENT, Earlier, Posterior, of_data
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, svd
@@ -68,7 +68,7 @@ class Comparison:
     p_value: float
     changes: tuple[Change, ...]
     p_left: float
-    moved: Moved | None
+    pose_difference: PoseDifference | None
 
     @property
     def changed(self) -> bool:
@@ -162,7 +162,7 @@ def compare(mechanism: Mechanism, old: Earlier, new: Now, volume: Array | None =
         _difference(old, new.covariance, inverse, slope, new.scale), _alone(columns, misfit),
         chi2, freedom, _chance(chi2, freedom), changes,
         _chance(float(left @ left), freedom - len(changes)),
-        None if volume is None else moved(mechanism, old, new.value, volume))
+        None if volume is None else pose_difference(mechanism, old, new.value, volume))
 
 
 def _range(columns: Array) -> Array:
@@ -193,7 +193,7 @@ def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior
                      tolerance, scale, fit.noise, inputs or {}, "")
 
 
-def carried_on(fit: Fit, before: Posterior, options: Options) -> list[str]:
+def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
     """Return what is odd about a fit that earlier data took part in: the machine has changed."""
     free = set(fit.problem.free)
     fixed = [fit.problem.mechanism.names[p] for p in before.places if p not in free]

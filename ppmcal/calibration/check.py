@@ -11,15 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.identifiability import RANK_TOLERANCE, Untold, analyse, foreseen
-from ppmcal.calibration.least_squares import column_scale, reduce_rows
+from ppmcal.calibration.identifiability import (
+    RANK_TOLERANCE,
+    Identifiability,
+    analyse,
+    predict_identifiability,
+)
+from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misreading import MEND, misfit
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, limb_roots, to_joint
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import home_conditioning, inverse_table
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -79,8 +84,8 @@ class Check:
 
     ``findings`` need a look (exit code 1); ``gaps`` per limb, empty where the file gives no
     home q; ``condition`` at home; ``rank`` of ``columns``; ``unseen`` parameters that no
-    measured row feels; ``redundant`` further ones that others explain; ``untold``: what a fit to
-    the measurements will leave open, None without any.
+    measured row feels; ``redundant`` further ones that others explain;
+    ``identifiability``: what a fit to the measurements will leave open, None without any.
     """
 
     findings: tuple[str, ...]
@@ -91,7 +96,7 @@ class Check:
     columns: int
     unseen: tuple[str, ...]
     redundant: tuple[str, ...]
-    untold: Untold | None = None
+    identifiability: Identifiability | None = None
 
 
 def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
@@ -136,8 +141,11 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         found = misfit(Problem(mechanism, tuple(datasets), mechanism.free))
         if found.misread:
             findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
-    ahead = foreseen(Problem(mechanism, tuple(datasets), mechanism.free), "prior") if (
-        datasets and columns) else None
+    ahead = (
+        predict_identifiability(Problem(mechanism, tuple(datasets), mechanism.free), "prior")
+        if (datasets and columns)
+        else None
+    )
     return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead)
 
 
@@ -270,9 +278,9 @@ def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]
     """
     problem = Problem(mechanism, tuple(datasets), mechanism.free)
     state: State = problem.start()
-    keep = [known(p) for p in state.poses]
+    keep = [finite_rows(p) for p in state.poses]
     lost = sum(int((~k).sum()) for k in keep)
-    reduced = reduce_rows(problem, state, keep)
+    reduced = qr_factor(problem, state, keep)
     count = len(problem.free)
     scale = column_scale(problem)
     found = analyse(reduced.triangle, count, scale[:count])

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, Reduced
+from ppmcal.calibration.least_squares import SOLVE_TOLERANCE, QRFactor
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.linalg import Array, Bools, known, svd
+from ppmcal.linalg import Array, Bools, finite_rows, svd
 
 ITERATIONS = 60
 OUTLIER = "outlier"
@@ -16,7 +16,7 @@ OUTLIER = "outlier"
 
 
 @dataclass(frozen=True)
-class Options:
+class FitOptions:
     """How to identify.
 
     ``method``: ``prior``, ``flat`` (no prior), ``gcv`` (prior scale by generalised
@@ -55,7 +55,7 @@ class Fit:
 
     problem: Problem
     state: State
-    reduced: Reduced
+    reduced: QRFactor
     prior: Array
     scale: Array
     keep: tuple[Bools, ...]
@@ -81,7 +81,7 @@ class Fit:
         for pose, keep, reasons in zip(self.state.poses, self.keep, self.reasons, strict=True):
             mask = np.zeros_like(keep)
             mask[[n for n, reason in reasons.items() if reason.startswith(OUTLIER)]] = True
-            out.append(mask & known(pose) & ~keep)
+            out.append(mask & finite_rows(pose) & ~keep)
         return out
 
 

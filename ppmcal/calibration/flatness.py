@@ -15,7 +15,7 @@ from scipy.special import fdtrc
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit import Fit
-from ppmcal.linalg import Array, svd, thinned
+from ppmcal.linalg import Array, subsample, svd
 
 ENOUGH = 16
 """Fewer touches show no shape."""
@@ -48,7 +48,7 @@ def flats(fit: Fit) -> Iterator[Flat]:
         if data.kind != "plane":
             continue
         mine = [k & (j == i) for j, k in enumerate(fit.keep)]
-        keep = thinned(mine, MOST)
+        keep = subsample(mine, MOST)
         used = np.flatnonzero(keep[i])
         chunks = list(fit.problem.rows(fit.state, True, keep))
         if used.size < max(ENOUGH, count + 8):

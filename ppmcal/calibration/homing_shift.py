@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.problem import Problem
-from ppmcal.linalg import Array, Bools, Ints, thinned
+from ppmcal.linalg import Array, Bools, Ints, subsample
 from ppmcal.model.dataset import Dataset
 
 SHIFTED = 1e-3
@@ -26,7 +26,7 @@ MOST = 20000
 
 
 @dataclass(frozen=True)
-class Shift:
+class HomingShift:
     """A joint's zero in one session against the others: ``value`` +- ``sigma``, unit of q."""
 
     session: str
@@ -36,7 +36,7 @@ class Shift:
     p_value: float
 
 
-def zeros(fit: Fit) -> Iterator[Shift]:
+def homing_shifts(fit: Fit) -> Iterator[HomingShift]:
     """Yield the joints' zeros that moved in one session against the others.
 
     The session that stands out most is named and taken out, then the others are tested again;
@@ -97,7 +97,7 @@ def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Ints]]) -> list[Bools]:
     for _, rows in sessions:
         if out[rows].mean() > MANY_OUT:
             whole[rows] |= out[rows]
-    return thinned(_by_dataset(whole, fit.keep), MOST)
+    return subsample(_by_dataset(whole, fit.keep), MOST)
 
 
 def _by_dataset(whole: Bools, keep: Sequence[Bools]) -> list[Bools]:
@@ -184,7 +184,7 @@ def _homed(problem: Problem, i: int) -> Problem:
 
 
 def _which(label: str, names: Sequence[str], estimate: Array, information: Array
-           ) -> Iterator[Shift]:
+           ) -> Iterator[HomingShift]:
     """Yield the fewest joints whose shifts explain a session, the largest first."""
     chosen: list[int] = []
     target = information @ estimate
@@ -205,5 +205,5 @@ def _which(label: str, names: Sequence[str], estimate: Array, information: Array
     inner = np.linalg.inv(information[np.ix_(chosen, chosen)])
     value = inner @ target[chosen]
     for c, v, variance in zip(chosen, value, np.diagonal(inner), strict=True):
-        yield Shift(label, names[c], float(v), float(np.sqrt(variance)),
+        yield HomingShift(label, names[c], float(v), float(np.sqrt(variance)),
                     float(chdtrc(1, v * v / variance)))

@@ -15,10 +15,10 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit import Fit, directions, posterior
-from ppmcal.calibration.least_squares import column_scale, prior_weights, reduce_rows
+from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.problem import Problem
 from ppmcal.kinematics.closure import Model
-from ppmcal.linalg import Array, known, svd
+from ppmcal.linalg import Array, finite_rows, svd
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import is_joint_component
@@ -179,7 +179,7 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Twins:
+class CollinearParameters:
     """Two kinds of slot that act as one; ``each``: limb by limb, not only all together."""
 
     one: str
@@ -189,26 +189,28 @@ class Twins:
 
 
 @dataclass(frozen=True)
-class Untold:
+class Identifiability:
     """What the data do not tell; ``scale`` None where it could not be judged."""
 
     scale: Scale | None
-    twins: tuple[Twins, ...]
+    twins: tuple[CollinearParameters, ...]
 
 
-def foreseen(problem: Problem, method: str) -> Untold:
+def predict_identifiability(problem: Problem, method: str) -> Identifiability:
     """Return what a fit of a problem would leave open, judged at the machine as it stands."""
     state = problem.start()
-    keep = tuple(known(pose) for pose in state.poses)
-    return untold(Fit(problem, state, reduce_rows(problem, state, keep),
+    keep = tuple(finite_rows(pose) for pose in state.poses)
+    return identifiability(Fit(problem, state, qr_factor(problem, state, keep),
                       prior_weights(problem, method), column_scale(problem), keep, 0, False))
 
 
-def untold(fit: Fit) -> Untold:
+def identifiability(fit: Fit) -> Identifiability:
     """Return what the rows and priors of a fit, or of a machine before it, leave open."""
     if not fit.problem.free:
-        return Untold(None, ())
-    return Untold(_scale(fit), tuple(sorted(_twins(fit), key=lambda t: -abs(t.correlation))))
+        return Identifiability(None, ())
+    return Identifiability(
+        _scale(fit), tuple(sorted(_twins(fit), key=lambda t: -abs(t.correlation)))
+    )
 
 
 def _scale(fit: Fit) -> Scale | None:
@@ -260,7 +262,7 @@ def _spread(fit: Fit, slope: Array, prior: Array) -> float:
     return float(np.linalg.norm((vt[seen] @ row) / s[seen]))
 
 
-def _twins(fit: Fit) -> Iterator[Twins]:
+def _twins(fit: Fit) -> Iterator[CollinearParameters]:
     """Yield kinds of slot whose common value the data see only together."""
     count, scale = len(fit.problem.free), fit.scale[:len(fit.problem.free)]
     after = posterior(fit)[:count, :count] / np.outer(scale, scale)
@@ -286,7 +288,7 @@ def _twins(fit: Fit) -> Iterator[Twins]:
         each = [correlated([kinds[one][limb]], [kinds[other][limb]]) for limb in both]
         alike = len(each) > 1 and all(abs(e) > ONE for e in each)
         if abs(r) > ONE or alike:
-            yield Twins(one, other, r if abs(r) > ONE else each[0], alike)
+            yield CollinearParameters(one, other, r if abs(r) > ONE else each[0], alike)
 
 
 def kinds_of(mechanism: Mechanism, free: tuple[int, ...]) -> dict[str, dict[str, int]]:

@@ -13,14 +13,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import OUTLIER, Fit, Options, prediction_covariance
+from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions, prediction_covariance
 from ppmcal.calibration.least_squares import (
     Progress,
     column_scale,
-    gauss_newton,
+    least_squares,
     parameter_scale,
     prior_weights,
-    reduce_rows,
+    qr_factor,
 )
 from ppmcal.calibration.misreading import gross_errors
 from ppmcal.calibration.observation import coordinates, shown
@@ -28,7 +28,7 @@ from ppmcal.calibration.outliers import REJECT, distances, huber_weights, worst
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.regularization import damped, gcv_scale
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.linalg import Array, Bools, finite_rows
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
 """Beyond so many rows a fit to so few of them comes first."""
@@ -38,7 +38,7 @@ STAGE, STAGE_ITERATIONS = 30.0, 4
 """Each stage of the approach weakens the prior by this much, in so many iterations."""
 
 
-def identify(problem: Problem, options: Options | None = None, progress: Progress | None = None,
+def identify(problem: Problem, options: FitOptions | None = None, progress: Progress | None = None,
              start: State | None = None, near: bool = False) -> Fit:
     """Fit the free parameters and open frames to the data.
 
@@ -53,7 +53,7 @@ def identify(problem: Problem, options: Options | None = None, progress: Progres
         BadInput: too few rows. NoResult: no pose could be solved, or the damped scheme of
         [PPM] did not converge.
     """
-    options = options or Options()
+    options = options or FitOptions()
     prior = prior_weights(problem, options.method)
     state = start or problem.start()
     keep, reasons = _usable(problem, state)
@@ -111,7 +111,7 @@ def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Pro
     return replace(problem, datasets=datasets, pivots=about), replace(state, poses=poses)
 
 
-def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, options: Options,
+def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, options: FitOptions,
           progress: Progress | None, near: bool) -> State:
     """Return a state near the minimum, outliers weighted down."""
     if not near:
@@ -124,7 +124,7 @@ def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, o
 
     if not near:
         state = _approach(problem, state, keep, prior, weigh, progress)
-    return gauss_newton(problem, state, keep, prior, options.most, weigh, progress)[0]
+    return least_squares(problem, state, keep, prior, options.most, weigh, progress)[0]
 
 
 def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -135,20 +135,20 @@ def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     that straight steps leave it. With the prior never weaker than a thousandth of what the
     data know best, the valley is wide, and each stage starts next to its minimum.
     """
-    reduced = reduce_rows(problem, state, keep)
+    reduced = qr_factor(problem, state, keep)
     known_best = float(np.linalg.norm(reduced.triangle * column_scale(problem), 2))
     weakest = float((prior[prior > 0.0] * column_scale(problem)[prior > 0.0]).min(initial=np.inf))
     excess = known_best / (STIFFEST * weakest)
     while excess > 1.0:
-        state, _, _, _ = gauss_newton(problem, state, keep, prior * excess, STAGE_ITERATIONS,
+        state, _, _, _ = least_squares(problem, state, keep, prior * excess, STAGE_ITERATIONS,
                                       weigh, progress)
         excess /= STAGE
     return state
 
 
 def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequence[dict[int, str]],
-         prior: Array, options: Options, progress: Progress | None, scale: float = 1.0) -> Fit:
-    state, reduced, count, converged = gauss_newton(problem, state, keep, prior,
+         prior: Array, options: FitOptions, progress: Progress | None, scale: float = 1.0) -> Fit:
+    state, reduced, count, converged = least_squares(problem, state, keep, prior,
                                                     options.most, None, progress)
     return Fit(problem, state, reduced, prior, column_scale(problem), tuple(keep),
                count, converged, prior_scale=scale, reasons=tuple(reasons))
@@ -159,8 +159,8 @@ def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int,
     keep, reasons = [], []
     motion = problem.mechanism.motion
     for data, pose in zip(problem.datasets, state.poses, strict=True):
-        joints = known(data.q)
-        solved = known(pose)
+        joints = finite_rows(data.q)
+        solved = finite_rows(pose)
         parts = list(coordinates(data, motion))
         measured = shown(data)[:, parts]
         seen = np.isfinite(measured).any(axis=1)
@@ -207,13 +207,13 @@ def start_off_zero(problem: Problem, state: State, keep: Sequence[Bools]) -> Sta
 
 
 def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: Array) -> Bools:
-    reduced = reduce_rows(problem, state, keep)
+    reduced = qr_factor(problem, state, keep)
     norms = np.linalg.norm(reduced.triangle[:, :scale.size], axis=0) * scale
     return np.asarray(norms < 1e-9 * max(float(norms.max(initial=0.0)), 1e-300), dtype=bool)
 
 
 def _without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
-                      options: Options, progress: Progress | None) -> Fit:
+                      options: FitOptions, progress: Progress | None) -> Fit:
     """Leave out rows that do not belong, worst first, refitting after each round.
 
     ``suspects`` (N,) by data set are out already and are judged with the others at the end;
@@ -250,14 +250,14 @@ def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) ->
 
 
 def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
-             dropped: set[tuple[int, int]], factor: float, options: Options,
+             dropped: set[tuple[int, int]], factor: float, options: FitOptions,
              progress: Progress | None) -> Fit:
     """Take back rows that the final fit explains; write down why the others are out."""
     if dropped:
         found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
         total = sum(int(k.sum()) for k in keep) + len(dropped)
         p = found.p_values(factor)
-        solved = [known(pose) for pose in fit.state.poses]
+        solved = [finite_rows(pose) for pose in fit.state.poses]
         back = [(i, n) for i, n in sorted(dropped) if solved[i][n] and p[i][n] * total >= REJECT]
         for i, n in back:
             keep[i][n] = True
@@ -271,7 +271,7 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
     return replace(fit, noise_factor=factor, reasons=tuple(reasons))
 
 
-def _cross_validated(fit: Fit, options: Options, progress: Progress | None) -> Fit:
+def _cross_validated(fit: Fit, options: FitOptions, progress: Progress | None) -> Fit:
     """Refit with the prior scale that generalised cross-validation chooses."""
     base = fit.prior
     scale = 1.0

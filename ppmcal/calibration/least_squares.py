@@ -19,7 +19,7 @@ SOLVE_TOLERANCE = 1e-13
 
 
 @dataclass(frozen=True)
-class Reduced:
+class QRFactor:
     """All rows as one triangle: ``triangle`` (C, C), ``right`` (C,), and the sum of squares.
 
     The least-squares problem of the rows is |triangle s - right|^2 + (square - |right|^2).
@@ -56,8 +56,8 @@ def parameter_scale(problem: Problem) -> Array:
     return out
 
 
-def reduce_rows(problem: Problem, state: State, keep: Sequence[Bools],
-                weights: Sequence[Array] | None = None) -> Reduced:
+def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
+                weights: Sequence[Array] | None = None) -> QRFactor:
     """Accumulate all rows into one triangle by QR."""
     size = len(problem.columns) + 1
     stack = np.zeros((0, size))
@@ -78,7 +78,7 @@ def reduce_rows(problem: Problem, state: State, keep: Sequence[Bools],
     full = np.zeros((size, size))
     full[:min(size, stack.shape[0])] = stack[:size]
     right = full[:-1, -1]
-    return Reduced(full[:-1, :-1], right, float(np.sum(full[:, -1] ** 2)), count)
+    return QRFactor(full[:-1, :-1], right, float(np.sum(full[:, -1] ** 2)), count)
 
 
 def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -115,7 +115,7 @@ def column_scale(problem: Problem) -> Array:
 
 
 @dataclass(frozen=True)
-class Small:
+class NormalStep:
     """One iteration's linear problem, diagonalised: minimise |s x - b|^2 along each direction.
 
     ``singular`` (r,), ``right`` (r,), ``directions`` (r, C) in natural units ``scale`` (C,).
@@ -142,7 +142,7 @@ class Small:
         return x * self.scale, decrease
 
 
-def small_problem(problem: Problem, state: State, reduced: Reduced, prior: Array) -> Small:
+def normal_step(problem: Problem, state: State, reduced: QRFactor, prior: Array) -> NormalStep:
     """Return the linear problem of data and prior at a state."""
     free = list(problem.free)
     scale = column_scale(problem)
@@ -151,7 +151,7 @@ def small_problem(problem: Problem, state: State, reduced: Reduced, prior: Array
     matrix = np.concatenate([reduced.triangle * scale, np.diag(prior * scale)])
     u, s, vt = svd(matrix)
     right = u.T @ np.concatenate([reduced.right, prior * away])
-    return Small(s, right, vt, scale)
+    return NormalStep(s, right, vt, scale)
 
 
 Progress = Callable[[int, float], None]
@@ -169,9 +169,9 @@ AT_THE_NOISE = 0.01
 predictions of all rows together would move by a tenth of the noise."""
 
 
-def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
+def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
                  iterations: int, weigh: Callable[[State], Sequence[Array]] | None = None,
-                 progress: Progress | None = None) -> tuple[State, Reduced, int, bool]:
+                 progress: Progress | None = None) -> tuple[State, QRFactor, int, bool]:
     """Return the state at the minimum, its rows, the number of iterations, converged or not.
 
     With ``weigh`` rows are re-weighted in each iteration, and a rough minimum is enough: it
@@ -181,12 +181,12 @@ def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: A
     unit = column_scale(problem)
     for count in range(1, iterations + 1):
         weights = weigh(state) if weigh else None
-        reduced = reduce_rows(problem, state, keep, weights)
+        reduced = qr_factor(problem, state, keep, weights)
         before = reduced.square + prior_square(problem, state, prior)
         limit = max(CONVERGED, (ROUGH if weigh else 1e-10) * before)
         if progress:
             progress(count, before)
-        small = small_problem(problem, state, reduced, prior)
+        small = normal_step(problem, state, reduced, prior)
         while True:
             step, decrease = small.step(damping)
             if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:
@@ -205,7 +205,7 @@ def gauss_newton(problem: Problem, state: State, keep: Sequence[Bools], prior: A
             if damping > 1.0:
                 return state, reduced, count, bool(decrease < 1e-6 * max(before, 1.0))
     # creeping along a valley: what is left to gain is no more than a tenth of the noise
-    return state, reduce_rows(problem, state, keep, None), iterations, decrease < AT_THE_NOISE
+    return state, qr_factor(problem, state, keep, None), iterations, decrease < AT_THE_NOISE
 
 
 def solved(state: State, keep: Sequence[Bools]) -> bool:
@@ -222,6 +222,6 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     """
     if not solved(trial, keep):
         return trial, float("inf")
-    reduced = reduce_rows(problem, trial, keep, weights)
-    trial = problem.moved(trial, small_problem(problem, trial, reduced, prior).step()[0])
+    reduced = qr_factor(problem, trial, keep, weights)
+    trial = problem.moved(trial, normal_step(problem, trial, reduced, prior).step()[0])
     return trial, cost(problem, trial, keep, prior, weights)

@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from ppmcal.calibration.least_squares import gauss_newton, parameter_scale, prior_weights
+from ppmcal.calibration.least_squares import least_squares, parameter_scale, prior_weights
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.outliers import Distances, distances, huber_weights
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.errors import NoResult
-from ppmcal.linalg import Array, Bools, known, thinned
+from ppmcal.linalg import Array, Bools, finite_rows, subsample
 from ppmcal.units import Units
 
 GROSS = 5.0
@@ -119,7 +119,7 @@ def misfit(problem: Problem) -> Misfit:
     """
     few = _few(_toleranced(problem))
     state = few.start()
-    keep = [known(p) for p in state.poses]
+    keep = [finite_rows(p) for p in state.poses]
     rows, lost = sum(k.size for k in keep), sum(int((~k).sum()) for k in keep)
     times = explained_distances(few, state).times(keep)
     position, rotation = _medians(few, state)
@@ -147,7 +147,7 @@ def refuse_misread(problem: Problem) -> Misfit:
 
 
 def _few(problem: Problem) -> Problem:
-    keep = thinned([np.ones(len(d), dtype=bool) for d in problem.datasets], TRIAL_ROWS)
+    keep = subsample([np.ones(len(d), dtype=bool) for d in problem.datasets], TRIAL_ROWS)
     datasets = tuple(d.take(np.flatnonzero(k)) if k.any() else d
                      for d, k in zip(problem.datasets, keep, strict=True))
     return replace(problem, datasets=datasets, earlier=None)
@@ -179,5 +179,5 @@ def _after_trial(problem: Problem, state: State, keep: Sequence[Bools]) -> float
     def weigh(at: State) -> Sequence[Array]:
         return huber_weights(problem, at, keep)
 
-    end = gauss_newton(problem, state, keep, prior, TRIAL_ITERATIONS, weigh)[0]
+    end = least_squares(problem, state, keep, prior, TRIAL_ITERATIONS, weigh)[0]
     return distances(problem, end).times(keep)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
-from ppmcal.calibration.fit import Fit, Options, directions, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions, directions, prediction_covariance
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import Progress, gauss_newton, prior_square, reduce_rows
+from ppmcal.calibration.least_squares import Progress, least_squares, prior_square, qr_factor
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
@@ -37,7 +37,7 @@ def noise_ratios(fit: Fit) -> tuple[Array, Array]:
     return np.where(enough, np.sqrt(square / np.where(enough, freedom, 1.0)), np.nan), freedom
 
 
-def with_estimated_noise(problem: Problem, options: Options, progress: Progress | None = None
+def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progress | None = None
                          ) -> tuple[Fit, Array]:
     """Fit with the noise of each data set as its residuals show it.
 
@@ -65,7 +65,7 @@ def with_estimated_noise(problem: Problem, options: Options, progress: Progress 
     return fit, factor
 
 
-def with_noise(fit: Fit, factor: float, options: Options) -> Fit:
+def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     """Return a fit to the same rows with their stated noise times ``factor``.
 
     The tolerances stay what they are, so that they weigh more: values and uncertainties are the
@@ -81,9 +81,9 @@ def with_noise(fit: Fit, factor: float, options: Options) -> Fit:
     chosen = options.method == "gcv"
     state, converged = fit.state, fit.converged
     if fit.prior.any() and not chosen:
-        state, _, _, converged = gauss_newton(noisier, state, fit.keep, fit.prior,
+        state, _, _, converged = least_squares(noisier, state, fit.keep, fit.prior,
                                               options.most)
-    return replace(fit, state=state, reduced=reduce_rows(noisier, state, fit.keep),
+    return replace(fit, state=state, reduced=qr_factor(noisier, state, fit.keep),
                    prior=fit.prior / factor if chosen else fit.prior, noise=factor * fit.noise,
                    prior_scale=fit.prior_scale * (factor if chosen else 1.0),
                    converged=fit.converged and converged)

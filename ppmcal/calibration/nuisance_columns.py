@@ -18,7 +18,7 @@ PARTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
-class Open:
+class NuisanceColumns:
     """Columns of one data set's open quantities, and the components that they are of.
 
     ``about`` (3,): the point about which the frame is turned.
@@ -71,12 +71,12 @@ def target_parts(data: Dataset, motion: str) -> tuple[int, ...]:
 
 
 def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
-            pivots: Sequence[Array] | None) -> tuple[tuple[Open, ...], tuple[str, ...]]:
+            pivots: Sequence[Array] | None) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
     """Return each data set's open columns, and the names of all columns (C,)."""
     names = [mechanism.names[p] for p in free]
     motion = mechanism.motion
-    opens: dict[int, Open] = {}
-    by_name: dict[str, Open] = {}
+    opens: dict[int, NuisanceColumns] = {}
+    by_name: dict[str, NuisanceColumns] = {}
     turn_parts = (2,) if motion == "planar" else (0, 1, 2)
     # a frame that another data set owns must have its columns before it is referred to
     for i, data in sorted(enumerate(datasets), key=lambda d: bool(d[1].frame.same_as)):
@@ -98,7 +98,7 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
         turn = take(turns, [f"target_rotation.{PARTS[3 + p]}" for p in turn_parts])
         homing = take((i > 0 and data.homing == "per-file") or data.homing == "alone",
                       [f"homing.{a}" for a in mechanism.actuators])
-        opens[i] = Open(frame, target, turn, homing, parts, points, turn_parts,
+        opens[i] = NuisanceColumns(frame, target, turn, homing, parts, points, turn_parts,
                         np.where(np.isfinite(about), about, 0.0))
         by_name[data.name] = opens[i]
     return tuple(opens[i] for i in range(len(opens))), tuple(names)

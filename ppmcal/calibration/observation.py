@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import POSE_COORDINATES
@@ -26,7 +26,7 @@ NUMBERS = {"plane": "height", "distance": "distance"}
 
 
 @dataclass(frozen=True)
-class View:
+class ResidualJacobian:
     """Residuals of n rows and how the prediction moves.
 
     Attributes:
@@ -91,13 +91,13 @@ def pivot(data: Dataset) -> Array:
 
 
 def view(data: Dataset, station: Station, poses: Sequence[Array], motion: str, about: Array,
-         stretch: Array | None = None) -> View:
+         stretch: Array | None = None) -> ResidualJacobian:
     """Compare the data set's rows with poses (n, 8); ``about`` is the frame's pivot (3,).
 
     Distances between two platform positions have two poses, all others one. The instrument
     shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
     """
-    sights = [_sight(data, station, pose, motion, about, stretch) for pose in poses]
+    sights = [_pose_residual(data, station, pose, motion, about, stretch) for pose in poses]
     if data.kind == "distance":
         return _distance(data, sights)
     pick = list(coordinates(data, motion))
@@ -108,14 +108,14 @@ def view(data: Dataset, station: Station, poses: Sequence[Array], motion: str, a
         point = np.where([False, False, True], data.value[:, None], point)
     residual = s.residual[:, pick]
     observed = np.isfinite(residual)
-    return View(np.where(observed, residual, 0.0), observed, (s.by_pose[:, pick],),
+    return ResidualJacobian(np.where(observed, residual, 0.0), observed, (s.by_pose[:, pick],),
                 s.by_frame[:, pick], s.by_target[:, pick], s.by_rotation[:, pick],
                 (np.tile(np.eye(6, 3)[pick], (len(data), 1, 1)),), (point,))
 
 
 @dataclass(frozen=True)
-class _Sight:
-    """All six coordinates of n rows: residual (n, 6) and derivatives as in :class:`View`.
+class _PoseResidual:
+    """All six coordinates of n rows: residual (n, 6) and derivatives of those.
 
     ``seen`` (n, 3): where the instrument shows the point.
     """
@@ -129,8 +129,8 @@ class _Sight:
     seen: Array
 
 
-def _sight(data: Dataset, station: Station, pose: Array, motion: str, about: Array,
-           stretch: Array | None) -> _Sight:
+def _pose_residual(data: Dataset, station: Station, pose: Array, motion: str, about: Array,
+           stretch: Array | None) -> _PoseResidual:
     point, rotation = predict(station, pose)
     seen = stretched(point, stretch)
     turned = rotation_residual(data, rotation, motion)
@@ -153,10 +153,10 @@ def _sight(data: Dataset, station: Station, pose: Array, motion: str, about: Arr
     if stretch is not None:
         for block in (by_pose, by_frame, by_target):
             block[:, :3] += stretch @ block[:, :3]
-    return _Sight(residual, by_pose, by_frame, by_target, by_rotation, point, seen)
+    return _PoseResidual(residual, by_pose, by_frame, by_target, by_rotation, point, seen)
 
 
-def _distance(data: Dataset, sights: Sequence[_Sight]) -> View:
+def _distance(data: Dataset, sights: Sequence[_PoseResidual]) -> ResidualJacobian:
     """Distances from the frame's origin, or between two positions: their rows along the line."""
     first = sights[0]
     apart = first.seen if len(sights) == 1 else first.seen - sights[1].seen
@@ -174,8 +174,16 @@ def _distance(data: Dataset, sights: Sequence[_Sight]) -> View:
                        axis=0)
     nothing = np.zeros((len(data), 1, 3))
     by_frame = rows(first.by_frame) if len(sights) == 1 else np.zeros((len(data), 1, 6))
-    return View(np.where(observed, residual, 0.0), observed, by_poses, by_frame, by_target,
-                nothing, tuple(sign * along for sign in signs), tuple(s.point for s in sights))
+    return ResidualJacobian(
+        np.where(observed, residual, 0.0),
+        observed,
+        by_poses,
+        by_frame,
+        by_target,
+        nothing,
+        tuple(sign * along for sign in signs),
+        tuple(s.point for s in sights),
+    )
 
 
 def stretched(point: Array, stretch: Array | None) -> Array:
@@ -192,7 +200,7 @@ def rotation_residual(data: Dataset, predicted: Array, motion: str) -> Array:
         difference = measured[:, 2] - angle
         out[:, 2] = difference - 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
         return out
-    whole = known(measured)
+    whole = finite_rows(measured)
     filled = np.where(whole[:, None], measured, 0.0)
     turn = cga.rotation_matrix(cga.motor_from_rotation_vector(filled, np.zeros(3)))
     return np.where(whole[:, None], turn_between(turn, predicted), np.nan)
@@ -212,7 +220,9 @@ def noise(data: Dataset, motion: str) -> Array:
     return both[:, list(coordinates(data, motion))]
 
 
-def whitener(view_: View, sigma: Array, by_joint: Array | None, sigma_joint: Array) -> Array:
+def whitener(
+    view_: ResidualJacobian, sigma: Array, by_joint: Array | None, sigma_joint: Array
+) -> Array:
     """Return W (n, m, m) with W W^T the inverse covariance's root: W r is white.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from ppmcal.calibration.fit import Fit, prediction_covariance
-from ppmcal.calibration.homing_shift import Shift, zeros
+from ppmcal.calibration.homing_shift import HomingShift, homing_shifts
 from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates, shown
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.registration import measured_pose
@@ -112,7 +112,7 @@ FIRST_ORDER = 100.0
 
 
 @dataclass(frozen=True)
-class Blunder:
+class GrossError:
     """One row that was left out.
 
     Attributes:
@@ -133,28 +133,28 @@ class Blunder:
 
 
 @dataclass(frozen=True)
-class Blunders:
+class GrossErrors:
     """What does not belong.
 
     ``rows``: left out; ``would``: parameter -> (value now, value with those rows), SI;
     ``unchecked``: (data set, CSV rows) that nothing else checks; ``shifts``: of zeros.
     """
 
-    rows: tuple[Blunder, ...]
+    rows: tuple[GrossError, ...]
     would: dict[str, tuple[float, float]]
     unchecked: tuple[tuple[str, tuple[int, ...]], ...]
-    shifts: tuple[Shift, ...]
+    shifts: tuple[HomingShift, ...]
 
 
-def blunders(fit: Fit) -> Blunders:
+def blunders(fit: Fit) -> GrossErrors:
     """Return what does not belong in a fit's data."""
     covariance = prediction_covariance(fit)
     rows = tuple(_left_out(fit))
-    return Blunders(rows, _would(fit, covariance) if rows else {},
-                    tuple(_unchecked(fit, covariance)), tuple(zeros(fit)))
+    return GrossErrors(rows, _would(fit, covariance) if rows else {},
+                    tuple(_unchecked(fit, covariance)), tuple(homing_shifts(fit)))
 
 
-def _left_out(fit: Fit) -> Iterator[Blunder]:
+def _left_out(fit: Fit) -> Iterator[GrossError]:
     motion = fit.problem.mechanism.motion
     for rows in fit.problem.rows(fit.state, False, fit.outliers):
         data = fit.problem.datasets[rows.dataset]
@@ -168,7 +168,7 @@ def _left_out(fit: Fit) -> Iterator[Blunder]:
                 station = fit.state.stations[rows.dataset]
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(station, pose)[0, places[c]])
-            yield Blunder(data.name, int(data.rows[index]), places[c], value, predicted,
+            yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted,
                           float(abs(rows.residual[n, c])), NUMBERS.get(data.kind, ""))
 
 

@@ -16,7 +16,7 @@ from ppmcal.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
-class Moved:
+class PoseDifference:
     """How far poses at the same joints lie apart, frames laid on each other; m and rad."""
 
     position_rms: float
@@ -26,7 +26,9 @@ class Moved:
     poses: int
 
 
-def moved(mechanism: Mechanism, old: Earlier, new: Array, volume: Array) -> Moved | None:
+def pose_difference(
+    mechanism: Mechanism, old: Earlier, new: Array, volume: Array
+) -> PoseDifference | None:
     """Return how far the two machines' poses lie apart at the joints of poses ``volume`` (N, 6)."""
     ends = []
     g = mechanism.values.copy()
@@ -46,7 +48,7 @@ def moved(mechanism: Mechanism, old: Earlier, new: Array, volume: Array) -> Move
     return _apart(ends[0][good], ends[1][good], mechanism.length_scale)
 
 
-def _apart(one: Array, two: Array, size: float) -> Moved:
+def _apart(one: Array, two: Array, size: float) -> PoseDifference:
     """Lay poses (N, 8) on others by one rigid motion; points at ``size`` stand for rotations."""
     corners = np.concatenate([np.zeros((1, 3)), size * np.eye(3)])
     a, b = (cga.translation(p)[:, None, :] + corners @ np.swapaxes(
@@ -59,5 +61,5 @@ def _apart(one: Array, two: Array, size: float) -> Moved:
     both = np.swapaxes(cga.rotation_matrix(one), -1, -2) @ turn @ cga.rotation_matrix(two)
     sine = np.linalg.norm(both - np.swapaxes(both, -1, -2), axis=(-2, -1)) / np.sqrt(8.0)
     rotation = np.arcsin(np.minimum(sine, 1.0))
-    return Moved(float(np.sqrt(np.mean(position**2))), float(position.max()),
+    return PoseDifference(float(np.sqrt(np.mean(position**2))), float(position.max()),
                  float(np.sqrt(np.mean(rotation**2))), float(rotation.max()), len(one))

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.nuisance_columns import Open, lay_out
-from ppmcal.calibration.observation import View, noise, view, whitener
+from ppmcal.calibration.nuisance_columns import NuisanceColumns, lay_out
+from ppmcal.calibration.observation import ResidualJacobian, noise, view, whitener
 from ppmcal.calibration.posterior import Earlier
 from ppmcal.calibration.registration import no_pose, start_station
 from ppmcal.calibration.response import Response
@@ -29,7 +29,7 @@ from ppmcal.kinematics.effect_response import conditions_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reach, settle
 from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import Station
-from ppmcal.linalg import Array, Bools, Ints, known
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Conditions, Dataset
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
@@ -88,11 +88,11 @@ class Problem:
     earlier: Earlier | None = None
 
     @cached_property
-    def _layout(self) -> tuple[tuple[Open, ...], tuple[str, ...]]:
+    def _layout(self) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
         return lay_out(self.mechanism, self.datasets, self.free, self.pivots)
 
     @property
-    def opens(self) -> tuple[Open, ...]:
+    def opens(self) -> tuple[NuisanceColumns, ...]:
         """Column layout of each data set's open quantities."""
         return self._layout[0]
 
@@ -111,7 +111,7 @@ class Problem:
 
         Homing is counted in 1e-3 of the largest range of a joint.
         """
-        ends = [d.q[known(d.q)] for d in self.datasets if known(d.q).any()]
+        ends = [d.q[finite_rows(d.q)] for d in self.datasets if finite_rows(d.q).any()]
         joint = max((float(np.ptp(q, axis=0).max()) for q in ends), default=1.0) or 1.0
 
         def unit(column: str) -> float:
@@ -127,7 +127,7 @@ class Problem:
         model = Model(self.mechanism)
         poses = tuple(self.reached(i, model) for i in range(len(self.datasets)))
         for d, pose in zip(self.datasets, poses, strict=True):
-            if not known(pose).any():
+            if not finite_rows(pose).any():
                 raise no_pose(self.mechanism, d)
         stations = [start_station(d, pose, len(self.mechanism.actuators), self.mechanism.motion)
                     for d, pose in zip(self.datasets, poses, strict=True)]
@@ -186,7 +186,7 @@ class Problem:
         Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
         """
         for i, data in enumerate(self.datasets):
-            usable = known(state.poses[i])
+            usable = finite_rows(state.poses[i])
             if keep is not None:
                 usable &= keep[i]
             index = np.flatnonzero(usable)
@@ -255,7 +255,7 @@ class Problem:
         if homing.stop > homing.start:
             out[..., homing] += by_joint
 
-    def _stations(self, i: int, out: Array, seen: View) -> None:
+    def _stations(self, i: int, out: Array, seen: ResidualJacobian) -> None:
         """Fill the columns of frame, target and target rotation."""
         open_ = self.opens[i]
         for columns, parts, source in (

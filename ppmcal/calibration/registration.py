@@ -15,7 +15,7 @@ from ppmcal.calibration.observation import SCALARS, rotation_residual
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
@@ -46,7 +46,7 @@ def start_scalar(data: Dataset, pose: Array, station: Station, motion: str) -> S
     """
     if not data.frame.fitted or data.to_q is not None:
         return station
-    rows = np.flatnonzero(known(pose) & np.isfinite(data.value))
+    rows = np.flatnonzero(finite_rows(pose) & np.isfinite(data.value))
     if rows.size < 3:
         raise BadInput(f"only {rows.size} usable rows: an unknown frame needs at least 3",
                        data.source, "Measure more poses")
@@ -109,7 +109,7 @@ def start_station(data: Dataset, pose: Array, actuators: int, motion: str) -> St
         return start_scalar(data, pose, station, motion)
     planar = motion == "planar"
     position = np.where([False, False, planar], 0.0, data.position)
-    rows = np.flatnonzero(known(position) & known(pose))
+    rows = np.flatnonzero(finite_rows(position) & finite_rows(pose))
     if rows.size < 3:
         raise BadInput(f"only {rows.size} usable rows: an unknown frame or target needs at least 3",
                        data.source, "Measure more poses")
@@ -161,7 +161,7 @@ def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64]
 def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
     """Return the refusal of a data set of which no row fits the machine."""
     at_home = home_state(mechanism).q
-    rows = data.q[known(data.q)]
+    rows = data.q[finite_rows(data.q)]
     if not rows.size:
         return BadInput("no row has all joint values", data.source,
                         "Check the q columns, or the commanded poses and the home pose")
@@ -187,7 +187,7 @@ def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: 
     if planar:
         measured = measured * np.array([np.nan, np.nan, 1.0])
         measured = np.where(np.isfinite(measured[:, 2:]), np.nan_to_num(measured), np.nan)
-    whole = known(measured)
+    whole = finite_rows(measured)
     translational = bool(np.ptp(rotation, axis=0).max() < 1e-12)
     if whole.sum() < 3 or (translational and data.target_rotation.fitted) or data.kind != "pose":
         if data.frame.fitted:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identifiability import RANK_TOLERANCE
-from ppmcal.calibration.least_squares import Progress, column_scale, reduce_rows, small_problem
+from ppmcal.calibration.least_squares import Progress, column_scale, normal_step, qr_factor
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, svd
 from ppmcal.model.dataset import Dataset
@@ -59,7 +59,7 @@ def gcv_scale(fit: Fit, base: Array) -> float:
 
 
 def damped(problem: Problem, state: State, keep: Sequence[Bools],
-           reasons: Sequence[dict[int, str]], options: Options,
+           reasons: Sequence[dict[int, str]], options: FitOptions,
            progress: Progress | None = None) -> Fit:
     """The scheme of [PPM] section 4.5: step = (J^T J + lambda I)^-1 J^T r, in m and rad.
 
@@ -76,7 +76,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
     none = np.zeros(len(problem.columns))
     converged, stopped = False, ""
     limit = options.iterations or DAMPED_ITERATIONS
-    reduced, plain = reduce_rows(problem, state, keep), reduce_rows(unit, state, keep)
+    reduced, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)
     iteration, away = 0, float("inf")
     for iteration in range(1, limit + 1):
         matrix = plain.triangle.T @ plain.triangle
@@ -84,10 +84,10 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
         step = np.asarray(np.linalg.lstsq(matrix, plain.triangle.T @ plain.right, rcond=1e-15)[0],
                           dtype=np.float64)
         state = problem.moved(state, step)
-        reduced, plain = reduce_rows(problem, state, keep), reduce_rows(unit, state, keep)
+        reduced, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)
         if progress:
             progress(iteration, reduced.square)
-        left, _ = small_problem(unit, state, plain, none).step()
+        left, _ = normal_step(unit, state, plain, none).step()
         away, before = float(np.sum((reduced.triangle @ left) ** 2)), away
         if away < 0.01:
             converged = True

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ppmcal.calibration.observation import View
+from ppmcal.calibration.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.linalg import Array
@@ -28,7 +28,7 @@ class Response:
     pose: Array
     lines: Array
     spread: Array
-    seen: View
+    seen: ResidualJacobian
     rows: Conditions
     end: int = 0
 

@@ -11,19 +11,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, Options, posterior, prediction_covariance
+from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import (
     RANK_TOLERANCE,
+    Identifiability,
     Rank,
-    Untold,
     analyse,
+    identifiability,
     observability,
-    untold,
 )
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.noise import Noise, noise_check, with_noise
-from ppmcal.calibration.outliers import Blunders, blunders
+from ppmcal.calibration.outliers import GrossErrors, blunders
 from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.validation import Residuals, held_out, on_other, register_only, residuals
@@ -96,8 +96,8 @@ class Identification:
     holdout: Mapping[str, Mapping[str, float]]
     holdout_note: str
     findings: tuple[str, ...]
-    untold: Untold
-    blunders: Blunders
+    identifiability: Identifiability
+    blunders: GrossErrors
     flats: tuple[Flat, ...] = ()
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
@@ -191,7 +191,7 @@ def with_estimates(fit: Fit, found: Sequence[Estimate]) -> Mechanism:
                                   **registered(fit.problem, fit.state)})
 
 
-def report(fit: Fit, options: Options, holdout: float, seed: int,
+def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
            other: Sequence[Dataset] = ()) -> Identification:
     """Return everything that there is to say about a fit.
 
@@ -218,7 +218,7 @@ def report(fit: Fit, options: Options, holdout: float, seed: int,
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         prediction_covariance(fit), inflation, residuals(fit.problem, before.state),
         registered(fit.problem, before.state), after, held, note,
-        _findings(fit, noise, inflation, found), untold(fit), *wrong,
+        _findings(fit, noise, inflation, found), identifiability(fit), *wrong,
         _unexplained(after.figures(fit.keep), noise))
 
 

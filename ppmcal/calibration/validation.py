@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import with_noise
 from ppmcal.calibration.observation import coordinates
@@ -17,7 +17,7 @@ from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import moved
 from ppmcal.kinematics.partial_pose import carried_back, pose_vector
 from ppmcal.kinematics.registration import Station
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 
 
@@ -94,7 +94,7 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
         position[:, 2], rotation[:, :2] = 0.0, 0.0
     if motion == "translational":
         rotation = np.zeros_like(rotation)
-    whole = known(position) & known(rotation) & known(data.q)
+    whole = finite_rows(position) & finite_rows(rotation) & finite_rows(data.q)
     if (data.kind == "pose" or motion == "translational") and whole.any():
         measured = np.concatenate([position[whole], rotation[whole]], axis=1)
         pose = carried_back(problem.mechanism, station, measured)
@@ -110,7 +110,7 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
 def register_only(problem: Problem, state: State | None = None) -> Fit:
     """Fit only open frames and targets, geometry as it is."""
     bare = replace(problem, free=(), earlier=None)
-    return identify(bare, Options(method="flat"), start=state)
+    return identify(bare, FitOptions(method="flat"), start=state)
 
 
 def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools]:
@@ -124,7 +124,7 @@ def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools
     return out
 
 
-def held_out(problem: Problem, options: Options, fraction: float, seed: int,
+def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
              keep: Sequence[Bools], noise: float = 1.0
              ) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures on poses that a fit of the others had not seen, and how it was done.
@@ -143,7 +143,7 @@ def held_out(problem: Problem, options: Options, fraction: float, seed: int,
     fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
                                             zip(problem.datasets, out, strict=True)))
     state = fresh_state(fresh, fit.state)
-    rows = [known(p) & k[o] for p, k, o in
+    rows = [finite_rows(p) & k[o] for p, k, o in
             zip(state.poses, keep, out, strict=True)]
     figures = residuals(fresh, state).figures(rows)
     return figures, (f"{fraction:.0%} of the poses (seed {seed}) kept out of a fit of the others; "
@@ -164,7 +164,7 @@ def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, fl
     problem = Problem(fit.problem.mechanism.with_values(fit.state.g), fresh, ())
     registered_fit = register_only(problem)
     figures = residuals(problem, registered_fit.state).figures(
-        [known(p) for p in registered_fit.state.poses])
+        [finite_rows(p) for p in registered_fit.state.poses])
     anew = [d.name for d in fresh if d.frame.fitted]
     how = f"; frame registered anew on {', '.join(anew)}" if anew else ""
     return figures, f"on {', '.join(d.name for d in other)}, which the fit had not seen{how}"

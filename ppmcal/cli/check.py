@@ -45,17 +45,35 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
         console.say(f"Not seen at all: {', '.join(result.unseen)}.")
     if result.redundant:
         console.say(f"Not told apart from others: {', '.join(result.redundant)}.")
-    if result.untold is not None:
-        for sentence in sentences(result.untold, mechanism):
+    if result.identifiability is not None:
+        for sentence in sentences(result.identifiability, mechanism):
             console.say(sentence)
     console.warn(result.findings)
     if not result.findings:
         console.say("No findings.")
-    console.summary({
-        "format": "ppmcal/check/1", "name": mechanism.name, "findings": list(result.findings),
-        "gaps": [{"limb": g.limb, "gap": g.gap / factor, "allowed": g.allowed / factor,
-                  "unit": unit, "open": g.open} for g in result.gaps],
-        "condition": result.condition, "rank": result.rank, "columns": result.columns,
-        "unseen": list(result.unseen), "redundant": list(result.redundant),
-        "untold": None if result.untold is None else entry(result.untold, mechanism)})
+    console.summary(
+        {
+            "format": "ppmcal/check/1",
+            "name": mechanism.name,
+            "findings": list(result.findings),
+            "gaps": [
+                {
+                    "limb": g.limb,
+                    "gap": g.gap / factor,
+                    "allowed": g.allowed / factor,
+                    "unit": unit,
+                    "open": g.open,
+                }
+                for g in result.gaps
+            ],
+            "condition": result.condition,
+            "rank": result.rank,
+            "columns": result.columns,
+            "unseen": list(result.unseen),
+            "redundant": list(result.redundant),
+            "untold": None
+            if result.identifiability is None
+            else entry(result.identifiability, mechanism),
+        }
+    )
     leave(bool(result.findings))

@@ -96,8 +96,8 @@ def _show(found: Comparison, mechanism: Mechanism, console: Console) -> None:
         (1, 2, 3)))
     if len(rows) > SHOWN:
         console.say(f"The {SHOWN} likeliest to have changed; all {len(rows)} in compare.csv.")
-    if found.moved is not None:
-        m, units = found.moved, mechanism.units
+    if found.pose_difference is not None:
+        m, units = found.pose_difference, mechanism.units
         f = units.factor("length")
         turn = (f", {number(m.rotation_rms / units.factor('angle'))} {units.angle} rms"
                 if mechanism.motion != "translational" else "")

@@ -65,7 +65,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
 
     from ppmcal.calibration.misreading import refuse_misread
     from ppmcal.calibration.problem import Problem
-    from ppmcal.diagnosis.diagnose import Options, diagnose
+    from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
     from ppmcal.io import Output, provenance
     from ppmcal.io.output import plain
     from ppmcal.io.results.diagnosis import files, summary
@@ -81,7 +81,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     with unit_findings_told(mechanism, datasets) as units, console.progress("Diagnosing") as show:
         show("comparing the measurements with the nominal machine")
         refuse_misread(problem)
-        result = diagnose(problem, Options(holdout, seed, draws, kinds or None), show)
+        result = diagnose(problem, DiagnosisOptions(holdout, seed, draws, kinds or None), show)
     result = replace(result, findings=(*units, *result.findings))
     inputs = [*mechanism.inputs, *(str(t) for t in data),
               *(str(t.with_suffix(".yaml")) for t in data)]

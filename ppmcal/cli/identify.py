@@ -50,7 +50,7 @@ def show_result(result: Identification, console: Console) -> None:
     _show_parameters(result, console)
     _show_redundant(result, console)
     _show_held(result, console)
-    for sentence in (*sentences(result.untold, result.mechanism),
+    for sentence in (*sentences(result.identifiability, result.mechanism),
                      *flat_sentences(result.flats, result.mechanism)):
         console.say(sentence)
     words = blunder_words.sentences(result.blunders, result.mechanism)
@@ -137,7 +137,7 @@ def _show_redundant(result: Identification, console: Console) -> None:
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ppmcal.calibration.fit import Fit, Options
+    from ppmcal.calibration.fit import Fit, FitOptions
     from ppmcal.calibration.problem import Problem
     from ppmcal.model.dataset import Dataset
     from ppmcal.model.mechanism import Mechanism
@@ -185,7 +185,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     from dataclasses import replace
 
     from ppmcal.calibration.change_detection import carried_on
-    from ppmcal.calibration.fit import Options
+    from ppmcal.calibration.fit import FitOptions
     from ppmcal.calibration.misreading import refuse_misread
     from ppmcal.calibration.problem import Problem
     from ppmcal.calibration.summary import report
@@ -213,7 +213,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     if before is not None:
         refuse_twice(before, source)
     chosen = "flat" if prior == "flat" else method
-    options = Options(chosen, damping, not keep_outliers and method != "damped", iterations)
+    options = FitOptions(chosen, damping, not keep_outliers and method != "damped", iterations)
     problem = Problem(mechanism, datasets, mechanism.free,
                       earlier=before.data() if before else None)
     if prior == "flat":
@@ -248,7 +248,7 @@ def _refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
         raise click.UsageError("--damping goes with --method damped.")
 
 
-def _fitted(problem: Problem, options: Options, sigma: str, console: Console,
+def _fitted(problem: Problem, options: FitOptions, sigma: str, console: Console,
             show: Callable[[str], None]) -> tuple[Fit, list[str]]:
     """Fit, with the noise as stated or as the residuals show it; return what was odd too."""
     from ppmcal.calibration.identify import identify
@@ -280,10 +280,10 @@ def _tell_noise(datasets: tuple[Dataset, ...], factor: Any, console: Console) ->
 
 def _refuse_lost(problem: Problem, mech: Path) -> None:
     """Refuse a fit without tolerances that nothing keeps from shrinking or growing."""
-    from ppmcal.calibration.identifiability import foreseen
+    from ppmcal.calibration.identifiability import predict_identifiability
     from ppmcal.errors import BadInput
 
-    scale = foreseen(problem, "flat").scale
+    scale = predict_identifiability(problem, "flat").scale
     if scale is not None and scale.lost:
         raise BadInput("these data do not hold the machine's size, and without tolerances "
                        "nothing else does: the fit would run off", f"{mech} with --prior flat",
@@ -301,7 +301,7 @@ def _holdout(text: str, mechanism: Mechanism) -> tuple[tuple[Dataset, ...], floa
     return (), fraction
 
 
-def _refuse_unconverged(fit: Fit, options: Options) -> None:
+def _refuse_unconverged(fit: Fit, options: FitOptions) -> None:
     """Refuse a fit that is neither at its minimum nor at the noise, unless asked to stop there.
 
     Raises:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ppmcal.io.results.tables import Shown
-    from ppmcal.kinematics.tables import Table
+    from ppmcal.kinematics.tables import KinematicsTable
     from ppmcal.model.dataset import Conditions
     from ppmcal.model.mechanism import Mechanism
 
@@ -125,7 +125,7 @@ def _point(tool: str | None, mechanism: Mechanism) -> NDArray[Any] | None:
     return point
 
 
-def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: Table,
+def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: KinematicsTable,
            rows: Conditions) -> Shown:
     """Return how the results are to be written."""
     from ppmcal.io.results.tables import Shown
@@ -152,7 +152,7 @@ def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
                        f"of {mechanism.source}")
 
 
-def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Conditions]:
+def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[KinematicsTable, Conditions]:
     import numpy as np
 
     from ppmcal.design.intersection import forward_by_intersection
@@ -185,7 +185,7 @@ def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Table, Con
     return velocity_table(model, poses.poses, motion, rows, named), rows
 
 
-def _as_measured(mechanism: Mechanism, dataset: str, result: Table, rows: Conditions
+def _as_measured(mechanism: Mechanism, dataset: str, result: KinematicsTable, rows: Conditions
                  ) -> NDArray[Any]:
     import numpy as np
 
@@ -196,14 +196,14 @@ def _as_measured(mechanism: Mechanism, dataset: str, result: Table, rows: Condit
     from ppmcal.kinematics.effect_response import shifted
     from ppmcal.kinematics.partial_pose import pose_motor
     from ppmcal.kinematics.registration import measured_pose
-    from ppmcal.linalg import known
+    from ppmcal.linalg import finite_rows
 
     if dataset not in mechanism.registrations:
         raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "
                       "measurement.datasets")
     station = station_of(mechanism.registrations[dataset], len(mechanism.actuators))
     seen = np.full_like(result.pose, np.nan)
-    good = known(result.pose)
+    good = finite_rows(result.pose)
     pose = pose_motor(result.pose[good])
     seen[good] = measured_pose(station, pose)
     shift = shifted(Model(mechanism), rows.take(good), result.q[good], pose).shift

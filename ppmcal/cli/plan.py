@@ -55,8 +55,8 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     D-optimal for the parameters that MECH leaves free, with its tolerances as prior; ordered
     into a short way. Writes poses.csv, accuracy.csv, plan.json and accuracy.png.
     """
-    from ppmcal.design.plan.plan import Options, plan
-    from ppmcal.design.plan.settings import Asked
+    from ppmcal.design.plan.plan import PlanOptions, plan
+    from ppmcal.design.plan.settings import PlanSettings
     from ppmcal.design.virtual_instrument import default_instrument
     from ppmcal.errors import BadInput
     from ppmcal.io import Output, provenance, read_mechanism, read_poses
@@ -67,7 +67,7 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)
     names = tuple(dict.fromkeys(k.strip() for text in kinds for k in text.split(",") if k.strip()))
-    asked = Asked(names, _ends(payload, "--payload", "0,20", 0.0),
+    asked = PlanSettings(names, _ends(payload, "--payload", "0,20", 0.0),
                   _ends(temperature, "--temperature", "18,26", ABSOLUTE_ZERO, -ABSOLUTE_ZERO))
     instrument = read_instrument(sidecar, mechanism) if sidecar else default_instrument(mechanism)
     given = (read_poses(candidates, mechanism).poses, str(candidates)) if candidates else None
@@ -78,7 +78,9 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     wanted = None if accuracy is None else accuracy * mechanism.units.factor("length")
     seed = 0 if seed is None else seed
     with console.progress("Planning") as show:
-        result = plan(mechanism, instrument, Options(count, seed, asked), given, aims, wanted, show)
+        result = plan(
+            mechanism, instrument, PlanOptions(count, seed, asked), given, aims, wanted, show
+        )
     inputs = [*mechanism.inputs, *(str(p) for p in (sidecar, tasks, candidates) if p)]
     source = provenance(inputs, command_line(), seed)
     notes = _notes(mechanism.effects, names, result.unused)

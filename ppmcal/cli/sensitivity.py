@@ -70,7 +70,7 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     root sum square and worst case by pose), linearity.csv, pictures and sensitivity.json.
     """
     from ppmcal.design.error_sources import all_components as components
-    from ppmcal.design.sensitivity import Asked, analyse
+    from ppmcal.design.sensitivity import SensitivityOptions, analyse
     from ppmcal.errors import BadInput
     from ppmcal.io import Output, provenance, read_mechanism, read_poses
     from ppmcal.io.grid import metric_length, read_point
@@ -89,7 +89,7 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     wanted = mesh.poses(machine) if mesh else read_poses(poses, machine).poses if poses else None
     inputs = [*machine.inputs, *([str(poses)] if poses else [])]
     with console.progress("Looking at errors"):
-        found = analyse(looked, Asked(point, rho, sigmas, together,
+        found = analyse(looked, SensitivityOptions(point, rho, sigmas, together,
                                       _size(looked, together, size)), wanted)
         said = [*sentences(found, mesh), *effects_words(machine)]
         findings = _findings(machine, found, mesh)

@@ -29,13 +29,13 @@ from ppmcal.design.error_sources import Source, geometry_only, natural_units, so
 from ppmcal.design.monte_carlo import Fleet
 from ppmcal.design.plan.candidate_poses import evenly, region_of
 from ppmcal.design.processes import cores as all_cores
-from ppmcal.design.recalibration import Recipe, predicted
+from ppmcal.design.recalibration import MeasurementSetup, predicted
 from ppmcal.design.tolerance_allocation import Demand, allocate, check, simulate
 from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.errors import BadInput
 from ppmcal.io import read_poses
 from ppmcal.io.grid import metric_length, read_point
-from ppmcal.io.results.tolerances import Result
+from ppmcal.io.results.tolerances import ToleranceResult
 from ppmcal.io.sidecar import read_instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
@@ -69,7 +69,7 @@ class Job:
     seed: int
 
 
-def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> Result:
+def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> ToleranceResult:
     """Return tolerances, and the machines simulated with those of ``job.method``."""
     machine = geometry_only(mechanism).nominal()
     found = sources(machine)
@@ -93,7 +93,7 @@ def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> Result
     judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, tell)
     home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
     index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
-    return Result(machine, found, demand, tau, job.method, fleet, judged,
+    return ToleranceResult(machine, found, demand, tau, job.method, fleet, judged,
                   check(fleet, judged.built),
                   None if demand.position is None else demand.position / float(index),
                   _expected(recipe, tasks), tuple(notes))
@@ -186,7 +186,7 @@ def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> M
     return replace(machine, parameters=tuple(parameters), free=kept)
 
 
-def _expected(recipe: Recipe, tasks: Poses) -> float | None:
+def _expected(recipe: MeasurementSetup, tasks: Poses) -> float | None:
     """Return the rms error after calibration that the linear model expects, m."""
     short = recipe.mechanism.conditions > len(recipe.mechanism.actuators)
     if short or (tasks.tool != recipe.instrument.target.value).any():
@@ -196,18 +196,18 @@ def _expected(recipe: Recipe, tasks: Poses) -> float | None:
 
 
 def _recipe(drawing: Mechanism, job: Job, instrument: Instrument | None, demand: Demand
-            ) -> Recipe:
+            ) -> MeasurementSetup:
     if instrument is None:
         instrument = default_instrument(drawing)
         sigma = OF_ACCURACY * (demand.position or drawing.length_scale * (demand.rotation or 0.0))
         instrument = replace(instrument, sigma_position=sigma,
                              sigma_rotation=sigma / drawing.length_scale)
     measured = evenly(drawing, region_of(drawing), job.measure, job.seed + 2)
-    return Recipe(drawing, instrument, measured.q, measured.pose)
+    return MeasurementSetup(drawing, instrument, measured.q, measured.pose)
 
 
 if TYPE_CHECKING:
-    from ppmcal.io.results.tolerances import Result
+    from ppmcal.io.results.tolerances import ToleranceResult
     from ppmcal.model.mechanism import Mechanism
 
 
@@ -277,7 +277,7 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     leave(bool(findings))
 
 
-def sentences(r: Result) -> list[str]:
+def sentences(r: ToleranceResult) -> list[str]:
     """Return the results in words."""
     import numpy as np
 
@@ -328,7 +328,7 @@ def _tables(console: Console, found: dict[str, object]) -> None:
                               (1, 2, 3, 4, 5)))
 
 
-def _findings(machine: Mechanism, r: Result) -> list[str]:
+def _findings(machine: Mechanism, r: ToleranceResult) -> list[str]:
     """Return what must be looked at: machines that cannot take poses, a yield missed."""
     import numpy as np
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from ppmcal.controllers.model_uncertainty import UNKNOWN, Certainty
-from ppmcal.controllers.pose_errors import Misses
+from ppmcal.controllers.pose_errors import PoseErrors
 from ppmcal.errors import unknown
 from ppmcal.io import json_text
 from ppmcal.linalg import Array
@@ -24,7 +24,7 @@ NO_GAIN = 1e-9
 
 
 @dataclass(frozen=True)
-class Figure:
+class ErrorSummary:
     """Errors over the commands compared: of position, m, and of rotation, rad, if there is one."""
 
     rms: float
@@ -50,7 +50,7 @@ class Lacking:
 
     what: str
     parameters: tuple[str, ...]
-    cost: Figure | None
+    cost: ErrorSummary | None
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Exported:
     said: str
     numbers: tuple[Number, ...]
     over: str
-    before: Figure
-    after: Figure
+    before: ErrorSummary
+    after: ErrorSummary
     lacks: tuple[Lacking, ...] = ()
     notes: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
@@ -88,14 +88,14 @@ class Exported:
     certainty: Certainty = UNKNOWN
 
     @property
-    def predicted(self) -> Figure | None:
+    def predicted(self) -> ErrorSummary | None:
         """The error to expect with the new numbers: what they lack, and what the model lacks."""
         own = self.certainty
         if own.position is None:
             return None
         turn = None if self.after.rotation_rms is None or own.rotation is None else float(
             np.hypot(self.after.rotation_rms, own.rotation))
-        return Figure(float(np.hypot(self.after.rms, own.position)), np.nan, turn)
+        return ErrorSummary(float(np.hypot(self.after.rms, own.position)), np.nan, turn)
 
     @property
     def findings(self) -> list[str]:
@@ -138,12 +138,12 @@ def exporter(name: str) -> Exporter:
     return cast("Exporter", importlib.import_module(f"ppmcal.controllers.{FORMATS[name.lower()]}"))
 
 
-def figure(found: Misses) -> Figure:
+def figure(found: PoseErrors) -> ErrorSummary:
     """Return errors over poses as exports show them."""
-    return Figure(found.rms, found.max, found.rotation_rms, found.rotation_max)
+    return ErrorSummary(found.rms, found.max, found.rotation_rms, found.rotation_max)
 
 
-def words(figure: Figure) -> str:
+def words(figure: ErrorSummary) -> str:
     """Return errors for people: ``0.0123 mm rms, 0.0456 mm at most``."""
     out = f"{figure.rms * 1e3:.4f} mm rms, {figure.max * 1e3:.4f} mm at most"
     if figure.rotation_rms is not None and figure.rotation_max is not None:
@@ -178,7 +178,7 @@ def summary(exported: Exported, name: str, provenance: Mapping[str, Any]) -> dic
 
 def _predicted(exported: Exported) -> dict[str, Any]:
     """Return what is left with the new numbers, rms: of the format, of the model, and of both."""
-    def entry(part: Figure | None) -> dict[str, Any]:
+    def entry(part: ErrorSummary | None) -> dict[str, Any]:
         out: dict[str, Any] = {"rms": None if part is None else part.rms * 1e3, "unit": "mm"}
         if part is not None and part.rotation_rms is not None:
             out["rotation"] = {"rms": float(np.degrees(part.rotation_rms)), "unit": "deg"}
@@ -188,7 +188,7 @@ def _predicted(exported: Exported) -> dict[str, Any]:
             "after": entry(exported.predicted)}
 
 
-def _figure(figure: Figure) -> dict[str, Any]:
+def _figure(figure: ErrorSummary) -> dict[str, Any]:
     out: dict[str, Any] = {"rms": figure.rms * 1e3, "max": figure.max * 1e3, "unit": "mm"}
     if figure.rotation_rms is not None and figure.rotation_max is not None:
         out["rotation"] = {"rms": float(np.degrees(figure.rotation_rms)),

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.controllers.joint_tables_file import DIGITS, MOST, Triplets, correction
-from ppmcal.controllers.pose_errors import Misses, misses
+from ppmcal.controllers.pose_errors import PoseErrors, pose_errors
 from ppmcal.controllers.pose_grid import at_rest, default_grid, refuse_open, targets
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
@@ -88,7 +88,7 @@ JOINT_SLOTS = ("offset", "ratio")
 
 
 @dataclass(frozen=True)
-class JointTable:
+class CorrectionTable:
     """The table of one actuator.
 
     ``unit``: what the table counts in, ``factor`` its SI value (1 and "" for a bare number);
@@ -186,7 +186,7 @@ def controller_unit(mechanism: Mechanism, actuator: int) -> tuple[float, str]:
     return (LENGTHS["mm"], "mm") if name in ("m", "um") else (factor, name)
 
 
-def joint_tables(mechanism: Mechanism) -> tuple[JointTable, ...]:
+def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
     """Return the table of each actuator over its limits.
 
     Raises:
@@ -214,7 +214,7 @@ def joint_tables(mechanism: Mechanism) -> tuple[JointTable, ...]:
             off = [_misses(t, factor, other[:, a], check[:, a]) for t in tables]
             best = int(np.argmin([rms for _, rms in off]))
             table, error = tables[best], off[best][0]
-        out.append(JointTable(name, unit, factor, table, error / factor, coarse))
+        out.append(CorrectionTable(name, unit, factor, table, error / factor, coarse))
     return tuple(out)
 
 
@@ -293,11 +293,11 @@ def trial(mechanism: Mechanism, seed: int) -> Trial:
     return Trial(np.tile(poses, (2, 1)), np.tile(q, (2, 1)), np.concatenate([way, -way]))
 
 
-def tried(mechanism: Mechanism, plan: Trial, tables: Sequence[JointTable] = ()) -> Misses:
+def tried(mechanism: Mechanism, plan: Trial, tables: Sequence[CorrectionTable] = ()) -> PoseErrors:
     """Return how far the machine, driven with tables or without, is from what was asked."""
     q = plan.q.copy()
     for a, own in enumerate(tables):
         q[:, a] = commanded(own.table, own.factor, q[:, a], plan.way[:, a])
     rows = replace(at_rest(mechanism, len(q)), approach=plan.way)
-    return misses(mechanism, reach(Model(mechanism), q, rows).pose,
+    return pose_errors(mechanism, reach(Model(mechanism), q, rows).pose,
                   pose_motor(targets(mechanism, plan.asked)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal.controllers.export import Exported, Lacking, Number, figure
 from ppmcal.controllers.joint_tables import (
-    JointTable,
+    CorrectionTable,
     Trial,
     divided,
     joint_effects,
@@ -51,12 +51,12 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
                     for t in tables}}, plan.asked)
 
 
-def file_name(table: JointTable) -> str:
+def file_name(table: CorrectionTable) -> str:
     """Return the name of an actuator's file."""
     return f"{table.actuator}.comp"
 
 
-def _files(tables: tuple[JointTable, ...]) -> dict[str, str]:
+def _files(tables: tuple[CorrectionTable, ...]) -> dict[str, str]:
     """Return the files, read back."""
     out = {}
     for own in tables:
@@ -68,7 +68,7 @@ def _files(tables: tuple[JointTable, ...]) -> dict[str, str]:
     return out
 
 
-def _numbers(mechanism: Mechanism, tables: tuple[JointTable, ...]) -> Iterator[Number]:
+def _numbers(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Iterator[Number]:
     """Yield what the tables add at most, how much directions differ, and how many points."""
     for own in tables:
         n, forward, reverse = (np.array(c) for c in (own.table.nominal, own.table.forward,
@@ -82,7 +82,7 @@ def _numbers(mechanism: Mechanism, tables: tuple[JointTable, ...]) -> Iterator[N
         yield Number(f"{own.actuator} points", None, float(len(n)), "")
 
 
-def _lacks(mechanism: Mechanism, tables: tuple[JointTable, ...], plan: Trial
+def _lacks(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], plan: Trial
            ) -> Iterator[Lacking]:
     """Yield what tables of single joints cannot hold."""
     names = mechanism.names
@@ -138,7 +138,7 @@ def geometry_parameters(mechanism: Mechanism) -> list[int]:
             if i not in others and p.value != p.nominal]
 
 
-def _notes(mechanism: Mechanism, tables: tuple[JointTable, ...]) -> Iterator[str]:
+def _notes(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Iterator[str]:
     """Yield what a user should know of the numbers."""
     worst = max(tables, key=lambda t: t.error * t.factor)
     size = f"{worst.error:.2g} {worst.unit}".rstrip()
@@ -159,7 +159,7 @@ def instrument_notes(mechanism: Mechanism) -> Iterator[str]:
             yield f"effect {effect.kind.name} belongs to the instrument and is not sent"
 
 
-def _advice(tables: tuple[JointTable, ...]) -> Iterator[str]:
+def _advice(tables: tuple[CorrectionTable, ...]) -> Iterator[str]:
     """Yield what LinuxCNC's own documents and source ask for."""
     units = sorted({t.unit for t in tables if t.unit})
     name = file_name(tables[0])

@@ -7,7 +7,7 @@ The firmware has one radius r, three angles w_i, three rods L_i, three endstops 
 
 which is e_i + sqrt(L_i^2 - r^2) - h_i below its endstop. That travel, as joint values, goes into
 the machine's own forward kinematics; where the platform ends up is compared with where it should
-be. All lengths here are SI; a :class:`Geometry` is in mm and degrees. Steps are not rounded.
+be. All lengths here are SI; a :class:`DeltaGeometry` is in mm and degrees. Steps are not rounded.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.klipper_config import TOWERS, Geometry
+from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -31,7 +31,7 @@ UPRIGHT = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class KlipperDrive:
     """How travel from the endstops becomes joint values of the machine.
 
     Attributes:
@@ -54,7 +54,7 @@ class Drive:
         return out
 
 
-def tower_heights(geometry: Geometry, point: Array) -> Array:
+def tower_heights(geometry: DeltaGeometry, point: Array) -> Array:
     """Return the carriage heights (N, 3) that the firmware wants for points (N, 3), m.
 
     nan where a rod does not reach.
@@ -67,7 +67,7 @@ def tower_heights(geometry: Geometry, point: Array) -> Array:
     return up
 
 
-def travel(geometry: Geometry, point: Array) -> Array:
+def travel(geometry: DeltaGeometry, point: Array) -> Array:
     """Return how far below its endstop each carriage goes for points (N, 3), (N, 3), m."""
     arms = np.array(geometry.arms)
     top = np.array(geometry.endstops) + np.sqrt(arms**2 - geometry.radius**2)
@@ -75,7 +75,7 @@ def travel(geometry: Geometry, point: Array) -> Array:
     return out
 
 
-def drive_of(mechanism: Mechanism) -> Drive:
+def drive_of(mechanism: Mechanism) -> KlipperDrive:
     """Return how the firmware would drive the machine.
 
     Raises:
@@ -102,7 +102,7 @@ def drive_of(mechanism: Mechanism) -> Drive:
         ratio = limb.slots.values(nominal).get("ratio", 1.0) * np.sign(way)
         scale[t] = -1.0 / ratio
         zero[t] = _endstop(mechanism, limb.actuator, ratio, place)
-    return Drive(mechanism, towers, zero, scale)
+    return KlipperDrive(mechanism, towers, zero, scale)
 
 
 def _towers(mechanism: Mechanism) -> tuple[int, int, int]:
@@ -137,7 +137,7 @@ def axis(mechanism: Mechanism, limb: int) -> Array:
     return out
 
 
-def drawn(drive: Drive) -> Geometry:
+def drawn(drive: KlipperDrive) -> DeltaGeometry:
     """Return Klipper's numbers as read off the machine, turned so that c stands at 90 deg.
 
     Exact, apart from a turn and a shift in the plane, for upright towers without frame errors:
@@ -168,11 +168,11 @@ def drawn(drive: Drive) -> Geometry:
                        "A linear delta printer needs rods longer than its radius")
     ends = tops - np.sqrt(arms**2 - radius**2)
     a, b = ((angles[:2] - angles[2] + 90.0) % 360.0).tolist()
-    return Geometry(radius / MM, (a, b, 90.0), triple(arms / MM), triple(ends / MM))
+    return DeltaGeometry(radius / MM, (a, b, 90.0), triple(arms / MM), triple(ends / MM))
 
 
 def triple(values: Array) -> tuple[float, float, float]:
-    """Return three numbers of an array as they go into a :class:`Geometry`."""
+    """Return three numbers of an array as they go into a :class:`DeltaGeometry`."""
     return float(values[0]), float(values[1]), float(values[2])
 
 
@@ -186,7 +186,7 @@ def _circle(points: Array) -> tuple[Array, float]:
     return centre, float(np.linalg.norm(points[0] - centre))
 
 
-def reached(drive: Drive, geometry: Geometry, point: Array) -> Array:
+def reached(drive: KlipperDrive, geometry: DeltaGeometry, point: Array) -> Array:
     """Return where the machine goes (N, 3) when Klipper is told ``point`` (N, 3), m.
 
     nan where the firmware or the machine does not get there.
@@ -194,7 +194,7 @@ def reached(drive: Drive, geometry: Geometry, point: Array) -> Array:
     return driven(drive, travel(geometry, point))
 
 
-def driven(drive: Drive, down: Array) -> Array:
+def driven(drive: KlipperDrive, down: Array) -> Array:
     """Return where the machine goes (N, 3), m, with its carriages ``down`` (N, 3) from the top.
 
     nan where the firmware or the machine does not get there.
@@ -204,7 +204,7 @@ def driven(drive: Drive, down: Array) -> Array:
     return out
 
 
-def follows(drive: Drive, geometry: Geometry, point: Array) -> Array:
+def follows(drive: KlipperDrive, geometry: DeltaGeometry, point: Array) -> Array:
     """Return how the platform moves with the joints at ``point`` (N, 3): dx/dq, (N, 3, 3).
 
     From A dx + Jq dq = 0; nan where it is singular or not reached.

@@ -28,7 +28,7 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Entry:
+class ConfigEntry:
     """One value as text, the line that it stands in (from 1), and whether it was autosaved."""
 
     text: str
@@ -41,10 +41,10 @@ class Config:
     """A configuration file: section -> key -> entry; ``includes`` are not followed."""
 
     source: str
-    sections: Mapping[str, Mapping[str, Entry]]
+    sections: Mapping[str, Mapping[str, ConfigEntry]]
     includes: tuple[str, ...] = ()
 
-    def section(self, name: str) -> Mapping[str, Entry]:
+    def section(self, name: str) -> Mapping[str, ConfigEntry]:
         """Return a section.
 
         Raises:
@@ -95,7 +95,7 @@ def _count(count: int) -> str:
 
 
 @dataclass(frozen=True)
-class Geometry:
+class DeltaGeometry:
     """The numbers of Klipper's delta kinematics: mm and degrees; triples are towers a, b, c."""
 
     radius: float
@@ -103,12 +103,12 @@ class Geometry:
     arms: Triple
     endstops: Triple
 
-    def rounded(self) -> Geometry:
+    def rounded(self) -> DeltaGeometry:
         """Return what is left of it after writing and reading."""
         def cut(v: Triple) -> Triple:
             return round(v[0], DIGITS), round(v[1], DIGITS), round(v[2], DIGITS)
 
-        return Geometry(round(self.radius, DIGITS), cut(self.angles), cut(self.arms),
+        return DeltaGeometry(round(self.radius, DIGITS), cut(self.angles), cut(self.arms),
                         cut(self.endstops))
 
 
@@ -125,7 +125,7 @@ class Printer:
     """
 
     source: str
-    geometry: Geometry
+    geometry: DeltaGeometry
     step: Triple
     heights: tuple[tuple[float, ...], ...] = ()
     distances: tuple[tuple[float, ...], ...] = ()
@@ -146,7 +146,7 @@ def read_config(path: str | os.PathLike[str]) -> Config:
 
 def parse_config(text: str, source: str) -> Config:
     """Return the sections of ``text``; later values win, and the autosaved ones last."""
-    sections: dict[str, dict[str, Entry]] = {}
+    sections: dict[str, dict[str, ConfigEntry]] = {}
     includes: list[str] = []
     lines = list(enumerate(text.splitlines(), 1))
     plain = [(n, line, False) for n, line in lines if not line.startswith(SAVED)]
@@ -167,11 +167,11 @@ def parse_config(text: str, source: str) -> Config:
                 sections.setdefault(here, {})
         elif line[0] in " \t" and here and key:
             old = sections[here][key]
-            sections[here][key] = Entry(f"{old.text} {line.strip()}".strip(), old.line, late)
+            sections[here][key] = ConfigEntry(f"{old.text} {line.strip()}".strip(), old.line, late)
         elif here in sections:
             key, value = _pair(line, here, f"{source}: line {n}")
             if key:
-                sections[here][key] = Entry(value, n, late)
+                sections[here][key] = ConfigEntry(value, n, late)
     return Config(source, sections, tuple(includes))
 
 
@@ -192,7 +192,7 @@ def _pair(line: str, section: str, where: str) -> tuple[str, str]:
     return found[1].lower(), found[2].strip()
 
 
-def read_geometry(config: Config) -> Geometry:
+def read_geometry(config: Config) -> DeltaGeometry:
     """Return the delta's numbers; b and c default to a's arm and endstop, as in the firmware."""
     printer = config.section("printer")
     kind = printer.get("kinematics")
@@ -213,7 +213,7 @@ def read_geometry(config: Config) -> Geometry:
             raise BadInput(f"the arm of tower {tower}, {arms[i]:g} mm, does not reach the middle: "
                            f"delta_radius is {radius:g} mm", config.at(name, "arm_length"),
                            "Check both lengths; arm_length is the longer one")
-    return Geometry(radius, (angles[0], angles[1], angles[2]), (arms[0], arms[1], arms[2]),
+    return DeltaGeometry(radius, (angles[0], angles[1], angles[2]), (arms[0], arms[1], arms[2]),
                     (ends[0], ends[1], ends[2]))
 
 
@@ -279,7 +279,7 @@ def _rows(config: Config, what: str, ends: tuple[str, ...]) -> list[tuple[float,
     return out
 
 
-def format_geometry(geometry: Geometry, comment: str = "") -> str:
+def format_geometry(geometry: DeltaGeometry, comment: str = "") -> str:
     """Return the lines to paste into a ``printer.cfg``."""
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += ["[printer]", f"delta_radius: {geometry.radius:.{DIGITS}f}"]

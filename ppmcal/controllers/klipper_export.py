@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.controllers.export import Exported, Figure, Lacking, Number, words
+from ppmcal.controllers.export import ErrorSummary, Exported, Lacking, Number, words
 from ppmcal.controllers.klipper import MM
 from ppmcal.controllers.klipper_config import (
     TOWERS,
     Config,
-    Geometry,
+    DeltaGeometry,
     Printer,
     format_geometry,
     parse_config,
     read_config,
     read_geometry,
 )
-from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, Misses, project
+from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, KlipperErrors, project
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text
 from ppmcal.model.mechanism import Mechanism
@@ -59,7 +59,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         np.pad(found.points, ((0, 0), (0, 3))))
 
 
-def _comment(found: Export[Geometry], name: str) -> str:
+def _comment(found: Export[DeltaGeometry], name: str) -> str:
     lines = [f"{name}: error if the model is exact {words(figure(found.after))}, before "
              f"{words(figure(found.before))}.",
              "Paste above the #*# lines of printer.cfg, below the sections of the same names (the",
@@ -69,7 +69,7 @@ def _comment(found: Export[Geometry], name: str) -> str:
                       *(f"Note: {note}." for note in found.notes)])
 
 
-def keys(geometry: Geometry) -> dict[str, float]:
+def keys(geometry: DeltaGeometry) -> dict[str, float]:
     """Return ``section.key`` -> value, mm and degrees."""
     out = {"printer.delta_radius": geometry.radius}
     for i, tower in enumerate(TOWERS):
@@ -86,9 +86,9 @@ def _autosaved(config: Config, names: Iterable[str]) -> list[str]:
             if key in config.sections.get(section, {}) and config.sections[section][key].saved]
 
 
-def figure(found: Misses) -> Figure:
+def figure(found: KlipperErrors) -> ErrorSummary:
     """Return errors with the turn and shift taken out of them, mm and degrees."""
-    return Figure(found.rms, found.max, more={
+    return ErrorSummary(found.rms, found.max, more={
         "taken_out": {"turn": float(np.degrees(found.turn)),
                       "shift": [v / MM for v in found.shift]}})
 

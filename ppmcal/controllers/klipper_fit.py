@@ -14,9 +14,18 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.optimize import least_squares
 
-from ppmcal.controllers.klipper import MM, Drive, drawn, drive_of, follows, reached, travel, triple
+from ppmcal.controllers.klipper import (
+    MM,
+    KlipperDrive,
+    drawn,
+    drive_of,
+    follows,
+    reached,
+    travel,
+    triple,
+)
 from ppmcal.controllers.klipper import axis as tower_axis
-from ppmcal.controllers.klipper_config import Geometry
+from ppmcal.controllers.klipper_config import DeltaGeometry
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -36,7 +45,7 @@ ENOUGH = 20
 
 
 @dataclass(frozen=True)
-class Terms:
+class KlipperTerms:
     """What a firmware with these numbers calls them, for sentences.
 
     Attributes:
@@ -52,12 +61,12 @@ class Terms:
     scale: str
 
 
-KLIPPER = Terms("Klipper", ("stepper_a", "stepper_b", "stepper_c"), "delta_radius",
+KLIPPER = KlipperTerms("Klipper", ("stepper_a", "stepper_b", "stepper_c"), "delta_radius",
                 "position_endstop", "multiply its rotation_distance by that")
 
 
 @dataclass(frozen=True)
-class Misses:
+class KlipperErrors:
     """Errors over a grid, m, and the turn (rad) and shift (2,) taken out of them."""
 
     rms: float
@@ -76,7 +85,7 @@ class Lack:
 
     what: str
     parameters: tuple[str, ...]
-    cost: Misses | None
+    cost: KlipperErrors | None
 
 
 @dataclass(frozen=True)
@@ -92,8 +101,8 @@ class Export(Generic[Numbers]):
 
     new: Numbers
     old: Numbers
-    before: Misses
-    after: Misses
+    before: KlipperErrors
+    after: KlipperErrors
     points: Array
     radius: float
     lacks: tuple[Lack, ...]
@@ -105,8 +114,8 @@ class Export(Generic[Numbers]):
         return not self.lacks
 
 
-def project(mechanism: Mechanism, old: Geometry | None = None, terms: Terms = KLIPPER
-            ) -> Export[Geometry]:
+def project(mechanism: Mechanism, old: DeltaGeometry | None = None, terms: KlipperTerms = KLIPPER
+            ) -> Export[DeltaGeometry]:
     """Return the machine in Klipper's numbers; ``old`` defaults to those of its drawing.
 
     ``terms``: words of another firmware whose numbers are these in other conventions.
@@ -128,7 +137,7 @@ def project(mechanism: Mechanism, old: Geometry | None = None, terms: Terms = KL
                   tuple(_lacks(mechanism, points, terms)), tuple(_notes(drive, after, terms)))
 
 
-def grid(drive: Drive, geometry: Geometry) -> Array:
+def grid(drive: KlipperDrive, geometry: DeltaGeometry) -> Array:
     """Return points (N, 3), m, of a disc at five heights that both sides reach, within limits."""
     radius = DISC * geometry.radius * MM
     side = np.linspace(-radius, radius, ACROSS)
@@ -148,16 +157,16 @@ def grid(drive: Drive, geometry: Geometry) -> Array:
     return np.asarray(points, dtype=float)
 
 
-def misses(drive: Drive, geometry: Geometry, points: Array) -> Misses:
+def misses(drive: KlipperDrive, geometry: DeltaGeometry, points: Array) -> KlipperErrors:
     """Return how far the machine, driven with ``geometry``, misses ``points`` (N, 3)."""
     return misses_at(reached(drive, geometry, points), points)
 
 
-def misses_at(at: Array, points: Array) -> Misses:
+def misses_at(at: Array, points: Array) -> KlipperErrors:
     """Return how far a machine that goes to ``at`` (N, 3) misses ``points`` (N, 3)."""
     error, turn, shift = _laid(at, points)
     size = np.linalg.norm(error, axis=1)
-    return Misses(float(np.sqrt(np.mean(size**2))), float(np.max(size)), turn, shift)
+    return KlipperErrors(float(np.sqrt(np.mean(size**2))), float(np.max(size)), turn, shift)
 
 
 def _laid(at: Array, wanted: Array) -> tuple[Array, float, tuple[float, float]]:
@@ -174,13 +183,13 @@ def _laid(at: Array, wanted: Array) -> tuple[Array, float, tuple[float, float]]:
             (shift.real, shift.imag))
 
 
-def _best(drive: Drive, start: Geometry, points: Array) -> Geometry:
+def _best(drive: KlipperDrive, start: DeltaGeometry, points: Array) -> DeltaGeometry:
     """Return the geometry with the smallest squared errors at ``points``; c stays at 90 deg."""
     if misses(drive, start, points).max < EXACT:
         return start
 
-    def geometry(p: Array) -> Geometry:
-        return Geometry(float(p[0]), (float(p[1]), float(p[2]), 90.0), triple(p[3:6]),
+    def geometry(p: Array) -> DeltaGeometry:
+        return DeltaGeometry(float(p[0]), (float(p[1]), float(p[2]), 90.0), triple(p[3:6]),
                         triple(p[6:9]))
 
     def errors(p: Array) -> Array:
@@ -205,7 +214,9 @@ def _best(drive: Drive, start: Geometry, points: Array) -> Geometry:
     return geometry(found.x)
 
 
-def _groups(mechanism: Mechanism, terms: Terms) -> Iterator[tuple[int, str, str, tuple[int, ...]]]:
+def _groups(
+    mechanism: Mechanism, terms: KlipperTerms
+) -> Iterator[tuple[int, str, str, tuple[int, ...]]]:
     """Yield limb, group, words and parameters of what Klipper has no number for."""
     g, nominal = mechanism.values, mechanism.nominals
     seen: set[int] = set()
@@ -235,7 +246,7 @@ def _group(slot: str) -> str:
     return slot if slot == "ratio" else ""
 
 
-def _lacks(mechanism: Mechanism, points: Array, terms: Terms) -> Iterator[Lack]:
+def _lacks(mechanism: Mechanism, points: Array, terms: KlipperTerms) -> Iterator[Lack]:
     """Yield what Klipper has no number for, each with the cost of that alone."""
     for i, name, words, used in _groups(mechanism, terms):
         alone = drive_of(_only(mechanism, i, name, used))
@@ -262,7 +273,7 @@ def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> 
     return replace(mechanism.with_values(g), limbs=tuple(limbs), effects=())
 
 
-def _notes(drive: Drive, after: Misses, terms: Terms) -> Iterator[str]:
+def _notes(drive: KlipperDrive, after: KlipperErrors, terms: KlipperTerms) -> Iterator[str]:
     """Yield what a user should know of how the machine became the firmware's."""
     mechanism = drive.mechanism
     limbs = [mechanism.limbs[i] for i in drive.towers]

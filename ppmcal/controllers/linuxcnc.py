@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.linuxcnc_hal import STRUTS, Geometry, Joint, Points
+from ppmcal.controllers.linuxcnc_hal import STRUTS, HexapodGeometry, Joint, Points
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
@@ -56,7 +56,7 @@ class Legs:
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class LinuxcncDrive:
     """A machine without effects, its limbs, those of its drawing, and the controller's unit, m."""
 
     mechanism: Mechanism
@@ -66,13 +66,13 @@ class Drive:
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
+class GenhexkinsSetting:
     """What the controller holds: its points, and per joint the change of the INI file.
 
     ``stretch`` (6,) and ``shift`` (6,), in the controller's unit: see :class:`Joint`.
     """
 
-    geometry: Geometry
+    geometry: HexapodGeometry
     stretch: Array
     shift: Array
 
@@ -99,7 +99,7 @@ def commands(pose: Array, unit: float) -> Array:
     return np.concatenate([cga.translation(pose) / unit, turn], axis=-1)
 
 
-def strut_lengths(geometry: Geometry, command: Array) -> Array:
+def strut_lengths(geometry: HexapodGeometry, command: Array) -> Array:
     """Return joint positions (N, 6) that genhexkins asks for at commands (N, 6), in its unit."""
     up = np.array([0.0, 0.0, geometry.spindle_offset + geometry.tool_offset])
     turn = rotations(command[:, 3:])
@@ -152,57 +152,57 @@ def legs_of(mechanism: Mechanism) -> Legs:
                 np.array([limb.actuator for limb in limbs], dtype=np.int64))
 
 
-def drive_of(mechanism: Mechanism, unit: float) -> Drive:
+def drive_of(mechanism: Mechanism, unit: float) -> LinuxcncDrive:
     """Return how the controller would drive the machine, its effects aside."""
     own = replace(mechanism, effects=())
-    return Drive(own, legs_of(own), legs_of(own.nominal()), unit)
+    return LinuxcncDrive(own, legs_of(own), legs_of(own.nominal()), unit)
 
 
-def drawn(drive: Drive, geometry: Geometry | None = None) -> Setting:
+def drawn(drive: LinuxcncDrive, geometry: HexapodGeometry | None = None) -> GenhexkinsSetting:
     """Return the setting as read off the machine; exact where no joint stands beside its line.
 
     ``geometry``: in the pins that are not points, what stays as it is.
     """
     legs = drive.legs
     base, platform = points(legs.base / drive.unit), points(legs.platform / drive.unit)
-    geometry = (Geometry(base, platform) if geometry is None
+    geometry = (HexapodGeometry(base, platform) if geometry is None
                 else replace(geometry, base=base, platform=platform))
     stretch = legs.ratio / drive.nominal.ratio
-    return Setting(geometry, stretch, right_shift(drive, stretch) / drive.unit)
+    return GenhexkinsSetting(geometry, stretch, right_shift(drive, stretch) / drive.unit)
 
 
-def right_shift(drive: Drive, stretch: Array) -> Array:
+def right_shift(drive: LinuxcncDrive, stretch: Array) -> Array:
     """Return the shift (6,), m, with which joint positions are u + along of the machine."""
     legs, was = drive.legs, drive.nominal
     return legs.side * (legs.offset + legs.along - stretch * (was.offset + was.along))
 
 
 def points(values: Array) -> Points:
-    """Return an array (6, 3) as it goes into a :class:`Geometry`."""
+    """Return an array (6, 3) as it goes into a :class:`HexapodGeometry`."""
     return tuple((float(x), float(y), float(z)) for x, y, z in values)
 
 
-def joints(drive: Drive, setting: Setting) -> tuple[Joint, ...]:
+def joints(drive: LinuxcncDrive, setting: GenhexkinsSetting) -> tuple[Joint, ...]:
     """Return what to write of the INI file, with the joint positions at the model's home."""
     home = strut_lengths(setting.geometry, commands(drive.mechanism.home[None], drive.unit))[0]
     return tuple(Joint(float(h), float(f), float(d))
                  for h, f, d in zip(home, setting.stretch, setting.shift, strict=True))
 
 
-def rounded(setting: Setting) -> Setting:
+def rounded(setting: GenhexkinsSetting) -> GenhexkinsSetting:
     """Return what is left of a setting after writing and reading."""
     cut = [Joint(0.0, float(f), float(d)).rounded()
            for f, d in zip(setting.stretch, setting.shift, strict=True)]
-    return Setting(setting.geometry.rounded(), np.array([j.stretch for j in cut]),
+    return GenhexkinsSetting(setting.geometry.rounded(), np.array([j.stretch for j in cut]),
                    np.array([j.shift for j in cut]))
 
 
-def unmoved(geometry: Geometry) -> Geometry:
+def unmoved(geometry: HexapodGeometry) -> HexapodGeometry:
     """Return the geometry without what moves both sides alike: offsets, and the turning nuts."""
     return replace(geometry, screw_lead=0.0, spindle_offset=0.0, tool_offset=0.0)
 
 
-def reached(drive: Drive, setting: Setting, pose: Array) -> Array:
+def reached(drive: LinuxcncDrive, setting: GenhexkinsSetting, pose: Array) -> Array:
     """Return where the machine goes when told to go to ``pose``, motors (N, 8); nan: nowhere.
 
     The nuts turn as the controller believes, and the frames' offsets are left out.

@@ -11,8 +11,8 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.controllers.export import Exported, Lacking, Number, figure, words
 from ppmcal.controllers.linuxcnc import (
-    Drive,
-    Setting,
+    GenhexkinsSetting,
+    LinuxcncDrive,
     commands,
     drawn,
     drive_of,
@@ -23,7 +23,7 @@ from ppmcal.controllers.linuxcnc import (
 from ppmcal.controllers.linuxcnc_fit import EXACT, best, grid, missed, within
 from ppmcal.controllers.linuxcnc_hal import (
     STRUTS,
-    Geometry,
+    HexapodGeometry,
     Joint,
     format_hal,
     format_joints,
@@ -36,7 +36,7 @@ from ppmcal.controllers.linuxcnc_hal import (
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_poses
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import LENGTHS
 
@@ -70,7 +70,9 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
                        mechanism.source, "Check `home` and `limits`")
     new = rounded(best(drive, drawn(drive, present), around))
     old_pins = drawn(drive_of(mechanism.nominal(), drive.unit)).geometry
-    before = Setting(old_pins if present is None else present, np.ones(STRUTS), np.zeros(STRUTS))
+    before = GenhexkinsSetting(
+        old_pins if present is None else present, np.ones(STRUTS), np.zeros(STRUTS)
+    )
     over = Over(around, f"{len(around)} poses within the limits, up to {far * 1e3:.0f} mm along "
                 f"each axis and {np.degrees(turn):.0f} deg from home") if poses is None else (
         _given(mechanism, poses))
@@ -91,7 +93,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         {"length_unit": unit, "poses": len(over.pose)}, pose_vector(over.pose))
 
 
-def _unit(mechanism: Mechanism, present: Geometry | None, old: Path | None) -> str:
+def _unit(mechanism: Mechanism, present: HexapodGeometry | None, old: Path | None) -> str:
     """Return ``mm`` or ``in``: in which unit the present points are as large as the drawing's.
 
     Without present points, the inch if the mechanism file is in inches.
@@ -131,7 +133,7 @@ def _spread(values: Array) -> float:
 def _given(mechanism: Mechanism, path: Path) -> Over:
     """Return the poses of a CSV that the machine takes within its limits."""
     wanted = read_poses(path, mechanism).poses
-    open_ = np.flatnonzero(~known(wanted))
+    open_ = np.flatnonzero(~finite_rows(wanted))
     if open_.size:
         raise BadInput("the pose has an empty coordinate", f"{path}: row {open_[0] + 1}",
                        f"A pose of this machine is {', '.join(mechanism.coordinates)}")
@@ -145,9 +147,16 @@ def _given(mechanism: Mechanism, path: Path) -> Over:
         f"{lost} of the {len(pose)} poses are out of reach or limits and left aside",))
 
 
-def _taken(drive: Drive, settings: tuple[Setting, Setting], over: Over, old: Path | None) -> Over:
+def _taken(
+    drive: LinuxcncDrive,
+    settings: tuple[GenhexkinsSetting, GenhexkinsSetting],
+    over: Over,
+    old: Path | None,
+) -> Over:
     """Return the poses that the machine takes with both settings."""
-    good = np.logical_and(*(known(reached(drive, setting, over.pose)) for setting in settings))
+    good = np.logical_and(
+        *(finite_rows(reached(drive, setting, over.pose)) for setting in settings)
+    )
     if np.mean(good) < 0.5:
         raise BadInput("with these points the machine does not get to most of the poses",
                        str(old or drive.mechanism.source),
@@ -158,8 +167,9 @@ def _taken(drive: Drive, settings: tuple[Setting, Setting], over: Over, old: Pat
         if lost else [])))
 
 
-def _files(drive: Drive, geometry: Geometry, ini: tuple[Joint, ...], unit: str, head: str
-           ) -> dict[str, str]:
+def _files(
+    drive: LinuxcncDrive, geometry: HexapodGeometry, ini: tuple[Joint, ...], unit: str, head: str
+) -> dict[str, str]:
     """Return the two files, read back and found equal.
 
     Raises:
@@ -182,7 +192,9 @@ def _files(drive: Drive, geometry: Geometry, ini: tuple[Joint, ...], unit: str, 
     return texts
 
 
-def _numbers(old: Geometry, new: Geometry, ini: tuple[Joint, ...], unit: str) -> Iterator[Number]:
+def _numbers(
+    old: HexapodGeometry, new: HexapodGeometry, ini: tuple[Joint, ...], unit: str
+) -> Iterator[Number]:
     """Yield the 36 coordinates, and per joint the changes of the INI file."""
     present = pins(old)
     for pin, value in pins(new).items():
@@ -192,7 +204,7 @@ def _numbers(old: Geometry, new: Geometry, ini: tuple[Joint, ...], unit: str) ->
         yield Number(f"[JOINT_{n}] shift", 0.0, joint.shift, unit)
 
 
-def _lateral(drive: Drive) -> list[int]:
+def _lateral(drive: LinuxcncDrive) -> list[int]:
     """Return the struts whose joints stand so far beside the driven line that lengths show it."""
     legs = drive.legs
     strut = cga.move_point(drive.mechanism.home, legs.platform) - legs.base
@@ -200,7 +212,7 @@ def _lateral(drive: Drive) -> list[int]:
     return [int(n) for n in np.flatnonzero(shown > EXACT)]
 
 
-def _lacks(mechanism: Mechanism, drive: Drive, around: Array) -> Iterator[Lacking]:
+def _lacks(mechanism: Mechanism, drive: LinuxcncDrive, around: Array) -> Iterator[Lacking]:
     """Yield what genhexkins has no number for, each with the cost of that alone."""
     for strut in _lateral(drive):
         limb = mechanism.limbs[strut]
@@ -228,7 +240,9 @@ def _only(mechanism: Mechanism, used: list[int]) -> Mechanism:
     return replace(mechanism.with_values(g), effects=())
 
 
-def _notes(drive: Drive, new: Setting, unit: str, fitted_elsewhere: bool) -> Iterator[str]:
+def _notes(
+    drive: LinuxcncDrive, new: GenhexkinsSetting, unit: str, fitted_elsewhere: bool
+) -> Iterator[str]:
     """Yield what a user should know of how the machine became genhexkins'."""
     mechanism, legs, geometry = drive.mechanism, drive.legs, new.geometry
     yield (f"limbs {mechanism.limbs[0].name} to {mechanism.limbs[-1].name} are struts and joints "

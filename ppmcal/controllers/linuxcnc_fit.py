@@ -14,13 +14,19 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.linuxcnc import Drive, Setting, points, reached, right_shift
+from ppmcal.controllers.linuxcnc import (
+    GenhexkinsSetting,
+    LinuxcncDrive,
+    points,
+    reached,
+    right_shift,
+)
 from ppmcal.controllers.linuxcnc_hal import STRUTS
-from ppmcal.controllers.pose_errors import Misses, misses
+from ppmcal.controllers.pose_errors import PoseErrors, pose_errors
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 EXACT = 1e-9
@@ -37,7 +43,7 @@ SPREAD = np.array([[*place, *turn] for place in product((-1.0, 0.0, 1.0), repeat
                    for turn in TURNS])
 
 
-def missed(drive: Drive, setting: Setting, pose: Array) -> Misses:
+def missed(drive: LinuxcncDrive, setting: GenhexkinsSetting, pose: Array) -> PoseErrors:
     """Return how far the machine, driven with ``setting``, misses motors ``pose`` (N, 8).
 
     Over those that it takes.
@@ -45,7 +51,7 @@ def missed(drive: Drive, setting: Setting, pose: Array) -> Misses:
     Raises:
         NoResult: it takes none.
     """
-    return misses(drive.mechanism, reached(drive, setting, pose), pose)
+    return pose_errors(drive.mechanism, reached(drive, setting, pose), pose)
 
 
 def within(mechanism: Mechanism, pose: Array) -> NDArray[np.bool_]:
@@ -56,7 +62,7 @@ def within(mechanism: Mechanism, pose: Array) -> NDArray[np.bool_]:
     q = inverse(Model(mechanism), pose).q
     with np.errstate(invalid="ignore"):
         inside = np.all((q >= mechanism.limits[:, 0]) & (q <= mechanism.limits[:, 1]), axis=1)
-    good: NDArray[np.bool_] = known(q) & inside
+    good: NDArray[np.bool_] = finite_rows(q) & inside
     rows = np.flatnonzero(good)
     back = forward(Model(mechanism), q[rows]).pose
     away = np.linalg.norm(cga.translation(back) - cga.translation(pose[rows]), axis=1)
@@ -64,7 +70,7 @@ def within(mechanism: Mechanism, pose: Array) -> NDArray[np.bool_]:
     return good
 
 
-def grid(drive: Drive) -> tuple[Array, float, float]:
+def grid(drive: LinuxcncDrive) -> tuple[Array, float, float]:
     """Return motors (N, 8) around home within the limits, and how far they go, m and rad.
 
     27 places with 9 turns each: none, and by the same angle about the four diagonals, to and fro.
@@ -84,7 +90,7 @@ def grid(drive: Drive) -> tuple[Array, float, float]:
     return pose[good], far, turn
 
 
-def best(drive: Drive, start: Setting, pose: Array) -> Setting:
+def best(drive: LinuxcncDrive, start: GenhexkinsSetting, pose: Array) -> GenhexkinsSetting:
     """Return the setting with the smallest errors at motors ``pose`` (N, 8).
 
     Squared errors of position and, times the machine's length scale, of rotation, by the 36
@@ -99,7 +105,7 @@ def best(drive: Drive, start: Setting, pose: Array) -> Setting:
                       max_nfev=60).x
     found = replace(start.geometry, base=points(p[:18].reshape(6, 3) / unit),
                     platform=points(p[18:36].reshape(6, 3) / unit))
-    return Setting(found, start.stretch / p[42:], p[36:42] / unit)
+    return GenhexkinsSetting(found, start.stretch / p[42:], p[36:42] / unit)
 
 
 class _Fit:
@@ -110,7 +116,7 @@ class _Fit:
     pose, rows (s, R a x s), which holds but for the squares of what is missed.
     """
 
-    def __init__(self, drive: Drive, right: Array, pose: Array) -> None:
+    def __init__(self, drive: LinuxcncDrive, right: Array, pose: Array) -> None:
         legs = drive.legs
         self.unit, self.beside, self.right = drive.unit, legs.beside, right
         self.turn = cga.rotation_matrix(pose)

@@ -45,7 +45,7 @@ _LINKS = ("net", "linkps", "linksp", "linkpp")
 
 
 @dataclass(frozen=True)
-class Geometry:
+class HexapodGeometry:
     """What the pins of genhexkins hold, in the machine's length unit.
 
     Attributes:
@@ -65,7 +65,7 @@ class Geometry:
     tool_offset: float = 0.0
     iteration: tuple[tuple[str, float], ...] = ()
 
-    def rounded(self) -> Geometry:
+    def rounded(self) -> HexapodGeometry:
         """Return what is left of it after writing and reading."""
         def cut(points: Points) -> Points:
             return tuple((round(x, DIGITS) + 0.0, round(y, DIGITS) + 0.0, round(z, DIGITS) + 0.0)
@@ -174,7 +174,7 @@ def _setting(words: Sequence[str], where: str) -> tuple[str, float]:
     return pin, _decimal(parts[1], f"{where}: {_HEAD}{pin}")
 
 
-def read_geometry(hal: Hal) -> Geometry:
+def read_geometry(hal: Hal) -> HexapodGeometry:
     """Return the pins as a geometry; all 36 coordinates must be set.
 
     Raises:
@@ -201,19 +201,26 @@ def read_geometry(hal: Hal) -> Geometry:
     def of(pin: str, default: float = 0.0) -> float:
         return hal.pins.get(pin, (default, 0))[0]
 
-    return Geometry(points("base", BASE_N), points("platform", BASE_N), points("base-n", BASE_N),
-                    points("platform-n", PLATFORM_N), of("screw-lead"), of("spindle-offset"),
-                    of("tool-offset"), tuple((p, of(p)) for p in ITERATION if p in hal.pins))
+    return HexapodGeometry(
+        points("base", BASE_N),
+        points("platform", BASE_N),
+        points("base-n", BASE_N),
+        points("platform-n", PLATFORM_N),
+        of("screw-lead"),
+        of("spindle-offset"),
+        of("tool-offset"),
+        tuple((p, of(p)) for p in ITERATION if p in hal.pins),
+    )
 
 
-def pins(geometry: Geometry) -> dict[str, float]:
+def pins(geometry: HexapodGeometry) -> dict[str, float]:
     """Return pin name -> value of the 36 coordinates, strut by strut."""
     return {f"{_HEAD}{group}.{n}.{c}": v for n in range(STRUTS)
             for group, points in (("base", geometry.base), ("platform", geometry.platform))
             for c, v in zip("xyz", points[n], strict=True)}
 
 
-def format_hal(geometry: Geometry, names: Sequence[str], comment: str = "") -> str:
+def format_hal(geometry: HexapodGeometry, names: Sequence[str], comment: str = "") -> str:
     """Return the HAL file that sets the pins; ``names``: of the struts."""
     lines = _comments(comment)
     values = {pin: f"{v:.{DIGITS}f}" for pin, v in pins(geometry).items()}

@@ -8,12 +8,12 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.errors import NoResult
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
-class Misses:
+class PoseErrors:
     """Errors over ``count`` poses: of position, m, and of rotation, rad, if there is one."""
 
     rms: float
@@ -23,13 +23,13 @@ class Misses:
     count: int
 
 
-def misses(mechanism: Mechanism, real: Array, wanted: Array) -> Misses:
+def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> PoseErrors:
     """Return how far motors ``real`` are from ``wanted`` (N, 8), over the rows that are known.
 
     Raises:
         NoResult: no row is.
     """
-    rows = np.flatnonzero(known(real) & known(wanted))
+    rows = np.flatnonzero(finite_rows(real) & finite_rows(wanted))
     if not rows.size:
         raise NoResult("the machine takes none of the poses", mechanism.source,
                        "Check `home` and `limits`, and the model with `ppmcal check`")
@@ -37,7 +37,7 @@ def misses(mechanism: Mechanism, real: Array, wanted: Array) -> Misses:
     away = np.linalg.norm(cga.translation(at) - cga.translation(ideal), axis=1)
     turn = np.linalg.norm(cga.rotation_vector(cga.compose(cga.reverse(ideal), at)), axis=1)
     turns = mechanism.motion != "translational"
-    return Misses(_rms(away), float(np.max(away)), _rms(turn) if turns else None,
+    return PoseErrors(_rms(away), float(np.max(away)), _rms(turn) if turns else None,
                   float(np.max(turn)) if turns else None, int(rows.size))
 
 

@@ -19,13 +19,13 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from ppmcal.calibration.compensation import compensate
-from ppmcal.controllers.pose_errors import Misses, misses
+from ppmcal.controllers.pose_errors import PoseErrors, pose_errors
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import base_station, inverse_partial, pose_motor, wanted_poses
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Conditions, conditions
 from ppmcal.model.mechanism import Mechanism
 
@@ -102,7 +102,7 @@ def corrected(mechanism: Mechanism, wanted: Array) -> Corrected:
     found = compensate(mechanism, wanted, None, columns=rest_columns(mechanism, len(wanted)))
     reason = list(found.reason)
     command = nearest(found.command, found.seen)
-    for n in np.flatnonzero(known(found.q) & ~known(command)):
+    for n in np.flatnonzero(finite_rows(found.q) & ~finite_rows(command)):
         reason[n] = "the drawing has no pose at these joint values"
     good = np.array([not r for r in reason], dtype=np.bool_)
     return Corrected(found.seen, np.where(good[:, None], command, np.nan),
@@ -151,7 +151,7 @@ def targets(mechanism: Mechanism, wanted: Array) -> Array:
 
 
 def tried_between(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int
-                  ) -> tuple[Misses, Misses]:
+                  ) -> tuple[PoseErrors, PoseErrors]:
     """Return errors at poses in between without and with the interpolated correction.
 
     Raises:
@@ -163,22 +163,22 @@ def tried_between(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int
     full = targets(mechanism, wanted)
     rest = at_rest(mechanism, len(wanted))
     asked = placed(mechanism, grid.coordinates, values + correction)
-    after = driven(mechanism, np.where(known(correction)[:, None], asked, np.nan), rest)
+    after = driven(mechanism, np.where(finite_rows(correction)[:, None], asked, np.nan), rest)
     before = driven(mechanism, wanted, rest)
-    both = known(after) & known(before) & known(full)
+    both = finite_rows(after) & finite_rows(before) & finite_rows(full)
     if both.sum() < ENOUGH:
         raise NoResult("hardly any cell of the grid has commands at all its corners",
                        mechanism.source, "Check `limits`, or give the poses with --poses")
-    return (misses(mechanism, before[both], pose_motor(full[both])),
-            misses(mechanism, after[both], pose_motor(full[both])))
+    return (pose_errors(mechanism, before[both], pose_motor(full[both])),
+            pose_errors(mechanism, after[both], pose_motor(full[both])))
 
 
-def tried_at(mechanism: Mechanism, found: Corrected) -> tuple[Misses, Misses]:
+def tried_at(mechanism: Mechanism, found: Corrected) -> tuple[PoseErrors, PoseErrors]:
     """Return errors at the poses themselves without and with their commands."""
     full = found.wanted[found.good]
     rest = at_rest(mechanism, len(full))
     before = driven(mechanism, full, rest)
     after = driven(mechanism, found.command[found.good], rest)
-    both = known(before) & known(after)
-    return (misses(mechanism, before[both], pose_motor(full[both])),
-            misses(mechanism, after[both], pose_motor(full[both])))
+    both = finite_rows(before) & finite_rows(after)
+    return (pose_errors(mechanism, before[both], pose_motor(full[both])),
+            pose_errors(mechanism, after[both], pose_motor(full[both])))

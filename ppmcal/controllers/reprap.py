@@ -26,10 +26,10 @@ import numpy as np
 
 from ppmcal.controllers import klipper_fit
 from ppmcal.controllers.export import Exported, Lacking, Number, words
-from ppmcal.controllers.klipper import MM, Drive, drive_of, driven, triple
-from ppmcal.controllers.klipper_config import ANGLES, Geometry
+from ppmcal.controllers.klipper import MM, KlipperDrive, drive_of, driven, triple
+from ppmcal.controllers.klipper_config import ANGLES, DeltaGeometry
 from ppmcal.controllers.klipper_export import figure
-from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, Terms, misses_at
+from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, KlipperTerms, misses_at
 from ppmcal.controllers.reprap_config import (
     Delta,
     Lines,
@@ -42,7 +42,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
-TERMS = Terms("RepRapFirmware", ("X", "Y", "Z"), "delta radius R",
+TERMS = KlipperTerms("RepRapFirmware", ("X", "Y", "Z"), "delta radius R",
               "H of M665 and X, Y, Z of M666", "divide its steps per mm (M92) by that")
 
 
@@ -72,18 +72,18 @@ def travel(delta: Delta, point: Array) -> Array:
     return homed(delta) - carriages(delta, point)
 
 
-def reached(drive: Drive, delta: Delta, point: Array) -> Array:
+def reached(drive: KlipperDrive, delta: Delta, point: Array) -> Array:
     """Return where the machine goes (N, 3) when the firmware is told ``point`` (N, 3), m."""
     return driven(drive, travel(delta, point))
 
 
-def geometry_of(delta: Delta) -> Geometry:
+def geometry_of(delta: Delta) -> DeltaGeometry:
     """Return the same machine in Klipper's numbers, but for the tilt, which it has not."""
-    return Geometry(delta.radius, triple(np.add(ANGLES, delta.angles)), delta.rods,
+    return DeltaGeometry(delta.radius, triple(np.add(ANGLES, delta.angles)), delta.rods,
                     triple(np.add(delta.height, delta.endstops)))
 
 
-def delta_of(geometry: Geometry, bed: float | None = None) -> Delta:
+def delta_of(geometry: DeltaGeometry, bed: float | None = None) -> Delta:
     """Return the same machine in RepRapFirmware's numbers; angles from -180 to 180 deg."""
     height = float(np.mean(geometry.endstops))
     turns = (np.subtract(geometry.angles, ANGLES) + 180.0) % 360.0 - 180.0

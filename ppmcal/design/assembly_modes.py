@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.design.assembly_modes_planar import SAME, by_resultant, weights
-from ppmcal.design.assembly_modes_spatial import PLACE, Found, apart, point_pair, search
+from ppmcal.design.assembly_modes_spatial import PLACE, FoundModes, apart, point_pair, search
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import conditioning, forward
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import SINGULAR, home_conditioning
-from ppmcal.linalg import Array, Bools, Ints, known
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def assembly_modes(model: Model, q: Array, seed: int = 0) -> Modes:
     """
     q = np.asarray(q, dtype=float).reshape(1, -1)
     mechanism = model.mechanism
-    if not known(q).all():
+    if not finite_rows(q).all():
         raise NoResult("joint values are missing", PLACE, "Give every joint a value")
     closure = model.closure(q)
     spheres = weights(closure) != 0.0
@@ -87,7 +87,7 @@ def _limb_of(closure: Closure, row: int) -> str:
     return limbs[row]
 
 
-def _judged(model: Model, closure: Closure, found: Found, method: str) -> Modes:
+def _judged(model: Model, closure: Closure, found: FoundModes, method: str) -> Modes:
     """Order the modes, and say which one is home's and which are singular."""
     mechanism = model.mechanism
     motors, sharp, complete = found.motors, found.sharp, method != "search"

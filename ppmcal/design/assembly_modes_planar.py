@@ -36,10 +36,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.design.assembly_modes_spatial import PLACE, Found, closing
+from ppmcal.design.assembly_modes_spatial import PLACE, FoundModes, closing
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.linalg import Array, Bools, finite_rows
 
 DEGREE = 3
 SAMPLES = 16
@@ -130,7 +130,7 @@ def _even_angles() -> Array:
     return np.asarray(2.0 * np.pi * np.arange(SAMPLES) / SAMPLES, dtype=float)
 
 
-def by_resultant(closure: Closure, spheres: Bools) -> Found:
+def by_resultant(closure: Closure, spheres: Bools) -> FoundModes:
     """Return the modes of a planar machine by the resultant.
 
     Raises:
@@ -226,5 +226,5 @@ def _candidates(closure: Closure, angles: Array) -> Array:
     count = there.shape[1]
     xy = (rows.origin[:, None] + closure.model.mechanism.reach * there).reshape(-1, 2)
     phi = np.repeat(angles, count)
-    good = known(xy) & (np.abs(xy).max(axis=1) < 1e6 * closure.model.mechanism.reach)
+    good = finite_rows(xy) & (np.abs(xy).max(axis=1) < 1e6 * closure.model.mechanism.reach)
     return _poses(xy[good], phi[good])

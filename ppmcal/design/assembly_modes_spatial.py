@@ -32,7 +32,7 @@ BLUNT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundModes:
     """Poses that close: motors (n, 8), and whether Newton converged on each (n,).
 
     One on which it did not, though it closes, is a double root or nearly one.
@@ -54,14 +54,14 @@ def _place(mechanism: Mechanism, poses: Array) -> Array:
     return np.concatenate([cga.translation(poses) / mechanism.length_scale, turn], axis=-1)
 
 
-def closing(closure: Closure, starts: Array) -> Found:
+def closing(closure: Closure, starts: Array) -> FoundModes:
     """Return the distinct poses that close, by Newton from ``starts`` (M, 8).
 
     At a double root Newton's steps end in round-off before they are small; a pose that closes
     to :data:`ppmcal.kinematics.forward.CLOSED` of the reach is kept all the same.
     """
     if not len(starts):
-        return Found(np.zeros((0, 8)), np.zeros(0, dtype=bool))
+        return FoundModes(np.zeros((0, 8)), np.zeros(0, dtype=bool))
     solved, sharp, _ = newton(closure, starts)
     allowed = CLOSED * closure.model.mechanism.reach
     with np.errstate(invalid="ignore", over="ignore"):
@@ -69,10 +69,10 @@ def closing(closure: Closure, starts: Array) -> Found:
         begins = np.abs(closure.gaps(starts)).max(axis=1) < allowed
     poses = np.where(ends[:, None], solved, starts)
     kept = ends | begins
-    return distinct(closure.model.mechanism, Found(poses[kept], (sharp & ends)[kept]))
+    return distinct(closure.model.mechanism, FoundModes(poses[kept], (sharp & ends)[kept]))
 
 
-def distinct(mechanism: Mechanism, found: Found) -> Found:
+def distinct(mechanism: Mechanism, found: FoundModes) -> FoundModes:
     """Return each pose once, converged ones before those that are not."""
     order = np.argsort(~found.sharp, kind="stable")
     motors, sharp = found.motors[order], found.sharp[order]
@@ -83,18 +83,18 @@ def distinct(mechanism: Mechanism, found: Found) -> Found:
         kept.append(first)
         near = np.where(sharp[left] & sharp[first], SHARP, BLUNT)
         left = left[apart(mechanism, motors[left], motors[first]) > near]
-    return Found(motors[kept], sharp[kept])
+    return FoundModes(motors[kept], sharp[kept])
 
 
-def search(closure: Closure, seed: int) -> Found:
+def search(closure: Closure, seed: int) -> FoundModes:
     """Return the modes that Newton finds from drawn starts; there may be more."""
     mechanism = closure.model.mechanism
     rng = np.random.default_rng(seed)
-    none = Found(np.zeros((0, 8)), np.zeros(0, dtype=bool))
+    none = FoundModes(np.zeros((0, 8)), np.zeros(0, dtype=bool))
     found, idle = none, 0
     for _ in range(MOST):
         more = closing(closure, _starts(mechanism, rng, BATCH))
-        both = distinct(mechanism, Found(np.concatenate([found.motors, more.motors]),
+        both = distinct(mechanism, FoundModes(np.concatenate([found.motors, more.motors]),
                                          np.concatenate([found.sharp, more.sharp])))
         idle = 0 if len(both.motors) > len(found.motors) else idle + 1
         found = both
@@ -115,7 +115,7 @@ def _starts(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Array
         axis * angle[:, None], centre + rng.uniform(-1.0, 1.0, (count, 3)) * mechanism.reach)
 
 
-def point_pair(closure: Closure) -> Found:
+def point_pair(closure: Closure) -> FoundModes:
     """Return the modes of a translational machine: where its three surfaces meet.
 
     A platform point on a sphere about c is the platform's origin on the sphere about

@@ -11,7 +11,7 @@ import numpy as np
 
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 CHUNK = 20_000
@@ -46,7 +46,7 @@ class Quality:
 def measured(model: Model, q: Array, pose: Array) -> Quality:
     """Return the local measures of joint values (N, k) at poses (N, 6), chunk by chunk."""
     out = np.full((4, len(q)), np.nan)
-    rows = np.flatnonzero(known(q) & known(pose))
+    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose))
     for i in range(0, len(rows), CHUNK):
         part = rows[i:i + CHUNK]
         out[:, part] = _measures(model, q[part], pose_motor(pose[part]))

@@ -17,7 +17,7 @@ from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.inverse import home_state, solve_blocks
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.limbs.chain import cross_matrix
 
 CHUNK = 8192
@@ -288,7 +288,7 @@ def determinants(model: Model, q: Array, pose: Array) -> Array:
     home = home_state(model.mechanism).q[None]
     first = float(np.linalg.det(model.closure(home).pose_matrix(model.mechanism.home[None]))[0])
     out = np.full(len(q), np.nan)
-    rows = np.flatnonzero(known(q) & known(pose))
+    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose))
     if rows.size:
         out[rows] = np.linalg.det(model.closure(q[rows]).pose_matrix(pose[rows])) / first
     return out

@@ -32,7 +32,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import CONTRACTION, SMALLEST_STEP, Forward, moved
 from ppmcal.kinematics.inverse import home_state, solve_rows
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 MEETS = 1e-8
@@ -71,7 +71,7 @@ def forward_by_intersection(model: Model, q: Array) -> Forward:
     q = np.atleast_2d(np.asarray(q, dtype=float))
     pose, progress = np.full((len(q), 8), np.nan), np.zeros(len(q))
     reason = [""] * len(q)
-    for n in np.flatnonzero(known(q)):
+    for n in np.flatnonzero(finite_rows(q)):
         try:
             pose[n], progress[n] = _led(model, q[n])
         except NoResult as error:
@@ -102,7 +102,7 @@ def _next_mode(closure: Closure, pose: Array) -> Array | None:
     way = np.zeros((1, 6))
     way[:, mechanism.dof] = -solve_rows(before, closure.gaps(pose))
     modes = intersections(closure)
-    if not len(modes) or not known(way).all():
+    if not len(modes) or not finite_rows(way).all():
         return None
     away = apart(mechanism, modes, moved(pose[None], way)[0])
     first = int(np.argmin(away))
@@ -124,7 +124,7 @@ def intersections(closure: Closure) -> Array:
     mechanism = closure.model.mechanism
     phi = rotations(closure, weights(closure) != 0.0)
     starts = _centres(closure, phi) if len(phi) else np.zeros((0, 8))
-    starts = starts[known(starts)]
+    starts = starts[finite_rows(starts)]
     with np.errstate(over="ignore", invalid="ignore"):
         gap = np.abs(closure.gaps(starts)).max(axis=1, initial=0.0)
     starts = starts[np.argsort(gap, kind="stable")][:int((gap < MEETS * mechanism.reach).sum())]

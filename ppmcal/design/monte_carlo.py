@@ -13,7 +13,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.calibration.observation import coordinates_of, turn_between
 from ppmcal.design.error_jacobian import Poses, displacement
-from ppmcal.design.recalibration import Calibrated, Recipe, calibrate
+from ppmcal.design.recalibration import Calibrated, MeasurementSetup, calibrate
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import solve_named
@@ -41,11 +41,11 @@ class Fleet:
     wanted: tuple[int, ...]
     sigma: Array
     tasks: Poses
-    recipe: Recipe | None = None
+    recipe: MeasurementSetup | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class MachineErrors:
     """Lengths of errors of M machines at T poses, m and rad; nan where one cannot go there."""
 
     position: Array
@@ -53,16 +53,16 @@ class Errors:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class MonteCarloErrors:
     """Errors of M machines: as built, registered alone, calibrated (None without a recipe).
 
     ``built``: in the base frame. ``registered``: frame and target fitted, drawing believed;
     ``calibrated``: geometry fitted too; both as the instrument sees the machine afterwards.
     """
 
-    built: Errors
-    registered: Errors | None = None
-    calibrated: Errors | None = None
+    built: MachineErrors
+    registered: MachineErrors | None = None
+    calibrated: MachineErrors | None = None
 
 
 def batches(count: int, seed: int) -> list[tuple[int, np.random.SeedSequence]]:
@@ -71,7 +71,7 @@ def batches(count: int, seed: int) -> list[tuple[int, np.random.SeedSequence]]:
     return list(zip(sizes, np.random.SeedSequence(seed).spawn(len(sizes)), strict=True))
 
 
-def run(fleet: Fleet, batch: tuple[int, np.random.SeedSequence]) -> Judged:
+def run(fleet: Fleet, batch: tuple[int, np.random.SeedSequence]) -> MonteCarloErrors:
     """Return the errors of one batch of machines."""
     count, seed = batch
     rng = np.random.default_rng(seed)
@@ -83,17 +83,18 @@ def run(fleet: Fleet, batch: tuple[int, np.random.SeedSequence]) -> Judged:
     moved = displacement(Model(fleet.mechanism), at, g[owner])
     built = _lengths(moved, count)
     if fleet.recipe is None:
-        return Judged(built)
+        return MonteCarloErrors(built)
     recipe = fleet.recipe
     m = len(coordinates_of(recipe.instrument.kind, recipe.mechanism.motion))
     noise = rng.normal(size=(count, len(recipe.q), m))
     plain = calibrate(recipe, recipe.registration, g, noise)
     known = calibrate(recipe, recipe.linear, g, noise)
-    return Judged(built, *(_left(fleet, recipe, c, g, at, owner) for c in (plain, known)))
+    return MonteCarloErrors(built, *(_left(fleet, recipe, c, g, at, owner) for c in (plain, known)))
 
 
-def _left(fleet: Fleet, recipe: Recipe, found: Calibrated, g: Array, at: Poses, owner: Ints
-          ) -> Errors:
+def _left(
+    fleet: Fleet, recipe: MeasurementSetup, found: Calibrated, g: Array, at: Poses, owner: Ints
+) -> MachineErrors:
     """Return what is left where commands come from what a calibration found.
 
     A command for the pose that the found machine takes at joints q is q; the error is where
@@ -129,20 +130,20 @@ def _sent(fleet: Fleet, model: Model, station: Station, wanted: tuple[Array, Arr
     return q, solved
 
 
-def _lengths(moved: Array, count: int) -> Errors:
-    return Errors(np.linalg.norm(moved[:, :3], axis=1).reshape(count, -1),
+def _lengths(moved: Array, count: int) -> MachineErrors:
+    return MachineErrors(np.linalg.norm(moved[:, :3], axis=1).reshape(count, -1),
                   np.linalg.norm(moved[:, 3:], axis=1).reshape(count, -1))
 
 
-def together(parts: list[Judged]) -> Judged:
+def together(parts: list[MonteCarloErrors]) -> MonteCarloErrors:
     """Return the batches as one."""
-    def joined(name: str) -> Errors | None:
+    def joined(name: str) -> MachineErrors | None:
         own = [getattr(p, name) for p in parts]
         if own[0] is None:
             return None
-        return Errors(np.concatenate([o.position for o in own]),
+        return MachineErrors(np.concatenate([o.position for o in own]),
                       np.concatenate([o.rotation for o in own]))
 
     built = joined("built")
     assert built is not None
-    return Judged(built, joined("registered"), joined("calibrated"))
+    return MonteCarloErrors(built, joined("registered"), joined("calibrated"))

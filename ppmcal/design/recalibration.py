@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
-from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale, prior_weights
-from ppmcal.calibration.nuisance_columns import Open, turned_about
+from ppmcal.calibration.nuisance_columns import NuisanceColumns, turned_about
 from ppmcal.calibration.observation import SCALARS, coordinates_of, turn_between
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.design.virtual_instrument import Instrument
@@ -41,7 +41,7 @@ UNSEEN = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Recipe:
+class MeasurementSetup:
     """How every machine of a fleet is measured.
 
     ``mechanism``: the drawing with its tolerances; ``q`` (N, k) and ``pose`` (N, 6): where.
@@ -60,19 +60,19 @@ class Recipe:
         return Problem(self.mechanism, (data,), self.mechanism.free)
 
     @cached_property
-    def linear(self) -> Linear:
+    def linear(self) -> LinearCalibration:
         """The drawing's linear estimate, with priors."""
         return _linear(self, np.ones(len(self.problem.columns), dtype=np.bool_))
 
     @cached_property
-    def registration(self) -> Linear:
+    def registration(self) -> LinearCalibration:
         """The same with frame and target alone open: the drawing is believed."""
         open_ = np.arange(len(self.problem.columns)) >= len(self.problem.free)
         return _linear(self, open_)
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class LinearCalibration:
     """One linear estimate: ``gain`` (C, N m), ``pull`` (C, F), ``white`` (N, m, m).
 
     ``covariance`` (C, C) of what is estimated; ``open``: whether anything is; ``geometry``:
@@ -110,7 +110,7 @@ class Calibrated:
                        target_rotation=s.target_rotation[rows])
 
 
-def _linear(recipe: Recipe, use: NDArray[np.bool_]) -> Linear:
+def _linear(recipe: MeasurementSetup, use: NDArray[np.bool_]) -> LinearCalibration:
     """Return the estimate of the columns ``use`` (C,)."""
     problem = recipe.problem
     state = State(recipe.mechanism.values, (recipe.instrument.station(),),
@@ -127,11 +127,13 @@ def _linear(recipe: Recipe, use: NDArray[np.bool_]) -> Linear:
     half = (vt[seen].T / s[seen]) * scale[:, None]
     free = len(problem.free)
     pull = inverse[:, len(data):][:, :free] * prior[:free]
-    return Linear(inverse[:, :len(data)], pull, white, half @ half.T, bool(use.any()),
+    return LinearCalibration(inverse[:, :len(data)], pull, white, half @ half.T, bool(use.any()),
                   bool(use[:free].any()))
 
 
-def calibrate(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibrated:
+def calibrate(
+    recipe: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
+) -> Calibrated:
     """Return what a calibration finds of machines whose true parameters are ``g`` (M, P).
 
     Machines at which the drawing's Jacobian does not lead to rest, or that cannot take a pose
@@ -158,7 +160,9 @@ def calibrate(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibra
     return Calibrated(parameters, Station(frame, target, turn, station.homing), settled)
 
 
-def alone(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Fit | None:
+def alone(
+    recipe: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
+) -> Fit | None:
     """Return the fit of one machine (P,) by :mod:`calibration.identify`; None where there is none.
 
     It starts at the truth, next to the minimum that matters: what a calibration is worth, not
@@ -167,7 +171,7 @@ def alone(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Fit | None:
     mechanism, instrument = recipe.mechanism, recipe.instrument
     real, there, _ = newton(Model(mechanism, g).closure(recipe.q), pose_motor(recipe.pose))
     raw = np.asarray(np.linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
-    data = shaken(instrument.dataset(recipe.q, pose_vector(real), {},
+    data = perturbed(instrument.dataset(recipe.q, pose_vector(real), {},
                                      mechanism.motion == "planar"), raw, mechanism.motion)
     free = list(recipe.problem.free) if linear.geometry else []
     problem = Problem(mechanism, (data.take(there),), tuple(free))
@@ -177,14 +181,14 @@ def alone(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Fit | None:
     if not here.all():
         return None
     try:
-        fit = identify(problem, Options(robust=False), near=True,
+        fit = identify(problem, FitOptions(robust=False), near=True,
                        start=State(first, (instrument.station(),), (closed,)))
     except PpmcalError:
         return None
     return fit if fit.converged else None
 
 
-def shaken(data: Dataset, raw: Array, motion: str) -> Dataset:
+def perturbed(data: Dataset, raw: Array, motion: str) -> Dataset:
     """Return measurements with errors ``raw`` (N, m) of the coordinates measured, m and rad."""
     if data.kind in SCALARS:
         return replace(data, value=data.value + raw[:, 0])
@@ -197,7 +201,9 @@ def shaken(data: Dataset, raw: Array, motion: str) -> Dataset:
                    rotation=np.where(np.isnan(data.rotation), np.nan, turned))
 
 
-def _chord(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibrated:
+def _chord(
+    recipe: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
+) -> Calibrated:
     """Return the fixed point of the drawing's estimate; ``settled`` where it was reached."""
     problem, mechanism = recipe.problem, recipe.mechanism
     m, n = len(g), len(recipe.q)
@@ -229,7 +235,7 @@ def _chord(recipe: Recipe, linear: Linear, g: Array, noise: Array) -> Calibrated
     return replace(now, settled=usable & small.all(axis=1))
 
 
-def predicted(recipe: Recipe, q: Array, pose: Array) -> Array:
+def predicted(recipe: MeasurementSetup, q: Array, pose: Array) -> Array:
     """Return the rms position error (T,) that the linear model expects after calibration, m.
 
     At joints (T, k) and poses (T, 6), of the target as the instrument sees it.
@@ -246,7 +252,7 @@ def predicted(recipe: Recipe, q: Array, pose: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
-def _moved(now: Calibrated, step: Array, free: list[int], open_: Open) -> Calibrated:
+def _moved(now: Calibrated, step: Array, free: list[int], open_: NuisanceColumns) -> Calibrated:
     """Return parameters and stations moved by steps (M, C)."""
     g = now.g.copy()
     g[:, free] += step[:, :len(free)]
@@ -263,7 +269,9 @@ def _moved(now: Calibrated, step: Array, free: list[int], open_: Open) -> Calibr
     return Calibrated(g, station, now.settled)
 
 
-def _residual(shown: tuple[Array, Array], predicted: tuple[Array, Array], recipe: Recipe) -> Array:
+def _residual(
+    shown: tuple[Array, Array], predicted: tuple[Array, Array], recipe: MeasurementSetup
+) -> Array:
     """Return shown - predicted (R, m) as the instrument has it: m, rad, m."""
     kind, motion = recipe.instrument.kind, recipe.mechanism.motion
     if kind == "distance":

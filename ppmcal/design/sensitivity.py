@@ -31,7 +31,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.kinematics.tables import Table, inverse_table
+from ppmcal.kinematics.tables import KinematicsTable, inverse_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
@@ -43,7 +43,7 @@ SIZES = np.logspace(-6.0, -1.5, 28)
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class SensitivityOptions:
     """What to analyse.
 
     Attributes:
@@ -78,13 +78,13 @@ class Sensitivity:
     """
 
     mechanism: Mechanism
-    asked: Asked
+    asked: SensitivityOptions
     sources: tuple[Source, ...]
     sigma: Array
     jacobian: Array
     home: Survey
     home_index: Array
-    table: Table
+    table: KinematicsTable
     over: Survey
     index: Array
     linear: Linearity
@@ -99,7 +99,9 @@ class Sensitivity:
         return np.asarray(part / whole if whole > 0.0 else part)
 
 
-def analyse(mechanism: Mechanism, asked: Asked, wanted: Array | None = None) -> Sensitivity:
+def analyse(
+    mechanism: Mechanism, asked: SensitivityOptions, wanted: Array | None = None
+) -> Sensitivity:
     """Return the error analysis at home and over wanted poses (N, 6), default home alone.
 
     Raises:
@@ -175,8 +177,14 @@ def _moved(machine: Mechanism, found: Sequence[Source], together: Sequence[str]
     return tuple(moved)
 
 
-def _way(machine: Mechanism, found: Sequence[Source], sigma: Array, jacobian: Array, asked: Asked,
-         moved: Sequence[int]) -> tuple[Array, Array]:
+def _way(
+    machine: Mechanism,
+    found: Sequence[Source],
+    sigma: Array,
+    jacobian: Array,
+    asked: SensitivityOptions,
+    moved: Sequence[int],
+) -> tuple[Array, Array]:
     """Return one multiple's errors (S,) of the linearity curve, and the multiples (L,)."""
     if not asked.together:
         ways = [sigma * worst_signs(part * sigma) for part in (jacobian[:3], jacobian[3:])]

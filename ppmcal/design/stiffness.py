@@ -31,8 +31,8 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import named, placed
-from ppmcal.kinematics.tables import Table, home_conditioning, inverse_table
-from ppmcal.linalg import Array, known
+from ppmcal.kinematics.tables import KinematicsTable, home_conditioning, inverse_table
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 RIGID = 1e-11
@@ -179,7 +179,7 @@ def _roots(factor: Array) -> tuple[Array, Array]:
     digits, which the eigenvalues of factor factor^T lose.
     """
     n, t, _ = factor.shape
-    good = known(factor.reshape(n, -1)) if factor.size else np.ones(n, dtype=bool)
+    good = finite_rows(factor.reshape(n, -1)) if factor.size else np.ones(n, dtype=bool)
     safe = np.concatenate([np.where(good[:, None, None], factor, 0.0), np.zeros((n, t, t))], axis=2)
     if not safe.size:
         return np.zeros((n, t, t)), np.zeros((n, t))
@@ -204,7 +204,7 @@ class Stiffnesses:
         determinant: of A (N,), nan where there is no inverse kinematics.
     """
 
-    table: Table
+    table: KinematicsTable
     translational: Array
     rotational: Array
     deflection: Array | None
@@ -236,7 +236,7 @@ def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None
     out = {"t": np.full((n, 2), np.nan), "r": np.full((n, 2), np.nan), "w": np.full((n, 6), np.nan),
            "det": np.full(n, np.nan)}
     ok = np.array([s == "ok" for s in table.status], dtype=np.bool_)
-    found = np.flatnonzero(known(table.q) & known(table.pose))
+    found = np.flatnonzero(finite_rows(table.q) & finite_rows(table.pose))
     for rows, factor, determinant in _factors(bare, springs, table.q[found],
                                               pose_motor(table.pose[found]), tool):
         here = found[rows]
@@ -277,7 +277,7 @@ def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None) -> Home:
     axes = named(bare)
     wanted = placed(bare, axes, bare.home_pose[None, list(axes)])
     table = inverse_table(Model(bare), wanted)
-    if not known(table.q)[0] or not known(table.pose)[0]:
+    if not finite_rows(table.q)[0] or not finite_rows(table.pose)[0]:
         raise NoResult(f"the home pose cannot be reached: {table.reason[0]}", place,
                        "Check `home`")
     found = compliance(bare, table.q, pose_motor(table.pose), tool)

@@ -15,9 +15,16 @@ from scipy.special import betaincinv
 
 from ppmcal.design.error_jacobian import Poses, covariance, error_jacobian, root_sum_square
 from ppmcal.design.error_sources import Source
-from ppmcal.design.monte_carlo import Errors, Fleet, Judged, batches, run, together
+from ppmcal.design.monte_carlo import Fleet, MachineErrors, MonteCarloErrors, batches, run, together
 from ppmcal.design.processes import over
-from ppmcal.design.tolerance_costs import cost, demand, equal_parts, felt, least_cost, one_for_all
+from ppmcal.design.tolerance_costs import (
+    cost,
+    demand,
+    equal_parts,
+    is_sensitive,
+    least_cost,
+    one_for_all,
+)
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array, Bools
@@ -102,7 +109,7 @@ def allocate(mechanism: Mechanism, sources: tuple[Source, ...], tasks: Poses, wa
     by_position, by_rotation = (np.sqrt((part**2).sum(axis=1).mean(axis=0))
                                 for part in (jacobian[:, :3], jacobian[:, 3:]))
     a = demand(by_position, by_rotation, wanted.position, wanted.rotation)
-    if not felt(a).any():
+    if not is_sensitive(a).any():
         raise BadInput("none of the errors moves the tool", f"{mechanism.source}: free",
                        "Free other parameters")
     if not np.isfinite(jacobian).all():
@@ -118,7 +125,7 @@ def allocate(mechanism: Mechanism, sources: tuple[Source, ...], tasks: Poses, wa
         scaled = tau / linear.quantile(tau)[0]
         out[method] = Allocation(method, scaled, cost(scaled, weight, exponent))
     out["cost"] = _cheapest(linear, out, a, weight, exponent)
-    use = felt(a)
+    use = is_sensitive(a)
     for method, found in out.items():
         # other draws than those that chose the tolerances set their scale
         tau = found.tau / fresh.quantile(found.tau)[0]
@@ -186,7 +193,7 @@ def _cheapest(linear: _Linear, known: Mapping[str, Allocation], a: Array, weight
     return best
 
 
-def count(errors: Errors, wanted: Demand) -> Share:
+def count(errors: MachineErrors, wanted: Demand) -> Share:
     """Return how many machines meet the demand at every pose; those that cannot go there do not."""
     good = np.ones(len(errors.position), dtype=np.bool_)
     for part, limit in ((errors.position, wanted.position), (errors.rotation, wanted.rotation)):
@@ -196,10 +203,10 @@ def count(errors: Errors, wanted: Demand) -> Share:
 
 
 def simulate(fleet: Fleet, machines: int, seed: int, processes: int, scheduler: str | None,
-             tell: Callable[[str], None]) -> Judged:
+             tell: Callable[[str], None]) -> MonteCarloErrors:
     """Return the errors of that many machines; the same for a seed whatever runs them."""
     items = batches(machines, seed)
-    parts: list[Judged] = []
+    parts: list[MonteCarloErrors] = []
     for part in over(run, fleet, items, processes, scheduler):
         parts.append(part)
         tell(f"{sum(len(p.built.position) for p in parts)} of {machines} machines")
@@ -207,7 +214,7 @@ def simulate(fleet: Fleet, machines: int, seed: int, processes: int, scheduler: 
 
 
 @dataclass(frozen=True, eq=False)
-class Check:
+class AccuracyCheck:
     """Linear prediction against Monte Carlo, pose by pose (T,).
 
     ``linear``, ``drawn``: rms position error, m, the second of machines that can go there;
@@ -231,7 +238,7 @@ class Check:
         return np.asarray((apart <= SURE * self.error) | (apart <= MATTERS * self.linear))
 
 
-def check(fleet: Fleet, built: Errors) -> Check:
+def check(fleet: Fleet, built: MachineErrors) -> AccuracyCheck:
     """Return how the linear model's rms error compares with that of machines drawn."""
     spread = covariance(Model(fleet.mechanism), fleet.tasks, fleet.wanted, fleet.sigma)
     square = built.position**2
@@ -241,4 +248,4 @@ def check(fleet: Fleet, built: Errors) -> Check:
     spread_of = np.where(there, (square - mean) ** 2, 0.0).sum(axis=0) / n
     drawn = np.sqrt(mean)
     error = np.sqrt(spread_of / n) / np.where(drawn > 0.0, 2.0 * drawn, 1.0)
-    return Check(root_sum_square(spread)[0], drawn, error)
+    return AccuracyCheck(root_sum_square(spread)[0], drawn, error)

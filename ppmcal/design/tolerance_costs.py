@@ -34,7 +34,7 @@ def demand(by_position: Array, by_rotation: Array, position: float | None,
     return np.asarray(np.sqrt(square))
 
 
-def felt(a: Array) -> NDArray[np.bool_]:
+def is_sensitive(a: Array) -> NDArray[np.bool_]:
     """Return which errors do anything to the tool (S,)."""
     return np.asarray(a > NOTHING * a.max(initial=0.0), dtype=np.bool_)
 
@@ -50,7 +50,7 @@ def one_for_all(a: Array, unit: Array) -> Array:
 def equal_parts(a: Array) -> Array:
     """Return tau (S,) with which every error that is felt contributes alike; inf for others."""
     with np.errstate(divide="ignore"):
-        return np.where(felt(a), 1.0 / (np.sqrt(felt(a).sum()) * a), np.inf)
+        return np.where(is_sensitive(a), 1.0 / (np.sqrt(is_sensitive(a).sum()) * a), np.inf)
 
 
 def least_cost(a: Array, weight: Array, exponent: Array) -> Array:
@@ -59,7 +59,7 @@ def least_cost(a: Array, weight: Array, exponent: Array) -> Array:
     Lagrange: tau = (weight exponent / (2 lambda a^2))^(1/(exponent + 2)); lambda by bisection
     of its logarithm, since the sum of squares falls with it.
     """
-    use = felt(a)
+    use = is_sensitive(a)
     w, p, s = weight[use], exponent[use], a[use]
     # in logarithms: weights and sensitivities of files in micrometres span many decades
     top = np.log(w * p) - 2.0 * np.log(s)

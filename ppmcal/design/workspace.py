@@ -26,8 +26,8 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
 from ppmcal.kinematics.region import Grid
-from ppmcal.kinematics.tables import Table, home_conditioning, inverse_table, limit_reason
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.kinematics.tables import KinematicsTable, home_conditioning, inverse_table, limit_reason
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
 ON_CURVE = 1e-5
@@ -78,7 +78,7 @@ class Workspace:
 
     mechanism: Mechanism
     grid: Grid
-    table: Table
+    table: KinematicsTable
     quality: Quality
     home: Quality
     distance: Array
@@ -131,12 +131,12 @@ def workspace(mechanism: Mechanism, grid: Grid) -> Workspace:
     home = measured(model, home_state(mechanism).q[None], mechanism.home_pose[None])
     searched = len(grid.coordinates) <= MOST_COORDINATES
     points = np.zeros((0, len(grid.coordinates)))
-    space = _Space(model, grid.coordinates, grid.poses(mechanism)[0], home)
+    space = _GridSpace(model, grid.coordinates, grid.poses(mechanism)[0], home)
     if searched:
         points = _singular_points(space, grid, quality.determinant)
     weights = _weights(mechanism, grid)
     distance = np.full(len(reached), np.nan)
-    rows = known(table.q)
+    rows = finite_rows(table.q)
     if len(points) and rows.any():
         nodes = _nodes(grid)[rows]
         distance[rows] = cKDTree(points * weights).query(nodes * weights)[0]
@@ -154,18 +154,21 @@ def _mean(values: Array) -> float:
     return float(np.mean(values)) if values.size else float("nan")
 
 
-def _table(model: Model, poses: Array) -> Table:
+def _table(model: Model, poses: Array) -> KinematicsTable:
     """Return the inverse kinematics of poses (N, 6), chunk by chunk."""
     parts = [inverse_table(model, poses[i:i + CHUNK]) for i in range(0, len(poses), CHUNK)]
-    return Table(np.concatenate([p.q for p in parts]), np.concatenate([p.pose for p in parts]),
-                 np.concatenate([p.rate for p in parts]),
-                 np.concatenate([p.condition for p in parts]),
-                 tuple(s for p in parts for s in p.status),
-                 tuple(r for p in parts for r in p.reason))
+    return KinematicsTable(
+        np.concatenate([p.q for p in parts]),
+        np.concatenate([p.pose for p in parts]),
+        np.concatenate([p.rate for p in parts]),
+        np.concatenate([p.condition for p in parts]),
+        tuple(s for p in parts for s in p.status),
+        tuple(r for p in parts for r in p.reason),
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Space:
+class _GridSpace:
     """The poses that a grid is a part of: a wanted pose (6,) in which its coordinates vary.
 
     ``home``: home's measures, which say what is small.
@@ -188,7 +191,7 @@ class _Space:
         return measured(self.model, *self.poses(points))
 
 
-def _singular_points(space: _Space, grid: Grid, determinant: Array) -> Array:
+def _singular_points(space: _GridSpace, grid: Grid, determinant: Array) -> Array:
     """Return points of the singular set (S, c) in the grid's coordinates.
 
     Along every edge of the grid, diagonals included, on which det A (N,) changes sign the zero
@@ -211,7 +214,7 @@ def _singular_points(space: _Space, grid: Grid, determinant: Array) -> Array:
     return np.asarray(points[np.sort(once)], dtype=float)
 
 
-def _zeros(space: _Space, start: Array, way: Array, f0: Array, f1: Array) -> Array:
+def _zeros(space: _GridSpace, start: Array, way: Array, f0: Array, f1: Array) -> Array:
     """Return where on [0, 1] det A is 0 along each edge (M,); nan where it gets out of reach."""
     small = ZERO * abs(float(space.home.determinant[0]))
     low, high = np.zeros(len(start)), np.ones(len(start))
@@ -268,7 +271,7 @@ def _weights(mechanism: Mechanism, grid: Grid) -> Array:
     return np.array([1.0 if c < 3 else mechanism.length_scale for c in grid.coordinates])
 
 
-def _nearest(space: _Space, grid: Grid, points: Array) -> Nearest | None:
+def _nearest(space: _GridSpace, grid: Grid, points: Array) -> Nearest | None:
     """Return the singular pose nearest to home, sharpened on a small grid about it."""
     if not len(points):
         return None

@@ -21,7 +21,7 @@ TINY = 1e-200
 
 
 @dataclass(frozen=True, eq=False)
-class Gram:
+class AddedVariableTest:
     """Tests for T columns.
 
     Attributes:
@@ -44,7 +44,7 @@ class Gram:
     taken: tuple[int, ...] = ()
     back: Array | None = None
 
-    def given(self, chosen: Sequence[int]) -> Gram:
+    def given(self, chosen: Sequence[int]) -> AddedVariableTest:
         """Return the tests that are left when the columns ``chosen`` are in the model.
 
         The simulated noise is not carried along: thresholds are made once, at the start.
@@ -76,7 +76,7 @@ class Gram:
         inverse = pseudo_inverse(self.gram[np.ix_(s, s)])
         return self.square - float(self.right[s] @ inverse @ self.right[s])
 
-    def extended(self, weights: Array) -> Gram:
+    def extended(self, weights: Array) -> AddedVariableTest:
         """Return the tests with further columns: combinations C ``weights`` (T, E).
 
         The simulated noise is not carried along.
@@ -127,7 +127,9 @@ def pseudo_inverse(block: Array) -> Array:
     return np.asarray((v[:, use] / w[use]) @ v[:, use].T)
 
 
-def build_gram(basis: Array, columns: Array, residual: Array, count: int, noise: Array) -> Gram:
+def build_gram(
+    basis: Array, columns: Array, residual: Array, count: int, noise: Array
+) -> AddedVariableTest:
     """Return the tests of columns (n, T) on a residual (n,), J having the basis (n, r).
 
     ``count``: how many of the n values were measured, the others being zero everywhere;
@@ -138,7 +140,7 @@ def build_gram(basis: Array, columns: Array, residual: Array, count: int, noise:
     unit = unit - basis @ hidden
     across = basis.T @ noise
     clean = residual - basis @ (basis.T @ residual)
-    return Gram(unit.T @ unit, unit.T @ clean, length, float(clean @ clean),
+    return AddedVariableTest(unit.T @ unit, unit.T @ clean, length, float(clean @ clean),
                 count - basis.shape[1], hidden, unit.T @ noise,
                 np.sum(noise**2, axis=0) - np.sum(across**2, axis=0))
 

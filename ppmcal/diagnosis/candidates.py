@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.diagnosis.hypotheses import (
     GEOMETRY,
     Collector,
-    Form,
+    Hypothesis,
     Library,
     Untestable,
     frozen_slots,
@@ -19,7 +19,7 @@ from ppmcal.diagnosis.hypotheses import (
 from ppmcal.diagnosis.linear_system import Part, System
 from ppmcal.diagnosis.selection import Search, columns_of
 from ppmcal.kinematics.effect_response import lacking, setting
-from ppmcal.linalg import Bools, known
+from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.effects import EffectKind, EffectParameter, Setting, effect_kinds
 
 KIND, PARAMETER = "compliance", "stiffness"
@@ -29,7 +29,7 @@ ALIKE = 0.5
 
 def unrecorded_load(to: Collector) -> None:
     """Add what compliance does under a constant weight of 1 N, where no load was recorded."""
-    if any(known(p.response.rows.wrench).any() for p in to.system.parts):
+    if any(finite_rows(p.response.rows.wrench).any() for p in to.system.parts):
         return
     kind = effect_kinds()[KIND]
     spec = next(s for s in kind.parameters(to.motion) if s.name == PARAMETER)
@@ -41,7 +41,7 @@ def unrecorded_load(to: Collector) -> None:
         own[name] = to.add(-to.system.column(terms))  # d/d(1/k) at k = 1
     whole = to.add(np.sum([to.columns[c] for c in own.values()], axis=0))
     for on, column in [((name,), c) for name, c in own.items()] + [(to.actuators, whole)]:
-        to.unrecorded.append(Form(KIND, tuple(on), True, (PARAMETER,), (0.0,), (spec.high,),
+        to.unrecorded.append(Hypothesis(KIND, tuple(on), True, (PARAMETER,), (0.0,), (spec.high,),
                                   (column,)))
 
 
@@ -55,15 +55,15 @@ def _weighed(part: Part, to: Collector) -> Setting:
                    response.closure.q, response.pose, model)
 
 
-def look_alikes(search: Search, forms: Sequence[Form], chosen: Sequence[int], effect: int
-                ) -> list[Form]:
+def look_alikes(search: Search, forms: Sequence[Hypothesis], chosen: Sequence[int], effect: int
+                ) -> list[Hypothesis]:
     """Return the best of ``forms`` that explains most of what a chosen effect does, if any."""
     form = search.forms[effect]
     if form.slot or not form.on:
         return []
     rest = search.gram.given(columns_of(search, [i for i in chosen if i != effect]))
     goal = float(rest.explained(np.array([form.columns]))[0][0])
-    best: tuple[float, Form] | None = None
+    best: tuple[float, Hypothesis] | None = None
     for other in forms:
         if not set(other.on) & set(form.on) or rest.right[other.columns[0]] <= 0.0:
             continue
@@ -116,7 +116,7 @@ class _Kinds(Collector):
         names = tuple(s.name for s in specs)
         if not kind.per_actuator:
             where = self._columns(kind, on, values, specs)
-            self.forms.append(Form(kind.name, (), True, names, low, high, where, usual, shown,
+            self.forms.append(Hypothesis(kind.name, (), True, names, low, high, where, usual, shown,
                                    searched=searched, turns=turns))
             return
         own: dict[int, tuple[int, ...]] = {}
@@ -124,7 +124,7 @@ class _Kinds(Collector):
             one = np.arange(on.size) == a
             ends = self._ends(int(a)) if "low" in constants else {}
             own[int(a)] = self._columns(kind, one, values | ends, specs)
-            self.forms.append(Form(kind.name, (self.actuators[a],), True, names, low, high,
+            self.forms.append(Hypothesis(kind.name, (self.actuators[a],), True, names, low, high,
                                    own[int(a)], usual, shown | ends, searched=searched,
                                    turns=turns))
         same = len(set(self.turning[on].tolist())) == 1
@@ -133,9 +133,22 @@ class _Kinds(Collector):
                 self.add(np.sum([self.columns[c] for c in cs], axis=0))
                 for cs in zip(*own.values(), strict=True))
             on_names = tuple(self.actuators[a] for a in own)
-            self.forms.append(Form(kind.name, on_names, True, names, low, high, where, usual, shown,
-                                   searched=searched, turns=turns))
-            self.forms.append(Form(
+            self.forms.append(
+                Hypothesis(
+                    kind.name,
+                    on_names,
+                    True,
+                    names,
+                    low,
+                    high,
+                    where,
+                    usual,
+                    shown,
+                    searched=searched,
+                    turns=turns,
+                )
+            )
+            self.forms.append(Hypothesis(
                 kind.name, on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),

@@ -18,7 +18,7 @@ SMALL = 1e-3
 
 
 @dataclass(frozen=True)
-class Figure:
+class DerivedError:
     """A figure of one effect, SI; ``sigma`` None where it is not known."""
 
     name: str
@@ -28,15 +28,15 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Figures:
+class DerivedErrors:
     """Figures of one effect, at the middle of its joints' measured stroke, m or rad."""
 
     middle: float
     quantity: str
-    all: tuple[Figure, ...]
+    all: tuple[DerivedError, ...]
 
 
-def derived(identification: Identification, parameters: Sequence[str]) -> Figures | None:
+def derived(identification: Identification, parameters: Sequence[str]) -> DerivedErrors | None:
     """Return the figures that an effect's kind derives from its parameters; None if there are none.
 
     Args:
@@ -67,9 +67,9 @@ def derived(identification: Identification, parameters: Sequence[str]) -> Figure
                 d.quantity == "angle") else up - down
             slope[k] = change / (2.0 * SMALL * s) if s > 0.0 else 0.0
         spread = float(np.sqrt(max(float(slope @ covariance @ slope), 0.0)))
-        out.append(Figure(d.name, resolved(d.quantity, joint), d.value(values, middle),
+        out.append(DerivedError(d.name, resolved(d.quantity, joint), d.value(values, middle),
                           spread if names and np.isfinite(spread) else None))
-    return Figures(middle, joint, tuple(out))
+    return DerivedErrors(middle, joint, tuple(out))
 
 
 def _middle(identification: Identification, effect: Effect) -> float:

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
@@ -24,7 +24,7 @@ from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import Added, with_named
 from ppmcal.diagnosis.held_out_blocks import block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.left_out_rows import left_out
 from ppmcal.diagnosis.localization import Place, localise
 from ppmcal.diagnosis.other_models import other_models
@@ -50,7 +50,7 @@ ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class Options:
+class DiagnosisOptions:
     """``holdout``: part of the poses kept back; ``draws``: of noise; ``kinds``: to try, or all."""
 
     holdout: float = 0.27
@@ -60,7 +60,7 @@ class Options:
     fit: FitOptions = field(default_factory=FitOptions)
 
 
-def diagnose(problem: Problem, options: Options | None = None, say: Say | None = None
+def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say | None = None
              ) -> Diagnosis:
     """Find what is missing in the machine's model, add it, and say how sure that is.
 
@@ -72,7 +72,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
     """
-    options = options or Options()
+    options = options or DiagnosisOptions()
     say = say or (lambda text: None)
     say("fitting geometry")
     whole = identify(with_whole_rows(problem), options.fit)
@@ -116,7 +116,7 @@ def diagnose(problem: Problem, options: Options | None = None, say: Say | None =
         tuple(told), blocks, _others(whole, found, others, options) if named else ())
 
 
-def _others(whole: Fit, found: Found, alternatives: Alternatives, options: Options
+def _others(whole: Fit, found: Found, alternatives: Alternatives, options: DiagnosisOptions
             ) -> tuple[Reading, ...]:
     """Return the machine with each rival that was recorded, and without effects."""
     return other_models(whole, found.last, {i: r for i, (r, _) in alternatives.items()},
@@ -163,7 +163,7 @@ def _imitated(stage: Stage) -> bool:
         f.on and set(f.on) <= joints and f.kind in (*SMOOTH, "periodic") for f in stage.named)
 
 
-def _slow(stage: Stage, form: Form) -> bool:
+def _slow(stage: Stage, form: Hypothesis) -> bool:
     """Whether a form is smooth over the stroke; a wave is if it has few periods there."""
     if form.kind == "periodic":
         return stage.system.stroke < FEW_PERIODS * form.constants["period"]
@@ -174,7 +174,7 @@ FEW_PERIODS = 4.0
 SMOOTH = ("curvature", "eccentricity")
 
 
-def _split(whole: Fit, options: Options) -> tuple[Fit, tuple[Dataset, ...]]:
+def _split(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dataset, ...]]:
     """Put whole commanded poses aside, where that leaves enough to fit; fit the others."""
     problem = whole.problem
     out = split(problem.datasets, options.holdout, options.seed)
@@ -186,7 +186,7 @@ def _split(whole: Fit, options: Options) -> tuple[Fit, tuple[Dataset, ...]]:
     return of_rows(whole, [~o for o in out], options.fit), held
 
 
-def _find(before: Fit, options: Options, say: Say) -> Found:
+def _find(before: Fit, options: DiagnosisOptions, say: Say) -> Found:
     """Fit, test, add what was chosen, and again at the new fit until the choice stands.
 
     Rows that look like outliers may be the effect itself: where there are many, the search
@@ -214,7 +214,7 @@ MANY_OUT = 0.02
 """More outliers than this part of the rows may be an effect."""
 
 
-def _settled(before: Fit, first: Stage, options: Options, say: Say) -> Found:
+def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> Found:
     """Add what a stage chose, refit, test again, until the choice stands."""
     after, last = before, first
     added: tuple[Added, ...] = ()
@@ -261,14 +261,14 @@ def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...
     return tuple(out)
 
 
-def _of(form: Form, added: Sequence[Added]) -> list[Added]:
+def _of(form: Hypothesis, added: Sequence[Added]) -> list[Added]:
     """Return the effects that were added for a form; of two waves those of the nearer period."""
     mine = [a for a in added if (a.form.family, a.form.on) == (form.family, form.on)]
     apart = [form.apart(a.form) for a in mine]
     return [a for a, d in zip(mine, apart, strict=True) if d <= min(apart)]
 
 
-def _gap(found: Found, held: Sequence[Dataset], options: Options) -> Gap | None:
+def _gap(found: Found, held: Sequence[Dataset], options: DiagnosisOptions) -> Gap | None:
     if not held:
         return None
     return measure_gap(found.before, found.after, held, _noise(found), options.seed)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.selection import Search, columns_of
 from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectParameter, find_effect
@@ -21,7 +21,7 @@ SMALLEST = 1e-3
 class Added:
     """One effect that was added: the form it came from and its parameters' names."""
 
-    form: Form
+    form: Hypothesis
     on: tuple[str, ...]
     parameters: tuple[str, ...]
 
@@ -51,7 +51,7 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
     return mechanism, tuple(added)
 
 
-def _with(mechanism: Mechanism, form: Form, on: Sequence[str], value: Array, sigma: Array
+def _with(mechanism: Mechanism, form: Hypothesis, on: Sequence[str], value: Array, sigma: Array
           ) -> tuple[Mechanism, tuple[str, ...]]:
     kind = find_effect(form.kind)
     specs = {s.name: s for s in kind.parameters(mechanism.motion)}

@@ -17,7 +17,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnosis.held_out_gap import Errors, Gap, errors_of, gap_of
+from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, errors_of, gap_of
 from ppmcal.diagnosis.left_out_rows import thirds
 from ppmcal.linalg import Array, Bools
 
@@ -83,7 +83,7 @@ def _varies(values: Array) -> bool:
                 and np.ptp(values) > 1e-9 * max(np.abs(values).max(), 1e-300))
 
 
-def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> Errors:
+def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> HeldOutErrors:
     """Return the errors of a block's rows as the fit without them predicts them."""
     own = [f & k for f, k in zip(fold, keep, strict=True)]
     rows = list(fit.problem.rows(fit.state, True, own))
@@ -104,6 +104,6 @@ def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> Errors:
         for j, r in zip(flat, rows, strict=True)), inverse * np.outer(fit.scale, fit.scale))
 
 
-def _joined(parts: Sequence[Errors]) -> Errors:
-    return Errors(*(np.concatenate([getattr(p, name) for p in parts])
+def _joined(parts: Sequence[HeldOutErrors]) -> HeldOutErrors:
+    return HeldOutErrors(*(np.concatenate([getattr(p, name) for p in parts])
                     for name in ("square", "variance", "count", "group")))

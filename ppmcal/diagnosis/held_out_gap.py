@@ -43,7 +43,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Errors:
+class HeldOutErrors:
     """Per row: squared white error, variance from the parameters, values, pose label."""
 
     square: Array
@@ -52,7 +52,7 @@ class Errors:
     group: Ints
 
 
-def _errors(fit: Fit, held: Sequence[Dataset]) -> Errors:
+def _errors(fit: Fit, held: Sequence[Dataset]) -> HeldOutErrors:
     about = tuple(o.about for o in fit.problem.opens)
     problem = replace(fit.problem, datasets=tuple(held), pivots=about)
     state = fresh_state(problem, fit.state)
@@ -61,7 +61,7 @@ def _errors(fit: Fit, held: Sequence[Dataset]) -> Errors:
 
 
 def errors_of(problem: Problem, predicted: Iterable[tuple[Rows, Array]], covariance: Array
-              ) -> Errors:
+              ) -> HeldOutErrors:
     """Return the errors of rows that were predicted.
 
     Args:
@@ -77,7 +77,7 @@ def errors_of(problem: Problem, predicted: Iterable[tuple[Rows, Array]], covaria
         groups = problem.datasets[rows.dataset].groups[rows.index].astype(float)
         parts[3].append(groups * len(problem.datasets) + rows.dataset)
     square, variance, count, label = (np.concatenate(p) if p else np.zeros(0) for p in parts)
-    return Errors(square, variance, count, label.astype(np.int64))
+    return HeldOutErrors(square, variance, count, label.astype(np.int64))
 
 
 def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, seed: int
@@ -97,7 +97,7 @@ def measure_gap(before: Fit, after: Fit, held: Sequence[Dataset], noise: float, 
     return gap_of(old, new, noise, seed)
 
 
-def gap_of(old: Errors, new: Errors, noise: float, seed: int) -> Gap:
+def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> Gap:
     """Return the gap of the same rows predicted without and with the effects.
 
     Args:

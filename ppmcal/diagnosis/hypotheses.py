@@ -16,7 +16,7 @@ GEOMETRY = "geometry"
 
 
 @dataclass(frozen=True)
-class Form:
+class Hypothesis:
     """One hypothesis: a kind of effect on some actuators.
 
     Attributes:
@@ -63,11 +63,11 @@ class Form:
             return self.label
         return f"{GEOMETRY} {self.slot}" if self.slot else self.kind
 
-    def apart(self, other: Form) -> float:
+    def apart(self, other: Hypothesis) -> float:
         """Return by how much the constants of two forms of a grid differ."""
         return sum(abs(v - other.constants.get(n, v)) for n, v in self.constants.items())
 
-    def alike(self, other: Form) -> bool:
+    def alike(self, other: Hypothesis) -> bool:
         """Whether the constants are the same; each joint may have a stroke of its own."""
         return self.constants == other.constants or "low" in self.constants
 
@@ -81,7 +81,7 @@ class Form:
         return f"{self.kind} on {', '.join(self.on)}" if self.on else self.kind
 
 
-def united(forms: Sequence[Form]) -> Form:
+def united(forms: Sequence[Hypothesis]) -> Hypothesis:
     """Return forms of one kind on one actuator each as one, with values of its own for each."""
     if len(forms) == 1:
         return forms[0]
@@ -109,9 +109,9 @@ class Library:
     """
 
     columns: Array
-    forms: tuple[Form, ...]
+    forms: tuple[Hypothesis, ...]
     untestable: tuple[Untestable, ...]
-    unrecorded: tuple[Form, ...] = ()
+    unrecorded: tuple[Hypothesis, ...] = ()
 
 
 class Collector:
@@ -120,9 +120,9 @@ class Collector:
     def __init__(self, system: System) -> None:
         self.system = system
         self.columns: list[Array] = []
-        self.forms: list[Form] = []
+        self.forms: list[Hypothesis] = []
         self.untestable: list[Untestable] = []
-        self.unrecorded: list[Form] = []
+        self.unrecorded: list[Hypothesis] = []
         mechanism = system.problem.mechanism
         self.actuators = mechanism.actuators
         self.motion = mechanism.motion
@@ -159,7 +159,7 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
                  or any(p in (r, a) for _, _, r, a in limb.slots.polar)]
         on = tuple(dict.fromkeys(to.actuators[limb.actuator] for limb in limbs))
         column = to.shifted(shifts)
-        to.forms.append(Form(GEOMETRY, on, True, (parameter.name,), (-np.inf,), (np.inf,),
+        to.forms.append(Hypothesis(GEOMETRY, on, True, (parameter.name,), (-np.inf,), (np.inf,),
                                (column,), slot=parameter.name))
 
 
@@ -197,7 +197,7 @@ def shapes(to: Collector) -> None:
             shifts = [p.setting.at_joints(_shape(p.setting.travel, low + at * length,
                                                  width * length), one)
                       for p in to.system.parts]
-            to.forms.append(Form(
+            to.forms.append(Hypothesis(
                 LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
                 (to.shifted(shifts),), anonymous=True,
                 searched=2 if width else 1))
@@ -210,7 +210,7 @@ def shapes(to: Collector) -> None:
         along = np.maximum(np.sum(point**2, axis=1), 1e-12)[:, None, None]
         turn = np.eye(3) - middle[:, None] * point[:, None, :] / along
         shifts.append(Shift(stretch=swell[:, None, None] * turn))
-    to.forms.append(Form(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
+    to.forms.append(Hypothesis(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
                            (to.shifted(shifts),), anonymous=True))
 
 

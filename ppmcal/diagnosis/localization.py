@@ -57,7 +57,7 @@ def _sorted(places: list[Place]) -> tuple[Place, ...]:
     return tuple(sorted(places, key=lambda p: (p.by, -p.rms_ratio)))
 
 
-def _strength(stage: Stage, where: Sequence[Group], seed: int) -> list[Place | None]:
+def _strength(stage: Stage, where: Sequence[ResidualGroup], seed: int) -> list[Place | None]:
     """Return the places of actuators and groups, None for groups without rows."""
     rng = np.random.default_rng(seed)
     shape = stage.system.residual.shape
@@ -124,7 +124,7 @@ class Recorded:
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class ResidualGroup:
     """Rows (N,) of which ``low`` <= value < ``high``."""
 
     by: str
@@ -134,7 +134,7 @@ class Group:
     high: float
     rows: Bools
 
-    def of(self, table: Recorded) -> Group:
+    def of(self, table: Recorded) -> ResidualGroup:
         """Return the same group among other rows."""
         return replace(self, rows=_between(table.values[self.by, self.name], self.low, self.high))
 
@@ -161,19 +161,23 @@ def recorded(stage: Stage) -> Recorded:
     return Recorded(out, tuple(zip(system.dataset.tolist(), system.row.tolist(), strict=True)))
 
 
-def groups(table: Recorded, problem: Problem) -> list[Group]:
+def groups(table: Recorded, problem: Problem) -> list[ResidualGroup]:
     """Return the groups of everything that was recorded and varies."""
     units = {"load": "N", "temperature": "deg C", "time": "s",
              "region": problem.mechanism.units.length}
-    out: list[Group] = []
+    out: list[ResidualGroup] = []
     for (by, name), values in table.values.items():
         if by == "direction":
-            out += [Group(by, f"{name} {word}", name, sign - 0.5, sign + 0.5,
+            out += [ResidualGroup(by, f"{name} {word}", name, sign - 0.5, sign + 0.5,
                           _between(values, sign - 0.5, sign + 0.5))
                     for sign, word in ((1.0, "+"), (-1.0, "-"))]
         elif by == "data set":
-            out += [Group(by, d.name, name, i - 0.5, i + 0.5, _between(values, i - 0.5, i + 0.5))
-                    for i, d in enumerate(problem.datasets)]
+            out += [
+                ResidualGroup(
+                    by, d.name, name, i - 0.5, i + 0.5, _between(values, i - 0.5, i + 0.5)
+                )
+                for i, d in enumerate(problem.datasets)
+            ]
         else:
             out += _bins(by, name, values, units[by])
     return [g for g in out if 3 <= g.rows.sum() < len(g.rows)]
@@ -182,7 +186,7 @@ def groups(table: Recorded, problem: Problem) -> list[Group]:
 BINS = {"load": 2, "temperature": 3, "time": 4, "region": 2}
 
 
-def _bins(by: str, name: str, values: Array, unit: str) -> list[Group]:
+def _bins(by: str, name: str, values: Array, unit: str) -> list[ResidualGroup]:
     """Split rows at the quantiles of a recorded value."""
     seen = np.isfinite(values)
     if not seen.any() or np.ptp(values[seen]) == 0.0:
@@ -190,8 +194,17 @@ def _bins(by: str, name: str, values: Array, unit: str) -> list[Group]:
     edges = np.unique(np.quantile(values[seen], np.linspace(0.0, 1.0, BINS[by] + 1)))
     shown = _distinct(edges)
     ends = [-np.inf, *edges[1:-1].tolist(), np.inf]
-    return [Group(by, f"{name} {shown[i]} to {shown[i + 1]} {unit}".lstrip(), name, low, high,
-                  _between(values, low, high)) for i, (low, high) in enumerate(pairwise(ends))]
+    return [
+        ResidualGroup(
+            by,
+            f"{name} {shown[i]} to {shown[i + 1]} {unit}".lstrip(),
+            name,
+            low,
+            high,
+            _between(values, low, high),
+        )
+        for i, (low, high) in enumerate(pairwise(ends))
+    ]
 
 
 def _distinct(edges: Array) -> list[str]:

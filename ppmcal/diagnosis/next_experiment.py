@@ -15,13 +15,13 @@ import numpy as np
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import State
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.stage import Stage, form_columns, of_single, without
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording import counted, shorter
 
@@ -71,7 +71,7 @@ def nothing(reason: str, joints: int) -> Proposal:
     return Proposal(reason, np.zeros((0, joints)), np.zeros((0, 6)))
 
 
-def propose(stage: Stage, a: Form, b: Form, odds: float, seed: int) -> Proposal:
+def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) -> Proposal:
     """Return measurements that tell two forms apart, ``a`` being likelier by ``odds``."""
     mechanism = stage.system.problem.mechanism
     rng = np.random.default_rng(seed)
@@ -111,7 +111,7 @@ def wanted(start: float) -> float:
     return float((SURE + np.sqrt(SURE**2 + SETTLED + start)) ** 2)
 
 
-def _remedy(a: Form, b: Form) -> str:
+def _remedy(a: Hypothesis, b: Hypothesis) -> str:
     hints = [REMEDY[f.kind] for f in (a, b) if f.kind in REMEDY]
     return hints[0] if hints else "record what the two depend on separately"
 
@@ -190,7 +190,7 @@ def _settings(stage: Stage, n: int, rng: np.random.Generator) -> dict[str, Array
 Blocks = tuple[Array, Array, Array]
 
 
-def _old_blocks(stage: Stage, a: Form, b: Form) -> Blocks:
+def _old_blocks(stage: Stage, a: Hypothesis, b: Hypothesis) -> Blocks:
     """Return geometry (N, m, c) and the columns of both forms, of the rows measured."""
     shape = (*stage.system.residual.shape, -1)
     geometry = stage.noise.apply(stage.system.jacobian, stage.system)
@@ -198,7 +198,7 @@ def _old_blocks(stage: Stage, a: Form, b: Form) -> Blocks:
             form_columns(stage, b).reshape(shape))
 
 
-def _new_blocks(stage: Stage, a: Form, b: Form, data: Dataset) -> Blocks | None:
+def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Blocks | None:
     """Return the same of possible rows; None where a pose or a form does not exist there."""
     i = _template(stage)
     problem = replace(stage.system.problem, datasets=(data,),
@@ -207,13 +207,13 @@ def _new_blocks(stage: Stage, a: Form, b: Form, data: Dataset) -> Blocks | None:
                   (pose_motor(np.nan_to_num(np.concatenate([data.position, data.rotation],
                                                            axis=1))),))
     state = problem.solve(start)
-    keep = [known(state.poses[0])]
+    keep = [finite_rows(state.poses[0])]
     if not keep[0].all():
         return None
     system = without(build(problem, state, keep), stage.added)
     found = library(system, tuple({a.kind, b.kind}))
 
-    def columns(form: Form) -> Array:
+    def columns(form: Hypothesis) -> Array:
         match = [f for f in found.forms if (f.kind, f.on, f.shared, f.slot) == (
             form.kind, form.on, form.shared, form.slot)]
         if not match:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import Fit, Options
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.summary import registered
 from ppmcal.diagnosis.extended_model import with_named
@@ -25,8 +25,9 @@ MOST = 4
 """Rivals of one effect that are fitted, the likeliest first."""
 
 
-def other_models(whole: Fit, stage: Stage, rivals: Mapping[int, Sequence[Rival]], options: Options
-                 ) -> tuple[Reading, ...]:
+def other_models(
+    whole: Fit, stage: Stage, rivals: Mapping[int, Sequence[Rival]], options: FitOptions
+) -> tuple[Reading, ...]:
     """Return the machine with each rival in place of its effect, and last without effects.
 
     Args:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import STARTS, Search, bic, columns_of, possible
 from ppmcal.model.effects import find_effect
@@ -22,7 +22,7 @@ def fitted_values(search: Search, form: int) -> list[float]:
     return [float(v) for v in search.gram.fit(columns_of(search, [form]))[0]]
 
 
-def implausible(search: Search, named: Sequence[Form]) -> int | None:
+def implausible(search: Search, named: Sequence[Hypothesis]) -> int | None:
     """Return a form that explains more than what was chosen, but of a size that machines have not.
 
     Something else is wrong then, a unit perhaps, and what was chosen in its place imitates it.
@@ -43,12 +43,12 @@ def implausible(search: Search, named: Sequence[Form]) -> int | None:
     return None
 
 
-def _nearest(search: Search, named: Sequence[Form]) -> list[int]:
+def _nearest(search: Search, named: Sequence[Hypothesis]) -> list[int]:
     """Return the forms of a search most like others, which may be of another search.
 
     A group of joints that it does not have is taken joint by joint.
     """
-    def like(form: Form, on: tuple[str, ...]) -> list[int]:
+    def like(form: Hypothesis, on: tuple[str, ...]) -> list[int]:
         same = [(form.apart(f), i) for i, f in enumerate(search.forms)
                 if (f.family, f.on) == (form.family, on)
                 and (f.shared == form.shared or len(on) == 1)]

@@ -10,17 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.least_squares import gauss_newton, prior_weights
+from ppmcal.calibration.least_squares import least_squares, prior_weights
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
-from ppmcal.diagnosis.residual_profiles import Errors, gather
+from ppmcal.diagnosis.residual_profiles import ProfileErrors, gather
 from ppmcal.diagnosis.residual_series import Series, all_series
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.selection import columns_of, own_log_p
 from ppmcal.diagnosis.stage import Stage, named_only
 from ppmcal.errors import PpmcalError
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.linalg import Array, Bools, finite_rows
 
 MOST_RANKED, OF_ONE_KIND = 14, 2
 """Hypotheses shown, and how many of one kind besides those named and their alternatives."""
@@ -57,7 +57,7 @@ class Ranked:
 
 
 @dataclass(frozen=True)
-class Step:
+class SelectionStep:
     """One model and its residual: rms over the noise.
 
     ``what``: start, geometry, or the effect that was added (``kind``, ``on``).
@@ -70,7 +70,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Story:
+class PlotData:
     """All pictures' data.
 
     ``left_out``: rows that the fit left out as outliers and that are in ``actuators`` and
@@ -80,16 +80,16 @@ class Story:
     actuators: tuple[ActuatorError, ...]
     series: tuple[Series, ...]
     ranking: tuple[Ranked, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[SelectionStep, ...]
     left_out: int = 0
 
 
-def story(result: Diagnosis) -> Story:
+def plot_data(result: Diagnosis) -> PlotData:
     """Return the data of a diagnosis's pictures."""
     fit = result.identification.fit
     rows, left_out = _rows(result)
     before, after, inputs, row = gather(result.before, fit, rows)
-    return Story(_actuators(result, before, after),
+    return PlotData(_actuators(result, before, after),
                  all_series(result, before, after, inputs, row), _ranking(result),
                  _steps(result), left_out)
 
@@ -100,14 +100,16 @@ def _rows(result: Diagnosis) -> tuple[list[Bools], int]:
     A robust fit takes what nothing explains for outliers; without them nothing is to be seen.
     """
     fit = result.identification.fit
-    everything = [known(p) for p in fit.state.poses]
+    everything = [finite_rows(p) for p in fit.state.poses]
     out = sum(int((e & ~k).sum()) for e, k in zip(everything, fit.keep, strict=True))
     if result.verdict not in ("unnamed", "weak") or out <= MANY_OUT * sum(k.size for k in fit.keep):
         return list(fit.keep), 0
     return everything, out
 
 
-def _actuators(result: Diagnosis, before: Errors, after: Errors) -> tuple[ActuatorError, ...]:
+def _actuators(
+    result: Diagnosis, before: ProfileErrors, after: ProfileErrors
+) -> tuple[ActuatorError, ...]:
     mechanism = result.identification.mechanism
     stage = result.found.last
     left = max(stage.system.count - stage.basis.shape[1], 1) / stage.system.count
@@ -160,26 +162,26 @@ def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[R
     return out
 
 
-def _ranked(form: Form, log_p: float, alone: float, status: str) -> Ranked:
+def _ranked(form: Hypothesis, log_p: float, alone: float, status: str) -> Ranked:
     several = "" if len(form.on) < 2 else "one value" if form.shared else "one each"
     return Ranked(form.family, form.on if not form.slot else (), several, log_p, alone,
                   status)
 
 
-def _steps(result: Diagnosis) -> tuple[Step, ...]:
+def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
     """Return residuals from the machine as it was given to the last effect."""
     stage = result.found.last
     out = []
     given = _as_given(result.found.first, result.start.reference)
     if given is not None:
-        out.append(Step("start", given))
-    out.append(Step("geometry", result.start.ratio))
+        out.append(SelectionStep("start", given))
+    out.append(SelectionStep("geometry", result.start.ratio))
     order = _by_gain(stage) if result.effects else []
     for count, _ in enumerate(order, 1):
         ratio = result.remainder.ratio if count == len(order) else _ratio(
             stage, order[:count], result.remainder.reference)
         form = stage.forms[order[count - 1]]
-        out.append(Step("effect", ratio, form.family, () if form.slot else form.on))
+        out.append(SelectionStep("effect", ratio, form.family, () if form.slot else form.on))
     return tuple(out)
 
 
@@ -215,9 +217,9 @@ def _as_given(stage: Stage, reference: float) -> float | None:
         for i, pose in enumerate(state.poses):
             mine = np.zeros(len(problem.datasets[i]), dtype=bool)
             mine[system.row[system.dataset == i]] = True
-            keep.append(mine & known(pose))
+            keep.append(mine & finite_rows(pose))
         if problem.columns:
-            state = gauss_newton(problem, state, keep, prior_weights(problem, "prior"),
+            state = least_squares(problem, state, keep, prior_weights(problem, "prior"),
                                  ITERATIONS)[0]
         fitted = build(problem, state, keep)
     except (PpmcalError, np.linalg.LinAlgError):

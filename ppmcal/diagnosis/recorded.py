@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.problem import Problem
-from ppmcal.linalg import Bools, known
+from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.dataset import WRENCH, Conditions, Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -72,7 +72,7 @@ def _recorded(mechanism: Mechanism, rows: Conditions) -> Iterator[tuple[tuple[st
         yield (f"dir_{name}",), np.isfinite(rows.approach[:, a])
         yield (f"vel_{name}",), np.isfinite(rows.velocity[:, a])
     yield ("temperature",), np.isfinite(rows.temperature)
-    yield ("payload", *WRENCH), known(rows.wrench)
+    yield ("payload", *WRENCH), finite_rows(rows.wrench)
     yield ("time",), np.isfinite(rows.time)
 
 

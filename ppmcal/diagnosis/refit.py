@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import Fit, Options, posterior
-from ppmcal.calibration.fit import Options as FitOptions
+from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.extended_model import Added, with_named
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import (
     INVISIBLE,
     MOST_ROWS,
@@ -26,13 +25,13 @@ from ppmcal.diagnosis.linear_system import (
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.stage import NOT_LINEAR, named_only, without
-from ppmcal.linalg import Array, Bools, known, thinned
+from ppmcal.linalg import Array, Bools, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import find_effect
 from ppmcal.model.mechanism import Mechanism
 
 
-def with_mechanism(fit: Fit, mechanism: Mechanism, options: Options) -> Fit:
+def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
     """Fit a machine with further effects, or slots freed, to the rows of ``fit``.
 
     Args:
@@ -54,7 +53,7 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: Options) -> Fit:
     return _near(problem, State(g, fit.state.stations, fit.state.poses), options)
 
 
-def of_rows(fit: Fit, rows: Sequence[Bools], options: Options) -> Fit:
+def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:
     """Fit the same machine to some rows (N,) of each data set."""
     datasets: tuple[Dataset, ...] = tuple(
         d.take(r) for d, r in zip(fit.problem.datasets, rows, strict=True))
@@ -64,10 +63,10 @@ def of_rows(fit: Fit, rows: Sequence[Bools], options: Options) -> Fit:
     return _near(problem, replace(fit.state, poses=poses), options)
 
 
-def _near(problem: Problem, state: State, options: Options) -> Fit:
+def _near(problem: Problem, state: State, options: FitOptions) -> Fit:
     """Fit from a state near by, or from scratch where rows get lost on the way."""
     start = problem.solve(state)
-    lost = any((known(old) & ~known(new)).any()
+    lost = any((finite_rows(old) & ~finite_rows(new)).any()
                for old, new in zip(state.poses, start.poses, strict=True))
     if lost:
         return identify(replace(problem, pivots=None), options)
@@ -90,7 +89,7 @@ def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit |
     """
     while found.added:
         fit = with_mechanism(whole, found.after.problem.mechanism, options)
-        values = own_values(fit, found.added, found.last.noise, thinned(fit.keep, MOST_ROWS))
+        values = own_values(fit, found.added, found.last.noise, subsample(fit.keep, MOST_ROWS))
         spread = posterior(fit)
         values = {key: max(value, _known_size(fit, spread, found.added, key),
                            _outside(fit, spread, found, key)) for key, value in values.items()}
@@ -124,7 +123,7 @@ def nothing_named(found: Found) -> Found:
 Key = tuple[str, tuple[str, ...]]
 
 
-def _key(form: Form) -> Key:
+def _key(form: Hypothesis) -> Key:
     return form.family, form.on
 
 

@@ -18,7 +18,7 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.problem import Rows
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.linalg import Array, Bools, Ints, known, thinned
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE
 from ppmcal.model.mechanism import Mechanism
 
@@ -30,7 +30,7 @@ ZERO_CELSIUS = 273.15
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class ProfileErrors:
     """Errors of N rows after one fit: ``joint`` (N, k), ``sigma`` (N, k), ``measured`` (N, 6).
 
     ``sigma`` is what the stated noise gives in ``joint``; ``measured`` the residual by
@@ -85,19 +85,19 @@ class Binned:
 
 
 def gather(before: Fit, after: Fit, rows: Sequence[Bools]
-           ) -> tuple[Errors, Errors, Inputs, Ints]:
+           ) -> tuple[ProfileErrors, ProfileErrors, Inputs, Ints]:
     """Return errors without and with the effects, inputs, and a label per row, (N, ...).
 
     ``rows``: those wanted, by data set.
     """
-    keep = thinned([a & known(p) & known(q) for a, p, q in
+    keep = subsample([a & finite_rows(p) & finite_rows(q) for a, p, q in
                     zip(rows, before.state.poses, after.state.poses, strict=True)], MOST_ROWS)
     old, new = (list(f.problem.rows(f.state, True, keep)) for f in (before, after))
     mechanism = after.problem.mechanism
     errors = []
     for fit, chunks in ((before, old), (after, new)):
         parts = [_errors(fit, c) for c in chunks]
-        errors.append(Errors(*(np.concatenate(p) for p in zip(*parts, strict=True))))
+        errors.append(ProfileErrors(*(np.concatenate(p) for p in zip(*parts, strict=True))))
     inputs = Inputs(*(np.concatenate(p) for p in
                       zip(*(_inputs(c, mechanism) for c in new), strict=True)))
     return errors[0], errors[1], inputs, np.arange(len(inputs.time), dtype=np.int64)

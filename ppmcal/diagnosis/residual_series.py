@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.diagnosis.residual_profiles import Binned, Errors, Inputs, binned
+from ppmcal.diagnosis.residual_profiles import Binned, Inputs, ProfileErrors, binned
 from ppmcal.diagnosis.result import Diagnosis, NamedEffect
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
@@ -61,12 +61,18 @@ class Series:
 class _Source:
     """Makes series from errors and inputs."""
 
-    def __init__(self, mechanism: Mechanism, before: Errors, after: Errors, inputs: Inputs,
-                 row: Ints) -> None:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        before: ProfileErrors,
+        after: ProfileErrors,
+        inputs: Inputs,
+        row: Ints,
+    ) -> None:
         self.mechanism, self.inputs, self.row = mechanism, inputs, row
         self.before, self.after = before, after
 
-    def worst(self, errors: Errors) -> str:
+    def worst(self, errors: ProfileErrors) -> str:
         """Return the joint with the largest errors in units of the noise."""
         rms = np.nanmean((errors.joint / np.maximum(errors.sigma, 1e-300)) ** 2, axis=0)
         return self.mechanism.actuators[int(np.argmax(rms))]
@@ -146,8 +152,9 @@ def _strongest(series: Sequence[Series], after: bool, count: int) -> list[Series
             if s.bins.strength(after) >= NOTICEABLE * best[0].bins.strength(after)]
 
 
-def all_series(result: Diagnosis, before: Errors, after: Errors, inputs: Inputs, row: Ints
-               ) -> tuple[Series, ...]:
+def all_series(
+    result: Diagnosis, before: ProfileErrors, after: ProfileErrors, inputs: Inputs, row: Ints
+) -> tuple[Series, ...]:
     """Return the series of each named effect, of what is left, or of what was recorded."""
     source = _Source(result.identification.mechanism, before, after, inputs, row)
     out: list[Series] = []

@@ -12,7 +12,7 @@ from ppmcal.diagnosis.adequacy import Remainder
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
-from ppmcal.diagnosis.hypotheses import Form, Untestable
+from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.next_experiment import Proposal
 from ppmcal.diagnosis.stage import Stage
@@ -39,7 +39,7 @@ class NamedEffect:
     survival: float
     alternatives: tuple[str, ...]
     odds: tuple[float, ...]
-    form: Form
+    form: Hypothesis
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Candidate:
     would show 9 times in 10, SI; 0 where unknown.
     """
 
-    form: Form
+    form: Hypothesis
     log_p: float
     log_p_alone: float
     survival: float

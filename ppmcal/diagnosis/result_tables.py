@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Candidate, Found, NamedEffect, Swallowed
 from ppmcal.diagnosis.selection import columns_of, scan
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL, Stage, named_only
@@ -61,7 +61,7 @@ Key = tuple[str, frozenset[str], bool]
 """Kind or slot, actuators, and whether they share one value: a form but for its constants."""
 
 
-def _key(form: Form) -> Key:
+def _key(form: Hypothesis) -> Key:
     return form.family, frozenset(form.on), form.shared or len(form.on) == 1
 
 

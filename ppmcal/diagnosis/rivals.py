@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaln
 
-from ppmcal.diagnosis.hypotheses import Form, united
+from ppmcal.diagnosis.hypotheses import Hypothesis, united
 from ppmcal.diagnosis.selection import (
     BETTER,
     Choice,
@@ -42,7 +42,7 @@ class Rival:
     how much likelier the chosen one is, e^(BIC difference/2).
     """
 
-    form: Form
+    form: Hypothesis
     angle: float
     odds: float
 
@@ -76,7 +76,7 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
     return list(best.values())
 
 
-def _elsewhere(search: Search, form: Form) -> list[tuple[int, ...]]:
+def _elsewhere(search: Search, form: Hypothesis) -> list[tuple[int, ...]]:
     """Return other kinds on just the actuators of ``form``, one value for each."""
     if len(form.on) < 2:
         return []
@@ -174,7 +174,7 @@ def _subsets(search: Search, others: Sequence[int], single: Mapping[str, int],
     return [s for n, s in enumerate(out) if s and s not in out[:n]]
 
 
-def _together(search: Search, parts: Sequence[Form]) -> tuple[Search, int]:
+def _together(search: Search, parts: Sequence[Hypothesis]) -> tuple[Search, int]:
     """Return the form in which several actuators share one value, added where it is new."""
     wanted = {a for part in parts for a in part.on}
     for i, form in enumerate(search.forms):
@@ -200,7 +200,7 @@ def _choices(search: Search, some: int) -> float:
     return float(gammaln(total + 1) - gammaln(some + 1) - gammaln(max(total - some, 0) + 1))
 
 
-def held(search: Search, chosen: tuple[int, ...], forms: Sequence[Form]
+def held(search: Search, chosen: tuple[int, ...], forms: Sequence[Hypothesis]
          ) -> tuple[Search, tuple[int, ...]]:
     """Return ``forms``, chosen at an earlier fit, if they are as good as ``chosen``.
 
@@ -218,7 +218,7 @@ def held(search: Search, chosen: tuple[int, ...], forms: Sequence[Form]
     return search, tuple(old) if good else chosen
 
 
-def find(search: Search, form: Form) -> tuple[Search, int | None]:
+def find(search: Search, form: Hypothesis) -> tuple[Search, int | None]:
     """Return where a form of another search is in this one, made where it can be."""
     match = [i for i, f in enumerate(search.forms)
              if (f.family, f.on, f.shared) == (form.family, form.on, form.shared)]

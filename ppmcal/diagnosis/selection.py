@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from ppmcal.diagnosis.added_variable_test import Gram, log_p
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.added_variable_test import AddedVariableTest, log_p
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.linalg import Array
 
 MOST_EFFECTS = 6
@@ -46,8 +46,8 @@ class Search:
     (B,) of noise.
     """
 
-    gram: Gram
-    forms: tuple[Form, ...]
+    gram: AddedVariableTest
+    forms: tuple[Hypothesis, ...]
     detect: float
     name: float
     smallest: Array
@@ -87,19 +87,19 @@ class Choice:
     bic: float
 
 
-def by_size(forms: Sequence[Form]) -> list[Group]:
+def by_size(forms: Sequence[Hypothesis]) -> list[Group]:
     """Return the forms in groups of equal size."""
     sizes = [f.size for f in forms]
     groups = ([i for i, n in enumerate(sizes) if n == size] for size in dict.fromkeys(sizes))
     return [(np.array(g), np.array([forms[i].columns for i in g])) for g in groups]
 
 
-def scan(gram: Gram, forms: Sequence[Form]) -> Array:
+def scan(gram: AddedVariableTest, forms: Sequence[Hypothesis]) -> Array:
     """Return the log p of every form (F,), the model's columns being projected out already."""
     return _scanned(gram, by_size(forms), len(forms))
 
 
-def _scanned(gram: Gram, groups: Sequence[Group], count: int) -> Array:
+def _scanned(gram: AddedVariableTest, groups: Sequence[Group], count: int) -> Array:
     out = np.zeros(count)
     for which, columns in groups:
         square, rank = gram.explained(columns)
@@ -107,7 +107,7 @@ def _scanned(gram: Gram, groups: Sequence[Group], count: int) -> Array:
     return out
 
 
-def null_scan(gram: Gram, forms: Sequence[Form]) -> Array:
+def null_scan(gram: AddedVariableTest, forms: Sequence[Hypothesis]) -> Array:
     """Return the smallest log p over all forms for each draw of noise (B,)."""
     smallest = np.zeros(gram.null.shape[1])
     for _, columns in by_size(forms):
@@ -118,7 +118,9 @@ def null_scan(gram: Gram, forms: Sequence[Form]) -> Array:
     return smallest
 
 
-def prepare(gram: Gram, forms: Sequence[Form], like: Search | None = None) -> Search:
+def prepare(
+    gram: AddedVariableTest, forms: Sequence[Hypothesis], like: Search | None = None
+) -> Search:
     """Return the search with its thresholds from simulated noise, or those of ``like``."""
     if like is not None:
         return replace(like, gram=gram, forms=tuple(forms))
@@ -199,7 +201,7 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
     return True
 
 
-def _apart(waves: Sequence[Form]) -> bool:
+def _apart(waves: Sequence[Hypothesis]) -> bool:
     """Whether no joint has more than :data:`MOST_PERIODS`, or two that are one between the grid.
 
     More waves are some other shape.

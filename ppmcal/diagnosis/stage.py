@@ -11,7 +11,7 @@ from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.diagnosis.added_variable_test import build_gram
 from ppmcal.diagnosis.candidates import library
-from ppmcal.diagnosis.hypotheses import Form, Library
+from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import (
     INVISIBLE,
     MOST_ROWS,
@@ -24,7 +24,7 @@ from ppmcal.diagnosis.linear_system import (
 from ppmcal.diagnosis.rivals import held, settled
 from ppmcal.diagnosis.selection import Search, choose, prepare
 from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
-from ppmcal.linalg import Array, Bools, thinned
+from ppmcal.linalg import Array, Bools, subsample
 
 DRAWS = 2000
 WEAK_SURVIVAL = 0.2
@@ -61,12 +61,12 @@ class Stage:
     added: tuple[int, ...] = ()
 
     @property
-    def forms(self) -> tuple[Form, ...]:
+    def forms(self) -> tuple[Hypothesis, ...]:
         """All hypotheses, those made while choosing included."""
         return self.search.forms
 
     @property
-    def named(self) -> tuple[Form, ...]:
+    def named(self) -> tuple[Hypothesis, ...]:
         """The chosen hypotheses that have a name."""
         return tuple(self.search.forms[i] for i in named_only(self))
 
@@ -79,7 +79,7 @@ def named_only(stage: Stage) -> tuple[int, ...]:
 def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
               kinds: Sequence[str] | None = None, draws: int = DRAWS,
               added: Sequence[int] = (), like: Search | None = None,
-              hold: Sequence[Form] = ()) -> Stage:
+              hold: Sequence[Hypothesis] = ()) -> Stage:
     """Return the tests at a state.
 
     Args:
@@ -94,7 +94,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         like: an earlier search of the same library and rows, whose thresholds hold.
         hold: what was chosen before, which stays unless something is better.
     """
-    system = without(build(problem, state, thinned(keep, MOST_ROWS)), added)
+    system = without(build(problem, state, subsample(keep, MOST_ROWS)), added)
     found = library(system, kinds, [problem.free[c] for c in added])
     noise = estimate(system, found)
     rng = np.random.default_rng(seed)
@@ -127,7 +127,7 @@ def without(system: System, added: Sequence[int]) -> System:
 
 
 def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,
-            draws: int, like: Search | None, hold: Sequence[Form]) -> Stage:
+            draws: int, like: Search | None, hold: Sequence[Hypothesis]) -> Stage:
     jacobian = noise.apply(system.jacobian, system)
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
@@ -152,14 +152,14 @@ def explained(stage: Stage) -> tuple[Array, Array]:
     return basis, stage.residual - basis @ (basis.T @ stage.residual)
 
 
-def form_columns(stage: Stage, form: Form) -> Array:
+def form_columns(stage: Stage, form: Hypothesis) -> Array:
     """Return a form's whitened columns (n, k)."""
     if max(form.columns) < stage.columns.shape[1]:
         return stage.columns[:, form.columns]
     return of_single(stage.columns, stage.forms, form)
 
 
-def of_single(columns: Array, forms: Sequence[Form], form: Form) -> Array:
+def of_single(columns: Array, forms: Sequence[Hypothesis], form: Hypothesis) -> Array:
     """Return the columns (..., k) of a form on a few actuators from those of each alone.
 
     Raises:

@@ -9,7 +9,7 @@ from ppmcal.calibration.noise import OVERSTATED
 from ppmcal.diagnosis.adequacy import TOO_MUCH, Remainder
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
-from ppmcal.diagnosis.hypotheses import Form
+from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.result import Found, NamedEffect
@@ -18,7 +18,7 @@ from ppmcal.diagnosis.stage import Stage
 from ppmcal.errors import NoResult
 from ppmcal.wording import counted
 
-Alternatives = dict[int, tuple[list[Rival], list[Form]]]
+Alternatives = dict[int, tuple[list[Rival], list[Hypothesis]]]
 """By named form: rivals in the library, and what was not recorded."""
 FAR = 10.0
 MOSTLY = 0.5

@@ -16,7 +16,7 @@ import numpy as np
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.directions import square, to_nominal, unit
 from ppmcal.io.mechanism_schema import TURNS, DirectionFile, SlotFile, groups, point_parts, word
-from ppmcal.io.parameter_reader import Draft, Entry
+from ppmcal.io.parameter_reader import Draft, SlotEntry
 from ppmcal.io.schema import check, show
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind
@@ -134,7 +134,7 @@ class LimbReader:
             None if v is None else v * factor
             for v in (slot.value, slot.nominal, slot.tolerance, slot.sigma))
         default = spec.default if slot.share is None or joint else None
-        self.draft.entries.append(Entry(
+        self.draft.entries.append(SlotEntry(
             f"{self.draft.name}.{path}", self.at(path), spec.quantity, spec.tolerance_class,
             default, value, nominal, tolerance, sigma, slot.fixed, slot.share))
         if spec.tolerance_class != "ratio":
@@ -150,7 +150,7 @@ class LimbReader:
                                f"The kind {self.kind.name} closes when {self.kind.closes_when}; "
                                f"add a line such as `{spec.name.rpartition('.')[2]}: 120`")
             standing = spec.tolerance_class != "offset"
-            self.draft.entries.append(Entry(
+            self.draft.entries.append(SlotEntry(
                 f"{self.draft.name}.{spec.name}", self.at(spec.name), spec.quantity,
                 spec.tolerance_class, default=spec.default, standing=standing))
         else:
@@ -260,7 +260,7 @@ class LimbReader:
 
         shared = axis.share is not None and axis.value is None
         for i, spec in enumerate(specs):
-            self.draft.entries.append(Entry(
+            self.draft.entries.append(SlotEntry(
                 f"{self.draft.name}.{spec.name}", self.at(group), "angle", "angle", default=0.0,
                 value=pick(axis.rotation, i), nominal=None if shared else float(nominal[i]),
                 tolerance=pick(axis.tolerance, i), sigma=pick(axis.sigma, i), fixed=axis.fixed,

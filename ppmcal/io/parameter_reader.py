@@ -14,7 +14,7 @@ from ppmcal.model.parameters import Parameter, SlotMap, unmatched
 
 
 @dataclass(frozen=True)
-class Entry:
+class SlotEntry:
     """What the file says about one slot; SI, None where it says nothing.
 
     ``default`` is the value without one; ``standing`` whether the entry is fixed at its
@@ -46,7 +46,7 @@ class Draft:
     name: str
     kind: LimbKind
     actuator: str
-    entries: list[Entry] = field(default_factory=list)
+    entries: list[SlotEntry] = field(default_factory=list)
     direct: list[str] = field(default_factory=list)
     polar: list[tuple[str, str, str, str]] = field(default_factory=list)
     constants: dict[str, Array] = field(default_factory=dict)
@@ -64,7 +64,7 @@ ANGLE_DEFAULT = 1e-3
 REACH_FRACTION = 1e-3
 
 
-def key(entry: Entry) -> str:
+def key(entry: SlotEntry) -> str:
     """Return the name of the parameter that an entry belongs to."""
     return entry.share or entry.path
 
@@ -82,7 +82,7 @@ def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
         The parameters, and for each whose class the file does not give (tolerance None as
         yet): name -> (class, quantity).
     """
-    together: dict[str, list[Entry]] = {}
+    together: dict[str, list[SlotEntry]] = {}
     for draft in drafts:
         for entry in draft.entries:
             together.setdefault(key(entry), []).append(entry)
@@ -99,7 +99,7 @@ def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
     return tuple(out), waiting
 
 
-def _parameter(name: str, entries: Sequence[Entry], classes: Mapping[str, float | None]
+def _parameter(name: str, entries: Sequence[SlotEntry], classes: Mapping[str, float | None]
                ) -> Parameter:
     first = entries[0]
     for entry in entries[1:]:
@@ -131,7 +131,7 @@ def _parameter(name: str, entries: Sequence[Entry], classes: Mapping[str, float 
                      _agreed(entries, "sigma", name))
 
 
-def _agreed(entries: Sequence[Entry], field: str, name: str) -> float | None:
+def _agreed(entries: Sequence[SlotEntry], field: str, name: str) -> float | None:
     """Return the one value that the entries give for a field, None where none does."""
     given = [(e, getattr(e, field)) for e in entries if getattr(e, field) is not None]
     for entry, value in given[1:]:
@@ -147,7 +147,7 @@ def class_key(tolerance_class: str, quantity: str) -> str:
     return f"offset:{quantity}" if tolerance_class == "offset" else tolerance_class
 
 
-def _needs_default(parameter: Parameter, entries: Sequence[Entry]) -> bool:
+def _needs_default(parameter: Parameter, entries: Sequence[SlotEntry]) -> bool:
     return (parameter.tolerance is None and not parameter.per_unit
             and not all(e.standing for e in entries))
 

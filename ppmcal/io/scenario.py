@@ -21,7 +21,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import Parameter
-from ppmcal.simulation.scenario import Circle, Grid, Helix, Listed, Random, Scenario
+from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Random, Scenario
 from ppmcal.units import Units
 
 
@@ -142,7 +142,7 @@ def _listed(path: Path, mechanism: Mechanism) -> Listed:
 
 
 def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, path: Path
-           ) -> Circle | Grid | Random | Helix | Listed:
+           ) -> Circle | GridPattern | Random | Helix | Listed:
     if file.file is not None:
         return _listed(path.parent / file.file, mechanism)
 
@@ -174,7 +174,7 @@ def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, pat
                 raise unknown("pose coordinate", name, mechanism.coordinates,
                               f"{source}: poses.grid.counts")
             counts[COORDINATES.index(name)] = count
-        return Grid(center(g.center, "poses.grid.center"),
+        return GridPattern(center(g.center, "poses.grid.center"),
                     pose(g.half_range, "poses.grid.half_range", 0.0), counts)
     if file.random is not None:
         r = file.random
@@ -188,4 +188,4 @@ def _poses(file: PosesFile, mechanism: Mechanism, units: Units, source: str, pat
                  h.turns, h.count)
 
 
-__all__ = ["Circle", "Grid", "Helix", "Listed", "Random", "Scenario", "read_scenario"]
+__all__ = ["Circle", "GridPattern", "Helix", "Listed", "Random", "Scenario", "read_scenario"]

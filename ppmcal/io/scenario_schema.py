@@ -94,7 +94,7 @@ def _noise(value: object) -> object:
     return value
 
 
-class SigmaFile(Strict):
+class ScenarioSigmaFile(Strict):
     """Standard deviations to simulate; 0 is allowed."""
 
     position: Spread | None = None
@@ -104,13 +104,13 @@ class SigmaFile(Strict):
     actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0
 
 
-class InstrumentFile(Strict):
+class ScenarioInstrumentFile(Strict):
     """The instrument to simulate."""
 
     examples: ClassVar[Mapping[str, str]] = {"kind": "kind: pose",
                                              "sigma": "sigma: {position: 0.005, rotation: 0.001}"}
     kind: Annotated[str, choice("instrument kind", *KINDS)]
-    sigma: SigmaFile
+    sigma: ScenarioSigmaFile
     point: Any = None
     between: Annotated[str, choice("kind of distance", "point", "positions")] = "point"
 
@@ -177,7 +177,7 @@ class ScenarioFile(Strict):
     format: Annotated[str, choice("format", FORMAT)]
     units: UnitsFile
     poses: PosesFile
-    instrument: InstrumentFile
+    instrument: ScenarioInstrumentFile
     name: Label | None = None
     errors: Any = None
     effects: Any = None

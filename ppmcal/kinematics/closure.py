@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
-from ppmcal.model.limbs import Body
-from ppmcal.model.limbs.chain import Carried, U
+from ppmcal.model.limbs import ClosureSurface
+from ppmcal.model.limbs.chain import ErrorTwists, U
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -91,7 +91,7 @@ class Closure:
 
     model: Model
     q: Array
-    bodies: tuple[Body, ...]
+    bodies: tuple[ClosureSurface, ...]
     slots: tuple[tuple[str, ...], ...]
     columns: tuple[tuple[int, ...], ...]
 
@@ -220,14 +220,14 @@ def _stack(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.broadcast_to(p, (n, *p.shape[1:])) for p in parts], axis=1)
 
 
-def _slot_columns(body: Body, lines: Array, pose: Array, slots: Sequence[str],
+def _slot_columns(body: ClosureSurface, lines: Array, pose: Array, slots: Sequence[str],
                   q: Array | None = None) -> Array:
     """Return dc/dslot (N, k, S) of one limb: line against frame twist, chain by chain.
 
     ``offset`` moves the joint coordinate u itself, ``ratio`` moves it by q.
     """
     names = [U if s in ("offset", "ratio") else s for s in slots]
-    chains: tuple[tuple[float, tuple[Carried, ...], Callable[[], Array]], ...] = (
+    chains: tuple[tuple[float, tuple[ErrorTwists, ...], Callable[[], Array]], ...] = (
         (-1.0, body.base, lambda: lines), (-1.0, body.middle, lambda: body.middle_lines),
         (1.0, body.platform,
          lambda: cga.move_line(cga.reverse(np.atleast_2d(pose))[:, None, :], lines)))

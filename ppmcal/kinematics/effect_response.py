@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import solve_rows
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import (
     Conditions,
     Dataset,
@@ -39,7 +39,7 @@ def conditions_of(mechanism: Mechanism, data: Dataset) -> Conditions:
     by_axis = np.stack([data.columns.get(a, blank) for a in axes], axis=-1)
     model = Model(mechanism.nominal())
     pose = forward(model, data.q).pose
-    rows = np.flatnonzero(known(pose))
+    rows = np.flatnonzero(finite_rows(pose))
     drive = np.zeros((len(data), len(mechanism.actuators), 3))
     if rows.size:
         closure = model.closure(data.q[rows])
@@ -91,7 +91,7 @@ def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
     the platform's wrench (N, 6), base axes at the platform origin, to the joints.
     """
     out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
-    rows = np.flatnonzero(known(q) & known(pose) & known(wrench))
+    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose) & finite_rows(wrench))
     if rows.size:
         closure = model.take(rows).closure(q[rows])
         lines = closure.lines(pose[rows])
@@ -180,7 +180,7 @@ def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
             out += [f"{need}_{n}" for n, a in zip(names, on, strict=True)
                     if not np.isfinite(part[:, a]).any()]
         elif need in ("load", "wrench"):
-            if not known(rows.wrench).any():
+            if not finite_rows(rows.wrench).any():
                 out.append("payload")
         elif not np.isfinite(getattr(rows, need)).any():
             out.append(need)

@@ -16,7 +16,7 @@ from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import Forward, forward, moved, newton
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Conditions, unknown_conditions
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
@@ -83,7 +83,7 @@ def row_known(shift: Shift | None, rows: int) -> NDArray[np.bool_]:
     usable = np.ones(rows, dtype=bool)
     if shift is not None:
         for value in (*shift.slots.values(), *([] if shift.pose is None else [shift.pose])):
-            usable &= known(value.reshape(rows, int(np.prod(value.shape[1:]))))
+            usable &= finite_rows(value.reshape(rows, int(np.prod(value.shape[1:]))))
     return usable
 
 
@@ -103,7 +103,7 @@ def settle(model: Model, q: Array, rows: Conditions, closed: Array) -> tuple[Arr
 def _newton(model: Model, q: Array, closed: Array) -> Array:
     """Solve the closure from warm poses; rows that fail are led from home."""
     out = np.full_like(closed, np.nan)
-    rows = np.flatnonzero(known(closed) & known(q) & row_known(model.shift, q.shape[0]))
+    rows = np.flatnonzero(finite_rows(closed) & finite_rows(q) & row_known(model.shift, q.shape[0]))
     if rows.size:
         found, converged, _ = newton(model.take(rows).closure(q[rows]), closed[rows])
         out[rows[converged]] = found[converged]

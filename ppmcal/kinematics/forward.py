@@ -16,7 +16,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, solve_rows
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.linalg import Array, Bools, finite_rows
 
 CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""
@@ -57,7 +57,7 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
     pose = np.array(np.broadcast_to(model.mechanism.home if start is None else start,
                                     (q.shape[0], 8)))
     origin = np.array(np.broadcast_to(home.q if start_q is None else start_q, q.shape))
-    usable = known(q) & known(pose)
+    usable = finite_rows(q) & finite_rows(pose)
     progress = np.zeros(q.shape[0])
     result = np.full_like(pose, np.nan)
     rows = np.flatnonzero(usable)

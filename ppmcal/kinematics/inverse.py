@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.limbs.chain import U
 from ppmcal.model.mechanism import Mechanism
 
@@ -71,7 +71,7 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
         roots, nearest = _polynomial_roots(f, step, limb.kind.branch is None)
     else:
         roots, nearest = _trigonometric_roots(f)
-    missing = np.where(known(roots), 0.0, _distance(model, index, pose, nearest))
+    missing = np.where(finite_rows(roots), 0.0, _distance(model, index, pose, nearest))
     with np.errstate(invalid="ignore", divide="ignore"):
         for j in range(2):
             roots[:, j] = _polish(model, index, pose, roots[:, j])

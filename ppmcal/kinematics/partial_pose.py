@@ -15,7 +15,7 @@ from ppmcal.kinematics.forward import moved
 from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_blocks, solve_rows
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.rotations import euler_rates, from_euler, to_euler
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Conditions, unknown_conditions
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism
@@ -253,7 +253,7 @@ def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np
                            np.concatenate([gap, miss], axis=1))
         solved = (np.max(np.abs(gap), axis=1) < 1e-12 * mechanism.reach) & (
             np.max(np.abs(miss), axis=1) < 1e-11)
-        if solved.all() or not known(step).any():
+        if solved.all() or not finite_rows(step).any():
             break
         step = np.where(np.isfinite(step), step, 0.0)
         move = np.zeros((n, 6))
@@ -285,6 +285,6 @@ def named_only(mechanism: Mechanism, asked: Array) -> Array:
     scale = np.where(np.array(mechanism.dof) < 3, mechanism.length_scale, 1.0)
     strength = np.linalg.norm(mobility / scale[:, None], axis=1)
     weakest = [mechanism.dof[i] for i in np.argsort(strength, kind="stable")[:short]]
-    full = known(out[:, mechanism.dof])
+    full = finite_rows(out[:, mechanism.dof])
     out[np.ix_(full, weakest)] = np.nan
     return out

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.linalg import Array, Bools, known
+from ppmcal.linalg import Array, Bools, finite_rows
 
 ORDERS = tuple("".join(o) for letters in ("xyz", "XYZ") for o in product(letters, repeat=3)
                if o[0] != o[1] != o[2])
@@ -27,7 +27,7 @@ def from_euler(angles: Array, convention: str) -> Array:
     from scipy.spatial.transform import Rotation
 
     out = np.full_like(angles, np.nan)
-    good = known(angles)
+    good = finite_rows(angles)
     if good.any():
         order = convention.removeprefix("euler-")
         out[good] = Rotation.from_euler(order, angles[good]).as_rotvec()
@@ -43,7 +43,7 @@ def to_euler(vector: Array, convention: str) -> tuple[Array, Bools]:
     from scipy.spatial.transform import Rotation
 
     out = np.full_like(vector, np.nan)
-    good = known(vector)
+    good = finite_rows(vector)
     if not good.any():
         return out, good
     order: Any = convention.removeprefix("euler-")
@@ -77,7 +77,7 @@ def to_quaternion(vector: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     out = np.full((len(vector), 4), np.nan)
-    good = known(vector)
+    good = finite_rows(vector)
     if good.any():
         out[good] = Rotation.from_rotvec(vector[good]).as_quat(canonical=True)
     return out

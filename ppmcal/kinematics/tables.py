@@ -17,7 +17,7 @@ from ppmcal.kinematics.forward import Forward, conditioning, forward
 from ppmcal.kinematics.inverse import home_state, solve_rows
 from ppmcal.kinematics.partial_pose import LACKING, Named, inverse_partial, pose_motor, pose_vector
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Conditions, Dataset
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
@@ -27,7 +27,7 @@ SINGULAR = 0.02
 
 
 @dataclass(frozen=True)
-class Table:
+class KinematicsTable:
     """Kinematics of N rows.
 
     Attributes:
@@ -47,7 +47,7 @@ class Table:
 
 
 def inverse_table(model: Model, coordinates: Array, rows: Conditions | None = None,
-                  named: Named | None = None) -> Table:
+                  named: Named | None = None) -> KinematicsTable:
     """Return joint values of poses (N, 6), nan = open coordinate, as a path in row order.
 
     ``rows``: the conditions that the machine's effects depend on. ``named``: which point's poses
@@ -62,14 +62,14 @@ def inverse_table(model: Model, coordinates: Array, rows: Conditions | None = No
 def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
     """Return where the tool point (3,), m in platform axes, is: poses (N, 6) of platform ones."""
     out = np.full_like(pose, np.nan)
-    good = known(pose)
+    good = finite_rows(pose)
     out[good] = measured_pose(Named(tool).station(len(model.mechanism.actuators)),
                               pose_motor(pose[good]))
     return out
 
 
 def forward_table(model: Model, q: Array, rows: Conditions | None = None,
-                  found: Forward | None = None) -> Table:
+                  found: Forward | None = None) -> KinematicsTable:
     """Return the poses of joint values (N, k), in home's assembly mode, as a path.
 
     ``rows``: the conditions that the machine's effects depend on. ``found``: the geometry's
@@ -85,13 +85,18 @@ def forward_table(model: Model, q: Array, rows: Conditions | None = None,
     pose = found.pose
     if model.mechanism.effects:
         pose = reach(model, q, rows, found.pose, q).pose
-        for n in np.flatnonzero(known(found.pose) & ~known(pose)):
+        for n in np.flatnonzero(finite_rows(found.pose) & ~finite_rows(pose)):
             status[n], reason[n] = "not converged", LACKING
     return _judged(model, q, pose, status, reason)
 
 
-def velocity_table(model: Model, coordinates: Array, twist: Array,
-                   conditions: Conditions | None = None, named: Named | None = None) -> Table:
+def velocity_table(
+    model: Model,
+    coordinates: Array,
+    twist: Array,
+    conditions: Conditions | None = None,
+    named: Named | None = None,
+) -> KinematicsTable:
     """Return joint rates of poses moving with ``twist`` (N, 6) vx, vy, vz, wx, wy, wz.
 
     A twist + Jq rate = 0 ([IK] eq. 32 and 49). A machine with fewer actuators than pose
@@ -126,7 +131,7 @@ def velocity_table(model: Model, coordinates: Array, twist: Array,
                 rate[rows[mine]] = solve_rows(unknown, right)[:, :jq.shape[2]]
             else:
                 rate[rows[mine]] = (np.linalg.pinv(jq[mine]) @ right[..., None])[..., 0]
-    return Table(table.q, table.pose, rate, table.condition, tuple(status), tuple(reason))
+    return KinematicsTable(table.q, table.pose, rate, table.condition, tuple(status), tuple(reason))
 
 
 def _origin_twist(pose: Array, tool: Array) -> Array:
@@ -144,14 +149,16 @@ def with_joints(mechanism: Mechanism, data: Dataset) -> Dataset:
     """
     if data.commanded is None:
         return data
-    missing = ~known(data.q)
+    missing = ~finite_rows(data.q)
     q = data.q.copy()
     found = inverse_partial(Model(mechanism.nominal()), data.commanded[missing])
     q[missing] = found.q
     return replace(data, q=q)
 
 
-def _judged(model: Model, q: Array, pose: Array, status: list[str], reason: list[str]) -> Table:
+def _judged(
+    model: Model, q: Array, pose: Array, status: list[str], reason: list[str]
+) -> KinematicsTable:
     """Add condition, limits and singularities to rows that have a solution."""
     mechanism = model.mechanism
     condition = np.full(q.shape[0], np.nan)
@@ -174,9 +181,11 @@ def _judged(model: Model, q: Array, pose: Array, status: list[str], reason: list
                 if over:
                     status[n], reason[n] = "limits", over
     vector = np.full((q.shape[0], 6), np.nan)
-    good = known(pose)
+    good = finite_rows(pose)
     vector[good] = pose_vector(pose[good])
-    return Table(q, vector, np.full_like(q, np.nan), condition, tuple(status), tuple(reason))
+    return KinematicsTable(
+        q, vector, np.full_like(q, np.nan), condition, tuple(status), tuple(reason)
+    )
 
 
 def limit_reason(mechanism: Mechanism, q: Array) -> str:
@@ -216,7 +225,7 @@ def _mark_jumps(model: Model, q: Array, pose: Array, status: list[str], reason: 
 
 __all__ = [
     "SINGULAR",
-    "Table",
+    "KinematicsTable",
     "forward_table",
     "inverse_table",
     "tool_poses",

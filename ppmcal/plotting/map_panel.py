@@ -36,7 +36,7 @@ SINGULAR_CURVE = "singular: det A changes sign"
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
+class ColourScale:
     """One scale of colours for all panels: ends, logarithm, ticks, which ends are cut."""
 
     low: float
@@ -47,7 +47,7 @@ class Scale:
     empty: bool
 
     @classmethod
-    def of(cls, values: Array, log: bool) -> Scale:
+    def of(cls, values: Array, log: bool) -> ColourScale:
         """Return the scale of values of any shape, nan where there is none."""
         known = values[~np.isnan(values)]
         low, high, log = robust_range(known, log)
@@ -80,7 +80,7 @@ def _cut(known: Array, low: float, high: float) -> Literal["neither", "both", "m
 
 
 def draw_panel(axes: Axes, x: Array, y: Array, values: Array, determinant: Array | None,
-               scale: Scale, home: Array | None, alone: bool = True) -> dict[str, Any]:
+               scale: ColourScale, home: Array | None, alone: bool = True) -> dict[str, Any]:
     """Draw values (X, Y) over two coordinates; return what the legend has to explain.
 
     Args:
@@ -117,7 +117,9 @@ def draw_panel(axes: Axes, x: Array, y: Array, values: Array, determinant: Array
     return legend
 
 
-def _contours(axes: Axes, x: Array, y: Array, field: Any, scale: Scale, numbers: bool) -> None:
+def _contours(
+    axes: Axes, x: Array, y: Array, field: Any, scale: ColourScale, numbers: bool
+) -> None:
     """Smooth the colours between poses, and draw lines at the colour bar's numbers."""
     low, high = float(field.min()), float(field.max())
     if not high > low:
@@ -188,4 +190,4 @@ def _edges(levels: Array) -> Array:
     return out
 
 
-__all__ = ["NO_POSE", "NO_VALUE", "SINGULAR_CURVE", "Scale", "draw_panel"]
+__all__ = ["NO_POSE", "NO_VALUE", "SINGULAR_CURVE", "ColourScale", "draw_panel"]

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from ppmcal.linalg import Array
 from ppmcal.plotting.map_data import Map
-from ppmcal.plotting.map_panel import NO_POSE, NO_VALUE, SINGULAR_CURVE, Scale
+from ppmcal.plotting.map_panel import NO_POSE, NO_VALUE, SINGULAR_CURVE, ColourScale
 from ppmcal.plotting.style import (
     BODY,
     EDGE,
@@ -74,7 +74,7 @@ def draw_profile(view: Profile, shown: Map, head: str, below: str) -> bytes:
     axes.grid(visible=True, color=GROUND)
     pad = 0.02 * float(np.ptp(x)) or 1.0
     axes.set_xlim(float(x.min()) - pad, float(x.max()) + pad)
-    scale = Scale.of(view.values, shown.log)
+    scale = ColourScale.of(view.values, shown.log)
     legend = _gaps(axes, x, view.values)
     legend |= _curve(axes, x, view.values, scale)
     legend |= _crossings(axes, x, view.determinant)
@@ -87,7 +87,7 @@ def draw_profile(view: Profile, shown: Map, head: str, below: str) -> bytes:
     return png(drawn, draw_legend(drawn, legend))
 
 
-def _curve(axes: Axes, x: Array, values: Array, scale: Scale) -> dict[str, Any]:
+def _curve(axes: Axes, x: Array, values: Array, scale: ColourScale) -> dict[str, Any]:
     """Draw the values; those beyond the scale as arrows at its edge."""
     if scale.empty:
         axes.text(0.5, 0.5, NO_POSE, transform=axes.transAxes, ha="center", va="center",

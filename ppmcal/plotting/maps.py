@@ -14,7 +14,7 @@ from ppmcal.kinematics.region import Grid, placed
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.plotting.map_data import Map
-from ppmcal.plotting.map_panel import Scale, draw_panel
+from ppmcal.plotting.map_panel import ColourScale, draw_panel
 from ppmcal.plotting.map_profile import draw_profile
 from ppmcal.plotting.style import (
     BODY,
@@ -47,7 +47,7 @@ PANELS = 9
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class MapView:
     """What is drawn, in file units.
 
     Attributes:
@@ -96,7 +96,7 @@ def draw_map(mechanism: Mechanism, grid: Grid, shown: Map,
         return _fields(view, shown, head, below)
 
 
-def _view(mechanism: Mechanism, grid: Grid, values: Array, determinant: Array | None) -> View:
+def _view(mechanism: Mechanism, grid: Grid, values: Array, determinant: Array | None) -> MapView:
     """Return what is drawn of a map: at most three coordinates, others next to home."""
     units = [mechanism.units.factor("length" if c < 3 else "angle") for c in grid.coordinates]
     levels = [np.asarray(v) / u for v, u in zip(grid.levels, units, strict=True)]
@@ -113,7 +113,7 @@ def _view(mechanism: Mechanism, grid: Grid, values: Array, determinant: Array | 
         values = np.take(values, at, axis=axis)
         determinant = None if determinant is None else np.take(determinant, at, axis=axis)
     names = tuple(with_unit(POSE_COORDINATES[c], _unit(mechanism, c)) for c in drawn)
-    return View(drawn, tuple(levels[:3]), values, determinant, names, home[:3],
+    return MapView(drawn, tuple(levels[:3]), values, determinant, names, home[:3],
                 _held(mechanism, drawn, pose))
 
 
@@ -157,7 +157,7 @@ class Layout:
     notes: str
 
     @classmethod
-    def of(cls, view: View, panels: int, head: str, below: str) -> Layout:
+    def of(cls, view: MapView, panels: int, head: str, below: str) -> Layout:
         """Return the layout of some panels."""
         columns = {1: 1, 2: 2, 4: 2}.get(panels, 3)
         wide, high, equal = _panel_size(view, panels > 1)
@@ -196,7 +196,7 @@ class Layout:
         return LEFT + 0.5 * (self.width - LEFT - self.field[0] - BAR_GAP - BAR - BAR_ROOM)
 
 
-def _fields(view: View, shown: Map, head: str, below: str) -> bytes:
+def _fields(view: MapView, shown: Map, head: str, below: str) -> bytes:
     """Draw two or three coordinates: panels, colour bar, words."""
     chosen: Sequence[int | None] = [None]
     if len(view.levels) == 3:
@@ -206,7 +206,7 @@ def _fields(view: View, shown: Map, head: str, below: str) -> bytes:
     layout = Layout.of(view, len(chosen), head, below)
     drawn = figure(layout.width, layout.height)
     draw_head(drawn, layout.title, layout.notes)
-    scale = Scale.of(view.values, shown.log)
+    scale = ColourScale.of(view.values, shown.log)
     legend: dict[str, Any] = {}
     near = _nearest(view, [c for c in chosen if c is not None])
     for i, level in enumerate(chosen):
@@ -233,7 +233,7 @@ def _layer(values: Array, level: int | None) -> Array:
     return values if level is None else values[:, :, level]
 
 
-def _panel_size(view: View, many: bool) -> tuple[float, float, bool]:
+def _panel_size(view: MapView, many: bool) -> tuple[float, float, bool]:
     """Return width and height of a panel, inches, and whether its axes have one scale."""
     widest, highest = MANY if many else ONE
     spans = [float(np.ptp(level)) for level in view.levels[:2]]
@@ -245,7 +245,7 @@ def _panel_size(view: View, many: bool) -> tuple[float, float, bool]:
     return widest, 0.8 * widest, False
 
 
-def _nearest(view: View, chosen: Sequence[int]) -> int | None:
+def _nearest(view: MapView, chosen: Sequence[int]) -> int | None:
     """Return the level of the third coordinate on whose panel home is marked."""
     if not chosen:
         return None
@@ -256,7 +256,7 @@ def _nearest(view: View, chosen: Sequence[int]) -> int | None:
     return min(chosen, key=lambda i: abs(float(levels[i] - home)))
 
 
-def _level_words(view: View, level: int) -> str:
+def _level_words(view: MapView, level: int) -> str:
     name, _, unit = view.names[2].partition(", ")
     value = float(view.levels[2][level])
     span = float(np.ptp(view.levels[2]))
@@ -264,7 +264,7 @@ def _level_words(view: View, level: int) -> str:
     return f"{name} = {text} {unit}".strip()
 
 
-def _colour_bar(drawn: Figure, scale: Scale, shown: Map, layout: Layout) -> None:
+def _colour_bar(drawn: Figure, scale: ColourScale, shown: Map, layout: Layout) -> None:
     """Draw the colour bar with its title, unit and arrows."""
     if scale.empty:
         return

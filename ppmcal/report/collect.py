@@ -24,7 +24,7 @@ from ppmcal.report.records import (
     Other,
     Record,
     ReportData,
-    Rows,
+    ResidualRows,
     Simulated,
 )
 from ppmcal.report.sources import digest, is_command_number, is_number_column, read_columns
@@ -157,7 +157,7 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     for key, stem, only in (("compensated", "commands", None),
                             ("kinematics", "kinematics", ("status", "reason"))):
         if has(f"{stem}.csv", f"{stem}.json"):
-            out.append((key, Rows(name, stem, record(f"{stem}.json", LOOSE),
+            out.append((key, ResidualRows(name, stem, record(f"{stem}.json", LOOSE),
                                   table(f"{stem}.csv", only, is_command_number))))
     designs = designed(folder)
     out += [("designed", d) for d in designs]

@@ -22,7 +22,7 @@ from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
 from ppmcal.report.records import Diagnosed, Identified
 from ppmcal.report.residual_figures import residual_figures
-from ppmcal.report.svg_bars import Picture
+from ppmcal.report.svg_bars import BarPicture
 from ppmcal.wording import where
 
 Record = Mapping[str, Any]
@@ -45,7 +45,7 @@ def _story(r: Record) -> str:
     return f'<div class="story">{drawings}</div>' if drawings else ""
 
 
-def _figure(picture: Picture) -> str:
+def _figure(picture: BarPicture) -> str:
     key = f' <span class="legend">{picture.key}</span>.' if picture.key else ""
     return (f"<figure>{picture.document()}<figcaption><b>{escape(picture.title)}.</b>{key} "
             f"{escape(picture.caption)}</figcaption></figure>")

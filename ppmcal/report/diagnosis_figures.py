@@ -1,6 +1,6 @@
 """The story of a diagnosis in pictures, drawn from diagnosis.json alone.
 
-Every function takes the record and returns a :class:`Picture`, or None where the record (of an
+Every function takes the record and returns a :class:`BarPicture`, or None where the record (of an
 older version, or cut down) does not hold what it shows.
 """
 
@@ -23,15 +23,23 @@ from ppmcal.report.diagnosis_wording import (
     together,
 )
 from ppmcal.report.format import number, sig
-from ppmcal.report.svg_bars import EDGE, Bars, Picture, linear_scale, log_scale, ratio_ticks, width
+from ppmcal.report.svg_bars import (
+    EDGE,
+    BarPicture,
+    Bars,
+    linear_scale,
+    log_scale,
+    ratio_ticks,
+    width,
+)
 from ppmcal.wording import shorter
 
 Record = Mapping[str, Any]
 
 
-def pictures(record: Record) -> dict[str, list[Picture]]:
+def pictures(record: Record) -> dict[str, list[BarPicture]]:
     """Return file name without ending -> pictures on that sheet."""
-    found: dict[str, Sequence[Picture | None]] = {
+    found: dict[str, Sequence[BarPicture | None]] = {
         "gap": [gap(record)], "actuators": [by_actuator(record)],
         "inputs": input_pictures(record), "ranking": [ranking(record)],
         "alternatives": [confusion(record)]}
@@ -39,7 +47,7 @@ def pictures(record: Record) -> dict[str, list[Picture]]:
     return {name: some for name, some in drawn.items() if some}
 
 
-def gap(record: Record) -> Picture | None:
+def gap(record: Record) -> BarPicture | None:
     """Return the residuals of one model after the other, down to the noise."""
     steps = [(s, value) for s in story(record, "steps")
              if (value := number(s.get("rms_ratio"))) is not None]
@@ -65,7 +73,7 @@ def gap(record: Record) -> Picture | None:
             _gap_row(draw, "geometry and what is named", ends[1] or 0.0, "r-after")
     draw.axis([(v, "1 (noise)" if v == 1.0 else words) for v, words in ratio_ticks(high)],
               "rms of the residuals over the noise")
-    return Picture(
+    return BarPicture(
         "gap", "How the gap closes",
         "Upper bars: the rows that effects were searched in; each bar adds one thing to the "
         "model. The upright line is the noise alone: where nothing is missing, bars end there.",
@@ -96,7 +104,7 @@ def _step_name(record: Record, step: Record) -> str:
     return "+ " + effect_name(record, step)
 
 
-def by_actuator(record: Record) -> Picture | None:
+def by_actuator(record: Record) -> BarPicture | None:
     """Return the rms error of each joint before and after, beside what noise gives."""
     rows = [e for e in story(record, "actuators") if number(e.get("rms_before")) is not None]
     if not rows:
@@ -127,7 +135,7 @@ def by_actuator(record: Record) -> Picture | None:
     draw.y -= 8.0
     shown = f"rms of the joint error ({unit})" if one else "rms of the joint error over the noise"
     draw.axis([(t, svg.label(t)) for t in svg.Axis(0.0, high).ticks(5)], shown)
-    return Picture(
+    return BarPicture(
         "actuators", "Where it is: the error of each joint",
         "Joint errors that would explain the residuals, row by row; the upright lines are what "
         f"noise alone gives. {_reading(after)} {left_out(record)}".rstrip(),
@@ -173,7 +181,7 @@ LONG_ODDS = 150.0
 """Beyond these an alternative is in the set only for what it can imitate."""
 
 
-def confusion(record: Record) -> Picture | None:
+def confusion(record: Record) -> BarPicture | None:
     """Return for each named effect what could take its place, and how likely that is."""
     groups = []
     for e in together(record):
@@ -201,7 +209,7 @@ def confusion(record: Record) -> Picture | None:
     draw.axis(ratio_ticks(high), "odds for the named effect against the alternative")
     file = (record.get("next_measurements") or {}).get("file")
     long = any(o > LONG_ODDS for _, pairs in groups for _, o in pairs)
-    return Picture(
+    return BarPicture(
         "alternatives", "What these data cannot tell apart",
         "Odds from the fit and the number of parameters; a short bar: the data hardly prefer the "
         "named effect." + long * (" A long one: the alternative fits as well and has more "

@@ -11,7 +11,7 @@ from ppmcal.linalg import Array
 from ppmcal.report import svg
 from ppmcal.report.diagnosis_wording import INPUTS, actuators, effect_name, finer, left_out
 from ppmcal.report.format import number
-from ppmcal.report.svg_bars import Picture, fitting, width
+from ppmcal.report.svg_bars import BarPicture, fitting, width
 from ppmcal.wording import where
 
 Record = Mapping[str, Any]
@@ -21,7 +21,7 @@ CLASS_ROOM = 12.0
 """Further height below the axis for the names of classes."""
 
 
-def input_pictures(record: Record) -> list[Picture]:
+def input_pictures(record: Record) -> list[BarPicture]:
     """Return one panel for each series of the story."""
     out = [_panel(record, s) for s in (record.get("story") or {}).get("series") or []]
     return [p for p in out if p is not None]
@@ -41,7 +41,7 @@ def _values(series: Record) -> tuple[Array, Array] | None:
     return (x, table) if size > 1 and np.isfinite(x).all() and all(seen) else None
 
 
-def _panel(record: Record, series: Record) -> Picture | None:
+def _panel(record: Record, series: Record) -> BarPicture | None:
     """Return one panel, None where there is too little to draw."""
     found = _values(series)
     if found is None:
@@ -69,7 +69,7 @@ def _panel(record: Record, series: Record) -> Picture | None:
     parts.append(_marks(frame, x * per, table[2], table[3], "after", APART if both else 0.0))
     tail = f"; one period is {_period(series)}" if number(series.get("period")) else ""
     subject = f"measured {series['coordinate']}" if series.get("coordinate") else "the joint"
-    return Picture(
+    return BarPicture(
         "inputs", _title(record, series, what),
         f"Means of {size} {'classes' if classes else 'bins'} with 95 % bars; positive: {subject} "
         f"is further than the model says{tail}. {left_out(record)}".rstrip(),

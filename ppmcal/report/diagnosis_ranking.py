@@ -9,7 +9,7 @@ from typing import Any
 from ppmcal.report import svg
 from ppmcal.report.diagnosis_wording import chance, effect_name, power, scientific, story
 from ppmcal.report.format import number
-from ppmcal.report.svg_bars import EDGE, Bars, Picture, width
+from ppmcal.report.svg_bars import EDGE, BarPicture, Bars, width
 
 Record = Mapping[str, Any]
 STATUS = {"named": "named", "alternative": "alternative", "explained": "explained"}
@@ -22,7 +22,7 @@ LEGEND = (("named", "named"), ("more", "with the other named ones in the model")
 TICKS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 150.0, 200.0, 300.0)
 
 
-def ranking(record: Record) -> Picture | None:
+def ranking(record: Record) -> BarPicture | None:
     """Return how unlikely noise alone would show each hypothesis as strongly as the data do."""
     rows = [(r, -value) for r in story(record, "ranking")
             if (value := number(r.get("log10_p_alone", r.get("log10_p")))) is not None]
@@ -48,7 +48,7 @@ def ranking(record: Record) -> Picture | None:
     draw.axis([(v, power(-v)) for v in TICKS if v <= high],
               "p-value before anything was named (stronger: right)")
     best = ", ".join(_hypothesis(record, r) for r, _ in rows[:3])
-    return Picture(
+    return BarPicture(
         "ranking", "What could be missing, by strength of evidence", _caption(record, rows, limits),
         f"The {len(rows)} strongest hypotheses; first: {best}.", tuple(draw.parts), draw.y)
 

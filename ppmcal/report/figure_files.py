@@ -13,7 +13,7 @@ from ppmcal.report import svg
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_wording import headline
 from ppmcal.report.html import DRAWINGS, LIGHT
-from ppmcal.report.svg_bars import EDGE, Picture
+from ppmcal.report.svg_bars import EDGE, BarPicture
 
 PAD, LINE = 14.0, 14.0
 LETTERS = 62
@@ -39,7 +39,7 @@ def diagnosis_files(record: Mapping[str, Any], png: bool = False) -> dict[str, s
     return out
 
 
-def sheet(head: str, title: str, drawings: Sequence[Picture]) -> str:
+def sheet(head: str, title: str, drawings: Sequence[BarPicture]) -> str:
     """Return drawings on one sheet, two in a row where there are several; no other file needed."""
     columns = 1 if len(drawings) == 1 else 2
     width = columns * (svg.WIDTH + PAD) + PAD
@@ -61,7 +61,7 @@ def sheet(head: str, title: str, drawings: Sequence[Picture]) -> str:
             + clean("".join(parts)) + "</svg>\n")
 
 
-def _cell(picture: Picture, x: float, y: float) -> tuple[str, float]:
+def _cell(picture: BarPicture, x: float, y: float) -> tuple[str, float]:
     """Return one drawing with its title above and its caption below, and the height of all."""
     titles = textwrap.wrap(picture.title, 56) or [""]
     out = [svg.text(svg.WIDTH / 2.0, 12.0 + 16.0 * n, t, "middle", "strong title")

@@ -11,7 +11,7 @@ from ppmcal.report import controllers as export_section
 from ppmcal.report.diagnosis_wording import verdict_of
 from ppmcal.report.format import count, listed, number, probability, sig, whole, with_unit
 from ppmcal.report.identifiability import moved_zeros
-from ppmcal.report.records import Comparison, Identified, ReportData, Rows
+from ppmcal.report.records import ComparedMachines, Identified, ReportData, ResidualRows
 
 
 def figure(one: Identified, stage: str, kind: str) -> Mapping[str, Any]:
@@ -150,7 +150,7 @@ def tolerances(p: Mapping[str, Any]) -> float | None:
     return abs(error) / tolerance if error is not None and tolerance else None
 
 
-def _of_rows(rows: Rows) -> list[str]:
+def _of_rows(rows: ResidualRows) -> list[str]:
     out = [finding_text(f) for f in rows.record.get("findings") or ()]
     flagged = len(rows.flagged)
     if flagged and rows.table is not None and not out:
@@ -159,7 +159,7 @@ def _of_rows(rows: Rows) -> list[str]:
     return out
 
 
-def _of_truth(c: Comparison) -> list[str]:
+def _of_truth(c: ComparedMachines) -> list[str]:
     far = [r.name for r in c.rows if r.z is not None and abs(r.z) > 4.0]
     return [f"{count(len(far), 'identified error')} more than 4 sigma from the simulated truth: "
             + listed(far)] if far else []

@@ -20,14 +20,14 @@ from ppmcal.report.html import (
     table,
     words,
 )
-from ppmcal.report.records import Columns, Comparison, Other, Rows, Simulated
+from ppmcal.report.records import Columns, ComparedMachines, Other, ResidualRows, Simulated
 from ppmcal.report.residual_figures import command_figure, truth_figures
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
 
 
-def compensation_section(rows: Rows, lengths: Mapping[str, str]) -> str:
+def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> str:
     """Return summary, first rows and refused rows of a compensation."""
     t = rows.table
     out = ["<h2>Compensation</h2>", paragraph(f"From {rows.folder}.", "note")]
@@ -85,7 +85,7 @@ def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> str:
             + table("", [*heads, *plain], body))
 
 
-def refused(rows: Rows) -> str:
+def refused(rows: ResidualRows) -> str:
     """Return the rows that were refused or have a remark."""
     t = rows.table
     if t is None or not rows.flagged:
@@ -99,7 +99,7 @@ def refused(rows: Rows) -> str:
             + table(more, ["row", "status", "reason"], body, sort=True))
 
 
-def kinematics_section(rows: Rows) -> str:
+def kinematics_section(rows: ResidualRows) -> str:
     """Return how many rows were solved, and those that were not."""
     size = rows.table.size if rows.table is not None else 0
     done = size - len(rows.flagged)
@@ -141,7 +141,7 @@ def simulation_section(s: Simulated, note: str = "") -> str:
     return "<h2>Simulation</h2>" + paragraph(text) + paragraph(note)
 
 
-def truth_section(c: Comparison) -> str:
+def truth_section(c: ComparedMachines) -> str:
     """Return the errors put in against those found."""
     body: list[list[Cell]] = []
     for r in c.rows:

@@ -28,7 +28,7 @@ from ppmcal.report.other import (
     simulation_section,
     truth_section,
 )
-from ppmcal.report.records import Columns, Comparison, Identified, ReportData, Rows
+from ppmcal.report.records import Columns, ComparedMachines, Identified, ReportData, ResidualRows
 from ppmcal.report.residuals import used, white
 from ppmcal.report.truth import stray_note
 
@@ -132,7 +132,7 @@ def _look(data: ReportData) -> str:
     return f'<section class="look"><h2>Look at</h2><ul>{lines}</ul></section>'
 
 
-def units_of(rows: Rows, data: ReportData) -> Mapping[str, str]:
+def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
     """Return the units of a CSV: its JSON's, else those on which all identifications agree."""
     own = rows.record.get("units")
     if own:
@@ -228,7 +228,7 @@ def _identified(one: Identified) -> dict[str, Any]:
     return out
 
 
-def _table(rows: Rows) -> dict[str, Any]:
+def _table(rows: ResidualRows) -> dict[str, Any]:
     """Return the summary of commands.csv or kinematics.csv."""
     t = rows.table
     out: dict[str, Any] = {"folder": rows.folder, "record": rows.record}
@@ -258,6 +258,6 @@ def _rows(table: Columns | None) -> list[dict[str, Any]]:
     return [{h: columns[h][i] for h in table.header} for i in range(table.size)]
 
 
-def _comparison(c: Comparison) -> dict[str, Any]:
+def _comparison(c: ComparedMachines) -> dict[str, Any]:
     return {"truth": c.truth, "identified": c.identified, "note": c.note,
             "parameters": [{**asdict(r), "z": r.z} for r in c.rows]}

@@ -76,7 +76,7 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class Rows:
+class ResidualRows:
     """A table of rows that each went well or not: commands.csv or kinematics.csv."""
 
     folder: str
@@ -167,7 +167,7 @@ class TruthRow:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ComparedMachines:
     """Simulated truth against what was identified; ``note`` says what is left out."""
 
     truth: str
@@ -183,11 +183,11 @@ class ReportData:
     folders: tuple[str, ...]
     identified: tuple[Identified, ...] = ()
     diagnosed: tuple[Diagnosed, ...] = ()
-    compensated: tuple[Rows, ...] = ()
-    kinematics: tuple[Rows, ...] = ()
+    compensated: tuple[ResidualRows, ...] = ()
+    kinematics: tuple[ResidualRows, ...] = ()
     simulated: tuple[Simulated, ...] = ()
     others: tuple[Other, ...] = ()
     designed: tuple[Designed, ...] = ()
     compared: tuple[Other, ...] = ()
     exported: tuple[Other, ...] = ()
-    comparisons: tuple[Comparison, ...] = field(default=())
+    comparisons: tuple[ComparedMachines, ...] = field(default=())

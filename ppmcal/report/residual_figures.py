@@ -10,11 +10,11 @@ import numpy as np
 from ppmcal.linalg import Array, Bools
 from ppmcal.report import svg
 from ppmcal.report.format import count, sig, whole, with_unit
-from ppmcal.report.records import Columns, Comparison, Identified, Rows
+from ppmcal.report.records import Columns, ComparedMachines, Identified, ResidualRows
 from ppmcal.report.residuals import (
     BINS,
     POINTS,
-    Group,
+    LimbResiduals,
     boundaries,
     coordinates,
     envelope,
@@ -81,7 +81,7 @@ def histogram(values: Array) -> str:
                   f"line: what pure noise gives (rms 1).{far}")
 
 
-def by_row(table: Columns, group: Group, unit: str) -> str:
+def by_row(table: Columns, group: LimbResiduals, unit: str) -> str:
     """Return the norm of the error by row before and after, on a logarithmic scale."""
     keep = used(table)
     positive = [np.where(v > 0.0, v, np.nan) for v in (group.before, group.after)]
@@ -94,7 +94,7 @@ def by_row(table: Columns, group: Group, unit: str) -> str:
         parts.append(series(frame, np.where(keep, values, np.nan), kind))
     parts.append(_left_out(frame, positive[1], keep))
     title = f"Error of {group.name} by row, before and after"
-    note = thinned(table.size) + few(keep)
+    note = subsampled(table.size) + few(keep)
     drawing = svg.document(title, f"{table.size} rows on a logarithmic scale.", parts)
     return figure(drawing, f"{title}.{note}", BEFORE_AFTER + ("" if keep.all() else LEFT_OUT))
 
@@ -119,7 +119,7 @@ def coordinate(table: Columns, name: str, unit: str) -> str:
                            f"{with_unit(float(np.sqrt(np.nanmean(inside**2))), unit)}.", parts)
     band = f" Band: ±2 sigma of the stated noise ({with_unit(two, unit)})." if two else ""
     clipped = "" if keep.all() else LEFT_OUT + " (at the edge: beyond it)"
-    return figure(drawing, f"{title}.{band}{thinned(table.size)}{few(keep)}",
+    return figure(drawing, f"{title}.{band}{subsampled(table.size)}{few(keep)}",
                   f'<i class="key after"></i>after{clipped}' if clipped else "")
 
 
@@ -132,7 +132,7 @@ def series(frame: svg.Frame, values: Array, kind: str) -> str:
             + svg.strokes(frame, x + 1.0, below, above, kind))
 
 
-def thinned(size: int) -> str:
+def subsampled(size: int) -> str:
     """Return the note on thinning, empty for few rows."""
     if size <= POINTS:
         return ""
@@ -242,7 +242,7 @@ def scatter(vector: Array, unit: str) -> str:
     return figure(drawing, f"{title}; a round cloud about 0 is what noise gives.{note}")
 
 
-def command_figure(rows: Rows, kind: str, unit: str) -> str:
+def command_figure(rows: ResidualRows, kind: str, unit: str) -> str:
     """Return the predicted error of the commands, before and after compensation."""
     table = rows.table
     if table is None or f"error_{kind}_after" not in table.numbers:
@@ -256,10 +256,10 @@ def command_figure(rows: Rows, kind: str, unit: str) -> str:
     parts += [series(frame, v, k) for v, k in zip(values, ("before", "after"), strict=True)]
     title = f"Predicted error of {kind} by target"
     return figure(svg.document(title, f"{table.size} targets on a logarithmic scale.", parts),
-                  f"{title}.{thinned(table.size)}", BEFORE_AFTER)
+                  f"{title}.{subsampled(table.size)}", BEFORE_AFTER)
 
 
-def truth_figures(c: Comparison) -> list[str]:
+def truth_figures(c: ComparedMachines) -> list[str]:
     """Return found against true errors for each unit, and z by parameter."""
     out = []
     for unit in dict.fromkeys(r.unit for r in c.rows):

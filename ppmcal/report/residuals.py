@@ -19,7 +19,7 @@ BINS = 300
 
 
 @dataclass(frozen=True)
-class Group:
+class LimbResiduals:
     """Coordinates that have one norm: position, rotation, or one distance.
 
     ``before`` and ``after`` (N,) are norms over the measured coordinates, nan where none is.
@@ -48,14 +48,14 @@ def quantity_of(coordinate: str) -> str:
     return "angle" if coordinate in ("rx", "ry", "rz") else "length"
 
 
-def groups(table: Columns) -> list[Group]:
+def groups(table: Columns) -> list[LimbResiduals]:
     """Return the norms of position and rotation, and further coordinates by themselves."""
     have = coordinates(table)
     parts: list[tuple[str, list[str]]] = [
         ("position", [c for c in have if c in ("x", "y", "z")]),
         ("rotation", [c for c in have if c in ("rx", "ry", "rz")]),
         *((c, [c]) for c in have if c not in ("x", "y", "z", "rx", "ry", "rz"))]
-    return [Group(name, quantity_of(members[0]),
+    return [LimbResiduals(name, quantity_of(members[0]),
                   norm([table.number(f"before_{c}") for c in members]),
                   norm([table.number(f"after_{c}") for c in members]))
             for name, members in parts if members]

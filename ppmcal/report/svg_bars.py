@@ -18,7 +18,7 @@ EDGE = 8.0
 
 
 @dataclass(frozen=True)
-class Picture:
+class BarPicture:
     """One drawing: ``name`` for its file, parts in drawing coordinates, words around it.
 
     ``key`` is HTML that explains marks on the page; ``note`` is what a drawing outside of the

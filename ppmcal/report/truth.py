@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ppmcal.report.format import number
-from ppmcal.report.records import Comparison, Identified, Record, Simulated, TruthRow
+from ppmcal.report.records import ComparedMachines, Identified, Record, Simulated, TruthRow
 from ppmcal.units import ANGLES, LENGTHS
 
 PER_UNIT = "/unit"
@@ -13,7 +13,7 @@ PER_UNIT = "/unit"
 
 
 def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
-            ) -> tuple[Comparison, ...]:
+            ) -> tuple[ComparedMachines, ...]:
     """Return one comparison for each identification whose measurements were simulated here."""
     out = []
     for one in identified:
@@ -23,7 +23,7 @@ def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
             rows, skipped = _rows(one, source.truth)
             units = f"Units do not match and are left out: {', '.join(skipped)}." * bool(skipped)
             if rows:
-                out.append(Comparison(source.folder, one.folder, rows, units))
+                out.append(ComparedMachines(source.folder, one.folder, rows, units))
     return tuple(out)
 
 

@@ -9,7 +9,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.simulation.scenario import Circle, Grid, Helix, Listed, Random, Scenario
+from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Random, Scenario
 
 MOST_TRIALS = 200
 HOPELESS_TRIALS = 10
@@ -57,11 +57,11 @@ def _random_commands(model: Model, shape: Random, scenario: Scenario, rng: np.ra
                    f"{scenario.source}: poses.random", "Move the center or make half_range smaller")
 
 
-def pose_list(shape: Circle | Grid | Helix | Listed) -> Array:
+def pose_list(shape: Circle | GridPattern | Helix | Listed) -> Array:
     """Return the poses (N, 6) of a pattern, nan where left open."""
     if isinstance(shape, Listed):
         return shape.poses
-    if isinstance(shape, Grid):
+    if isinstance(shape, GridPattern):
         axes = [np.linspace(-1.0, 1.0, int(c)) if c > 1 else np.zeros(1) for c in shape.counts]
         mesh = np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")], axis=-1)
         return np.asarray(shape.center + mesh * shape.half_range, dtype=float)

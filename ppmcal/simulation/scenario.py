@@ -27,7 +27,7 @@ class Circle:
 
 
 @dataclass(frozen=True)
-class Grid:
+class GridPattern:
     """All combinations of ``counts`` (6,) values over center ± half_range, (6,) each."""
 
     center: Array
@@ -104,7 +104,7 @@ class Scenario:
 
     source: str
     units: Units
-    poses: Circle | Grid | Random | Helix | Listed
+    poses: Circle | GridPattern | Random | Helix | Listed
     errors: Mapping[str, float]
     error_scale: float | None
     kind: str

@@ -22,7 +22,7 @@ from ppmcal.kinematics.effect_response import missing_columns, with_strokes
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.linalg import Array, Ints, known
+from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Conditions, conditions
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.pose_patterns import commands
@@ -100,7 +100,7 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     # a distance between two positions: from each to the one half a campaign away
     other = (order + len(q) // 2) % len(q)
     ends = _visited(model, q[other], rows, scenario, rng)[0] if scenario.pairs else actual
-    keep = known(actual) & known(ends)
+    keep = finite_rows(actual) & finite_rows(ends)
     if not keep.any():
         raise NoResult("the machine with these errors cannot reach any of the poses",
                        scenario.source, "Inject smaller errors or choose other poses")

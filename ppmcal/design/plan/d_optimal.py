@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.design.plan.information import Offer
+from ppmcal.design.plan.information import CandidateInformation
 from ppmcal.linalg import Array, Bools
 
 LOOSE = 1e-3
@@ -44,7 +44,7 @@ class Rules:
     by_row: bool
     most: int | None
 
-    def allowed(self, offer: Offer, rows: Sequence[int]) -> Bools:
+    def allowed(self, offer: CandidateInformation, rows: Sequence[int]) -> Bools:
         """Return which rows may be added to a design (R,)."""
         label = np.arange(len(offer)) if self.by_row else np.unique(
             offer.pose, return_inverse=True)[1]
@@ -52,7 +52,7 @@ class Rules:
         most = self.most or len(rows) // count.size + 1
         return np.asarray(count[label] < most)
 
-    def sized(self, offer: Offer, count: int) -> Rules:
+    def sized(self, offer: CandidateInformation, count: int) -> Rules:
         """Return the rules for designs of one size."""
         units = len(offer) if self.by_row else np.unique(offer.pose).size
         return Rules(self.by_row, -(-count // units))
@@ -96,14 +96,14 @@ class _Block:
 class Design:
     """Chosen rows in the order of choice, and what all rows would add to them."""
 
-    offer: Offer
+    offer: CandidateInformation
     rows: tuple[int, ...]
     whole: _Block
     part: _Block | None
     age: int = 0
 
     @classmethod
-    def of(cls, offer: Offer, rows: Sequence[int]) -> Design:
+    def of(cls, offer: CandidateInformation, rows: Sequence[int]) -> Design:
         """Return the design of some rows, computed from scratch."""
         open_ = offer.nuisance
         part = _Block.of(offer.jacobian[..., open_], offer.prior[open_], rows) if (
@@ -151,7 +151,7 @@ class Design:
         return out + self.part.change(-1.0, rows) if self.part else out
 
 
-def worth(offer: Offer, rows: Sequence[int]) -> float:
+def log_det(offer: CandidateInformation, rows: Sequence[int]) -> float:
     """Return D_s of a design, from scratch."""
     def log_det(columns: Bools) -> float:
         prior = offer.prior[columns]
@@ -164,7 +164,9 @@ def worth(offer: Offer, rows: Sequence[int]) -> float:
     return log_det(everything) - (log_det(offer.nuisance) if offer.nuisance.any() else 0.0)
 
 
-def greedy(offer: Offer, count: int, rules: Rules, start: Sequence[int] = ()) -> tuple[int, ...]:
+def greedy(
+    offer: CandidateInformation, count: int, rules: Rules, start: Sequence[int] = ()
+) -> tuple[int, ...]:
     """Return ``count`` rows, each the best one to add to those before it."""
     design = Design.of(offer, start)
     while len(design.rows) < count:
@@ -175,7 +177,7 @@ def greedy(offer: Offer, count: int, rules: Rules, start: Sequence[int] = ()) ->
     return design.rows
 
 
-def pruned(offer: Offer, rows: Sequence[int]) -> tuple[int, ...]:
+def pruned(offer: CandidateInformation, rows: Sequence[int]) -> tuple[int, ...]:
     """Return rows in an order whose first n are what is left when the least useful go first.
 
     Taken out of a good design one by one, they make better small designs than rows that are
@@ -188,17 +190,22 @@ def pruned(offer: Offer, rows: Sequence[int]) -> tuple[int, ...]:
     return tuple(reversed(order))
 
 
-def exchange(offer: Offer, start: Sequence[int], rules: Rules, rng: np.random.Generator,
-             excursion: int = EXCURSION) -> tuple[int, ...]:
+def exchange(
+    offer: CandidateInformation,
+    start: Sequence[int],
+    rules: Rules,
+    rng: np.random.Generator,
+    excursion: int = EXCURSION,
+) -> tuple[int, ...]:
     """Return the best design that excursions from ``start`` find; as large, never worse."""
-    best, value = Design.of(offer, start), worth(offer, start)
+    best, value = Design.of(offer, start), log_det(offer, start)
     failed: set[tuple[int, ...]] = set()
     spent, exhausted = 0, set[int]()
     while spent < MOST_MOVES and len(exhausted) < 2:
         first = int(rng.choice([s for s in (1, -1) if s not in exhausted]))
         found, passed, moves, far = _excursion(best, first, rules, failed, excursion)
         spent += moves
-        reached = worth(offer, found.rows) if found is not None else -np.inf
+        reached = log_det(offer, found.rows) if found is not None else -np.inf
         if found is not None and reached > value + BETTER * max(1.0, abs(value)):
             best, value = Design.of(offer, found.rows), reached
             failed, exhausted = set(), set()

@@ -16,13 +16,13 @@ from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.linalg import Array, Bools, Ints, known
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import conditions
 from ppmcal.model.mechanism import Mechanism
 
 
 @dataclass(frozen=True, eq=False)
-class Offer:
+class CandidateInformation:
     """R possible measurements of m numbers each, C columns that they can tell apart.
 
     Attributes:
@@ -59,8 +59,14 @@ class Offer:
         return np.asarray(stacked.T @ stacked + np.diag(self.prior**2))
 
 
-def offer(mechanism: Mechanism, instrument: Instrument, candidates: Candidates, pose: Ints,
-          columns: Mapping[str, Array], like: Offer | None = None) -> Offer:
+def offer(
+    mechanism: Mechanism,
+    instrument: Instrument,
+    candidates: Candidates,
+    pose: Ints,
+    columns: Mapping[str, Array],
+    like: CandidateInformation | None = None,
+) -> CandidateInformation:
     """Return what measurements at candidates would tell.
 
     Args:
@@ -80,7 +86,7 @@ def offer(mechanism: Mechanism, instrument: Instrument, candidates: Candidates, 
     problem = Problem(mechanism, (data,), mechanism.free, about)
     state = problem.solve(State(mechanism.values, (instrument.station(),),
                                 (pose_motor(candidates.pose[pose]),)))
-    if not known(state.poses[0]).all():
+    if not finite_rows(state.poses[0]).all():
         raise NoResult("the machine with its effects does not reach the poses", mechanism.source,
                        "Check the values of the file's `effects`")
     jacobian = np.concatenate([r.jacobian for r in problem.rows(state)])
@@ -92,7 +98,7 @@ def offer(mechanism: Mechanism, instrument: Instrument, candidates: Candidates, 
                        mechanism.source, "Free some parameters, or choose another instrument")
     dropped = tuple(n for c, n in enumerate(problem.columns) if c not in set(kept.tolist())
                     and c < len(problem.free))
-    return Offer(problem, pose, white[..., kept], (prior * scale)[kept],
+    return CandidateInformation(problem, pose, white[..., kept], (prior * scale)[kept],
                  kept >= len(problem.free), kept, scale[kept], dropped)
 
 
@@ -106,7 +112,7 @@ def _told(white: Array, prior: Array, count: int) -> Ints:
     return np.array([*sorted(found.kept), *sorted(open_)], dtype=np.int64)
 
 
-def task_rows(offered: Offer, instrument: Instrument, tasks: Candidates,
+def task_rows(offered: CandidateInformation, instrument: Instrument, tasks: Candidates,
               columns: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return how the machine's pose at tasks moves with the columns.
 
@@ -150,7 +156,7 @@ class Curve:
     rotation: Array
 
 
-def curve(offer: Offer, rows: Sequence[int], tasks: tuple[Array, Array]) -> Curve:
+def curve(offer: CandidateInformation, rows: Sequence[int], tasks: tuple[Array, Array]) -> Curve:
     """Return the accuracy after each row of a design, in its order."""
     blocks = offer.jacobian[list(rows)]
     total = np.cumsum(np.swapaxes(blocks, -1, -2) @ blocks, axis=0) + np.diag(offer.prior**2)
@@ -168,7 +174,7 @@ def spreads(information: Array, tasks: tuple[Array, Array]) -> tuple[Array, Arra
     return np.where(enough, out[0], np.inf), np.where(enough, out[1], np.inf)
 
 
-def limit(offer: Offer, tasks: tuple[Array, Array]) -> tuple[float, float]:
+def limit(offer: CandidateInformation, tasks: tuple[Array, Array]) -> tuple[float, float]:
     """Return what is left after ever more measurements of all candidates, m and rad.
 
     Directions that no candidate sees keep what the tolerances leave them; the others go to 0.
@@ -206,8 +212,9 @@ def reaching(errors: Array, wanted: float) -> int | None:
     return int(met[0]) + 1 if met.size else None
 
 
-def extrapolated(offer: Offer, rows: Sequence[int], tasks: tuple[Array, Array], wanted: float
-                 ) -> int | None:
+def extrapolated(
+    offer: CandidateInformation, rows: Sequence[int], tasks: tuple[Array, Array], wanted: float
+) -> int | None:
     """Return about how many rows like these bring the position error to ``wanted``.
 
     None where a million would not do.

@@ -10,12 +10,12 @@ import numpy as np
 from ppmcal.calibration.identifiability import analyse, observability
 from ppmcal.design.plan import information as accuracy
 from ppmcal.design.plan.candidate_poses import Candidates, Region, draw, evenly, listed, region_of
-from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, pruned, worth
-from ppmcal.design.plan.information import Curve, Offer, offer, task_rows
+from ppmcal.design.plan.d_optimal import Design, Rules, exchange, greedy, log_det, pruned
+from ppmcal.design.plan.information import CandidateInformation, Curve, offer, task_rows
 from ppmcal.design.plan.path import route
 from ppmcal.design.plan.refine import refined
 from ppmcal.design.plan.result import Plan
-from ppmcal.design.plan.settings import Asked, offered, refuse, with_kinds
+from ppmcal.design.plan.settings import PlanSettings, offered, refuse, with_kinds
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.tables import home_conditioning
@@ -37,16 +37,16 @@ SINGULAR_HOME = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Options:
+class PlanOptions:
     """How to plan: ``count`` of measurements or None, ``seed``, what else to show."""
 
     count: int | None = None
     seed: int = 0
-    asked: Asked = field(default_factory=Asked)
+    asked: PlanSettings = field(default_factory=PlanSettings)
     candidates: int = CANDIDATES
 
 
-def plan(mechanism: Mechanism, instrument: Instrument, options: Options | None = None,
+def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | None = None,
          given: tuple[Array, str] | None = None, tasks: tuple[Array, str] | None = None,
          wanted: float | None = None, progress: Callable[[str], None] = lambda text: None) -> Plan:
     """Return which poses to measure.
@@ -64,7 +64,7 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: Options | None =
         BadInput: nothing to identify, no usable pose, a kind that cannot be planned for.
         NoResult: no pose can be measured, or too few to determine what has no tolerance.
     """
-    options = options or Options()
+    options = options or PlanOptions()
     drawn = mechanism.nominal()
     if home_conditioning(drawn)[0] < SINGULAR_HOME:
         raise NoResult("the machine is close to a singularity at home, against which the distance "
@@ -84,7 +84,7 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: Options | None =
     acting = with_kinds(mechanism, options.asked, pool.q)
     pose, columns = offered(acting, options.asked, pool.q, options.seed)
     progress("working out what each would tell")
-    space = _Space(drawn, region if not columns else None, instrument, pool,
+    space = _PoseSpace(drawn, region if not columns else None, instrument, pool,
                    offer(acting, instrument, pool, pose, columns), columns)
     aims = _aims(space, options, tasks)
     progress("choosing")
@@ -92,14 +92,14 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: Options | None =
 
 
 @dataclass(frozen=True, eq=False)
-class _Space:
+class _PoseSpace:
     """What can be chosen from; ``region`` None where poses are not to be moved."""
 
     drawn: Mechanism
     region: Region | None
     instrument: Instrument
     pool: Candidates
-    whole: Offer
+    whole: CandidateInformation
     columns: Mapping[str, Array]
 
 
@@ -112,7 +112,7 @@ class _Aims:
     left_out: Mapping[str, int]
 
 
-def _aims(space: _Space, options: Options, tasks: tuple[Array, str] | None) -> _Aims:
+def _aims(space: _PoseSpace, options: PlanOptions, tasks: tuple[Array, str] | None) -> _Aims:
     at = listed(space.drawn, *tasks) if tasks else evenly(
         space.drawn, region_of(space.drawn), TASKS, options.seed + 1)
     pose, columns = offered(space.whole.problem.mechanism, options.asked, at.q, options.seed + 1)
@@ -120,7 +120,7 @@ def _aims(space: _Space, options: Options, tasks: tuple[Array, str] | None) -> _
                  at.left_out if tasks else {})
 
 
-def _planned(space: _Space, options: Options, aims: _Aims, wanted: float | None) -> Plan:
+def _planned(space: _PoseSpace, options: PlanOptions, aims: _Aims, wanted: float | None) -> Plan:
     rng = np.random.default_rng([options.seed, 3])
     tasks = aims.moments
     # with settings a pose may be measured under several of them
@@ -147,7 +147,7 @@ def _planned(space: _Space, options: Options, aims: _Aims, wanted: float | None)
         space.region is not None and count <= MOST_REFINED, _unused(space, options.asked))
 
 
-def _size(space: _Space, options: Options, rules: Rules, tasks: tuple[Array, Array]
+def _size(space: _PoseSpace, options: PlanOptions, rules: Rules, tasks: tuple[Array, Array]
           ) -> tuple[int, int, int]:
     """Return how many rows to choose, the fewest that do, and from where on more hardly pay."""
     longest = 2 * options.count if options.count else MOST
@@ -162,17 +162,17 @@ def _size(space: _Space, options: Options, rules: Rules, tasks: tuple[Array, Arr
     return count, least, pays
 
 
-def _against(whole: Offer, chosen: Sequence[int], strangers: Sequence[Sequence[int]]
+def _against(whole: CandidateInformation, chosen: Sequence[int], strangers: Sequence[Sequence[int]]
              ) -> tuple[dict[str, dict[str, float]], float]:
     """Return observability of the plan and of random designs, and the ratio of information."""
     wanted = max(1, int((~whole.nuisance).sum()))
-    better = worth(whole, chosen) - float(np.mean([worth(whole, r) for r in strangers]))
+    better = log_det(whole, chosen) - float(np.mean([log_det(whole, r) for r in strangers]))
     return ({"planned": _observed(whole, [chosen]), "random": _observed(whole, strangers)},
             float(np.exp(better / wanted)))
 
 
-def _chosen(space: _Space, count: int, rules: Rules, aim: Array, rng: np.random.Generator
-            ) -> tuple[_Space, tuple[int, ...]]:
+def _chosen(space: _PoseSpace, count: int, rules: Rules, aim: Array, rng: np.random.Generator
+            ) -> tuple[_PoseSpace, tuple[int, ...]]:
     """Return the choice, from a space that has its refined poses too."""
     chosen = _exchanged(space.whole, greedy(space.whole, count, rules),
                         rules.sized(space.whole, count), rng)
@@ -192,24 +192,27 @@ def _least(nested: Curve, drawn: Mechanism) -> int:
     return int(enough[0]) + 1
 
 
-def _count(whole: Offer, least: int, pays: int) -> int:
+def _count(whole: CandidateInformation, least: int, pays: int) -> int:
     """Return how many measurements to take where nobody says."""
     wanted = int((~whole.nuisance).sum())
     numbers = whole.jacobian.shape[1]
     return max(least, int(-(-wanted // numbers)) + SPARE, pays or MOST // 2)
 
 
-def _exchanged(whole: Offer, start: Sequence[int], rules: Rules, rng: np.random.Generator
-               ) -> tuple[int, ...]:
+def _exchanged(
+    whole: CandidateInformation, start: Sequence[int], rules: Rules, rng: np.random.Generator
+) -> tuple[int, ...]:
     """Return the best of exchanges from the greedy design and from random ones."""
     starts = [tuple(start)]
     everything = np.arange(len(whole))
     starts += [tuple(_drawn(whole, everything, len(start), rng)) for _ in range(STARTS - 1)]
     ends = [exchange(whole, s, rules, rng) for s in starts]
-    return max(ends, key=lambda rows: worth(whole, rows))
+    return max(ends, key=lambda rows: log_det(whole, rows))
 
 
-def _drawn(whole: Offer, among: Ints, count: int, rng: np.random.Generator) -> list[int]:
+def _drawn(
+    whole: CandidateInformation, among: Ints, count: int, rng: np.random.Generator
+) -> list[int]:
     """Return random rows, of different poses as long as there are enough."""
     mixed = rng.permutation(among)
     first = np.sort(np.unique(whole.pose[mixed], return_index=True)[1])
@@ -219,7 +222,7 @@ def _drawn(whole: Offer, among: Ints, count: int, rng: np.random.Generator) -> l
                                  else order[:count])]
 
 
-def _best(whole: Offer, order: Sequence[int], chosen: Sequence[int], rules: Rules,
+def _best(whole: CandidateInformation, order: Sequence[int], chosen: Sequence[int], rules: Rules,
           rng: np.random.Generator, tasks: tuple[Array, Array], least: int
           ) -> tuple[tuple[int, float, float], ...]:
     """Return accuracy of exchanged designs: the plan's size, half and twice of it."""
@@ -247,8 +250,13 @@ def _blocks(columns: Mapping[str, Array], chosen: Sequence[int]) -> Ints:
     return label
 
 
-def _reached(whole: Offer, chosen: Sequence[int], nested: Curve, tasks: tuple[Array, Array],
-             wanted: float | None) -> tuple[int | None, bool]:
+def _reached(
+    whole: CandidateInformation,
+    chosen: Sequence[int],
+    nested: Curve,
+    tasks: tuple[Array, Array],
+    wanted: float | None,
+) -> tuple[int | None, bool]:
     if wanted is None:
         return None, False
     found = accuracy.reaching(nested.position, wanted)
@@ -264,7 +272,7 @@ def _mean(curves: Sequence[Curve]) -> Curve:
                  np.mean([c.rotation for c in curves], axis=0))
 
 
-def _observed(whole: Offer, designs: Sequence[Sequence[int]]) -> dict[str, float]:
+def _observed(whole: CandidateInformation, designs: Sequence[Sequence[int]]) -> dict[str, float]:
     """Return the observability indices of the data alone, mean over designs."""
     geometry = int((~whole.nuisance).sum())
     found = []
@@ -276,7 +284,7 @@ def _observed(whole: Offer, designs: Sequence[Sequence[int]]) -> dict[str, float
     return {name: float(np.mean([f[name] for f in found])) for name in found[0]}
 
 
-def _unused(space: _Space, asked: Asked) -> tuple[str, ...]:
+def _unused(space: _PoseSpace, asked: PlanSettings) -> tuple[str, ...]:
     return tuple(n for n, ends in (("payload", asked.payload), ("temperature", asked.temperature))
                  if ends is not None and n not in space.columns)
 

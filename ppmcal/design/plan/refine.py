@@ -15,7 +15,7 @@ import numpy as np
 
 from ppmcal.design.plan.candidate_poses import Candidates, Region, nearby, same_mode
 from ppmcal.design.plan.d_optimal import Design
-from ppmcal.design.plan.information import Offer, offer
+from ppmcal.design.plan.information import CandidateInformation, offer
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
@@ -28,9 +28,9 @@ NEIGHBOURS = 30
 MOST_ROWS = 600
 
 
-def refined(drawn: Mechanism, region: Region, instrument: Instrument, whole: Offer,
+def refined(drawn: Mechanism, region: Region, instrument: Instrument, whole: CandidateInformation,
             pool: Candidates, columns: Mapping[str, Array], chosen: Sequence[int], aim: Array,
-            rng: np.random.Generator) -> tuple[Candidates, Offer, dict[str, Array],
+            rng: np.random.Generator) -> tuple[Candidates, CandidateInformation, dict[str, Array],
                                                tuple[int, ...]]:
     """Return candidates, rows, settings and choice, with the refined poses added to them.
 
@@ -63,7 +63,7 @@ def refined(drawn: Mechanism, region: Region, instrument: Instrument, whole: Off
             tuple(range(len(whole), len(whole) + len(rows))))
 
 
-def _one_each(local: Offer, parent: Ints, count: int, aim: Array | None, left: float
+def _one_each(local: CandidateInformation, parent: Ints, count: int, aim: Array | None, left: float
               ) -> tuple[Ints, float]:
     """Return the best row of each family (count,), starting from the parents themselves.
 

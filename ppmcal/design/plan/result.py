@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ppmcal.design.plan.candidate_poses import Candidates
-from ppmcal.design.plan.information import Curve, Offer
+from ppmcal.design.plan.information import CandidateInformation, Curve
 from ppmcal.design.plan.path import Route
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.linalg import Array, Ints
@@ -44,7 +44,7 @@ class Plan:
     instrument: Instrument
     pool: Candidates
     open_ended: tuple[str, ...]
-    offer: Offer
+    offer: CandidateInformation
     rows: Ints
     columns: Mapping[str, Array]
     gain: Array

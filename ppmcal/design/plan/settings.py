@@ -30,7 +30,7 @@ nothing, since only how its effect is spread over the rows counts."""
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class PlanSettings:
     """What the user wants the measurements to show besides geometry.
 
     ``kinds`` of effects; ``payload`` kg and ``temperature`` K: the two ends that can be set, or
@@ -42,12 +42,12 @@ class Asked:
     temperature: tuple[float, float] | None = None
 
 
-def needs(asked: Asked) -> set[str]:
+def needs(asked: PlanSettings) -> set[str]:
     """Return the columns that the kinds depend on."""
     return {n for kind in asked.kinds for n in effect_kinds()[kind].needs}
 
 
-def with_kinds(mechanism: Mechanism, asked: Asked, q: Array) -> Mechanism:
+def with_kinds(mechanism: Mechanism, asked: PlanSettings, q: Array) -> Mechanism:
     """Return the machine as drawn, with the effects that are asked for, to be fitted.
 
     One effect for each actuator, as the file has it where it has that kind already. Other
@@ -76,7 +76,7 @@ def with_kinds(mechanism: Mechanism, asked: Asked, q: Array) -> Mechanism:
     return with_strokes(out, q) if out.effects else out
 
 
-def refuse(mechanism: Mechanism, asked: Asked) -> None:
+def refuse(mechanism: Mechanism, asked: PlanSettings) -> None:
     """Refuse kinds that cannot be planned for.
 
     Raises:
@@ -86,7 +86,7 @@ def refuse(mechanism: Mechanism, asked: Asked) -> None:
         _refuse(mechanism, name, asked)
 
 
-def _refuse(mechanism: Mechanism, name: str, asked: Asked) -> None:
+def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
     if name not in effect_kinds():
         raise unknown("effect", name, effect_kinds(), PLACE)
     kind = effect_kinds()[name]
@@ -133,7 +133,7 @@ def _must_be_given(spec: EffectParameter) -> bool:
         spec.default is None and spec.low > 0.0 and not spec.reciprocal)
 
 
-def _added(mechanism: Mechanism, kind: EffectKind, asked: Asked) -> Mechanism:
+def _added(mechanism: Mechanism, kind: EffectKind, asked: PlanSettings) -> Mechanism:
     """Return the machine with one more effect for each actuator, or for the whole machine."""
     count = len(mechanism.actuators)
     turning = np.array([q == "angle" for q in mechanism.actuator_quantity])
@@ -148,7 +148,9 @@ def _added(mechanism: Mechanism, kind: EffectKind, asked: Asked) -> Mechanism:
         mechanism.parameters, ())})))
 
 
-def _value(mechanism: Mechanism, spec: EffectParameter, on: Sequence[bool], asked: Asked) -> float:
+def _value(
+    mechanism: Mechanism, spec: EffectParameter, on: Sequence[bool], asked: PlanSettings
+) -> float:
     """Return where the linear model of an effect is taken: at next to nothing."""
     if not spec.reciprocal:
         return 0.0 if spec.default is None else spec.default
@@ -159,7 +161,7 @@ def _value(mechanism: Mechanism, spec: EffectParameter, on: Sequence[bool], aske
         STIFF * (1.0 if turns else mechanism.reach))
 
 
-def offered(mechanism: Mechanism, asked: Asked, q: Array, seed: int
+def offered(mechanism: Mechanism, asked: PlanSettings, q: Array, seed: int
             ) -> tuple[Ints, dict[str, Array]]:
     """Return under which settings each pose is offered.
 
@@ -192,7 +194,7 @@ def offered(mechanism: Mechanism, asked: Asked, q: Array, seed: int
     return pose, columns | {n: v for n, v in level.items() if n != "speed"}
 
 
-def _levels(wanted: set[str], asked: Asked) -> list[Mapping[str, float]]:
+def _levels(wanted: set[str], asked: PlanSettings) -> list[Mapping[str, float]]:
     """Return all combinations of what is set at two ends."""
     ends: dict[str, tuple[float, float]] = {}
     if {"load", "wrench"} & wanted and asked.payload:

@@ -48,8 +48,8 @@ def summary(found: Comparison, mechanism: Mechanism, provenance: Mapping[str, An
             notes: Sequence[str] = ()) -> dict[str, Any]:
     """Return the content of comparison.json, file units."""
     units, moved = mechanism.units, None
-    if found.moved is not None:
-        m, length, angle = found.moved, units.factor("length"), units.factor("angle")
+    if found.pose_difference is not None:
+        m, length, angle = found.pose_difference, units.factor("length"), units.factor("angle")
         moved = {"position": {"rms": m.position_rms / length, "max": m.position_max / length,
                               "unit": units.length},
                  "rotation": {"rms": m.rotation_rms / angle, "max": m.rotation_max / angle,

@@ -12,7 +12,7 @@ from ppmcal.calibration.validation import residuals
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_gap import Gap
-from ppmcal.diagnosis.plot_data import Story, story
+from ppmcal.diagnosis.plot_data import PlotData, plot_data
 from ppmcal.diagnosis.residual_series import Series
 from ppmcal.diagnosis.result import Diagnosis, NamedEffect
 from ppmcal.io import csv_text, json_text, write_mechanism
@@ -25,22 +25,22 @@ from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.units import Units
 
 
-def story_entry(story: Story, units: Units) -> dict[str, Any]:
+def plot_data_entry(plot_data: PlotData, units: Units) -> dict[str, Any]:
     """Return the entry ``story``: each part has its unit beside it."""
     return {
         "actuators": [{
             "name": a.name, "unit": units.name(a.quantity),
             "rms_before": _number(a.before / units.factor(a.quantity)),
             "rms_after": _number(a.after / units.factor(a.quantity)),
-            "noise": _number(a.noise / units.factor(a.quantity))} for a in story.actuators],
-        "series": [series_entry(s, units) for s in story.series],
+            "noise": _number(a.noise / units.factor(a.quantity))} for a in plot_data.actuators],
+        "series": [series_entry(s, units) for s in plot_data.series],
         "ranking": [{"kind": r.kind, "on": list(r.on), "form": r.form,
                      "log10_p": _number(r.log_p / np.log(10.0)),
                      "log10_p_alone": _number(r.log_p_alone / np.log(10.0)), "status": r.status}
-                    for r in story.ranking],
+                    for r in plot_data.ranking],
         "steps": [{"what": s.what, "kind": s.kind, "on": list(s.on), "rms_ratio": _number(s.ratio)}
-                  for s in story.steps],
-        "left_out_rows": story.left_out,
+                  for s in plot_data.steps],
+        "left_out_rows": plot_data.left_out,
     }
 
 
@@ -144,7 +144,7 @@ def summary(result: Diagnosis, provenance: Mapping[str, Any]) -> dict[str, Any]:
         "findings": list(result.findings),
         "other_models": [{"file": name, "effect": other.effect, "instead_of": other.instead,
                           "odds": other.odds} for name, other in other_files(result)],
-        "story": story_entry(story(result), units),
+        "story": plot_data_entry(plot_data(result), units),
         "units": {"length": units.length, "angle": units.angle},
         "provenance": dict(provenance),
     }

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from ppmcal.calibration.flatness import Flat
-from ppmcal.calibration.identifiability import CALIPER, Untold
+from ppmcal.calibration.identifiability import CALIPER, Identifiability
 from ppmcal.io.results import identifiability_wording as told
 from ppmcal.model.mechanism import Mechanism
 
 
-def sentences(found: Untold, mechanism: Mechanism) -> list[str]:
+def sentences(found: Identifiability, mechanism: Mechanism) -> list[str]:
     """Return what a person should know before believing every digit, a sentence or two each."""
     all_ = entry(found, mechanism)
     out = [told.scale(all_["scale"])] if found.scale is not None and found.scale.open else []
@@ -33,7 +33,7 @@ def flat_entries(found: Sequence[Flat], mechanism: Mechanism) -> list[dict[str, 
             for flat in found]
 
 
-def entry(found: Untold, mechanism: Mechanism) -> dict[str, Any]:
+def entry(found: Identifiability, mechanism: Mechanism) -> dict[str, Any]:
     """Return the same for identification.json, file units."""
     f, scale = mechanism.units.factor("length"), found.scale
     out: dict[str, Any] = {"twins": [

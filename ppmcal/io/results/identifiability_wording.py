@@ -1,7 +1,7 @@
 """Sentences about entries of identification.json, the same on the console and in the report.
 
-The entries are what the other modules here write, in the units of the files; numbers that JSON holds
-as null are None. Nothing else is needed to say what they say.
+The entries are what the other modules here write, in the units of the files; numbers that
+JSON holds as null are None. Nothing else is needed to say what they say.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def summary(result: Identification, provenance: Mapping[str, Any], method: str,
         "correlations": correlations(result),
         "flats": flat_entries(result.flats, result.mechanism),
         "blunders": blunder_entry(result.blunders, result.mechanism),
-        "untold": untold_entry(result.untold, result.mechanism),
+        "untold": untold_entry(result.identifiability, result.mechanism),
         "excluded": [
             {"dataset": d.name, "row": int(d.rows[n]), "reason": reason}
             for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ppmcal.calibration.homing_shift import Shift
-from ppmcal.calibration.outliers import Blunder, Blunders
+from ppmcal.calibration.homing_shift import HomingShift
+from ppmcal.calibration.outliers import GrossError, GrossErrors
 from ppmcal.io.results import identifiability_wording as told
 from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
@@ -13,12 +13,12 @@ from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 SHOWN = 5
 
 
-def shifts(found: Blunders, mechanism: Mechanism) -> list[str]:
+def shifts(found: GrossErrors, mechanism: Mechanism) -> list[str]:
     """Return one finding per zero that moved."""
     return [told.zero_moved(_moved(mechanism, s)) for s in found.shifts]
 
 
-def sentences(found: Blunders, mechanism: Mechanism) -> list[str]:
+def sentences(found: GrossErrors, mechanism: Mechanism) -> list[str]:
     """Return which rows were left out and what for, and which nothing checks."""
     out = []
     for b in found.rows[:SHOWN]:
@@ -34,7 +34,7 @@ def sentences(found: Blunders, mechanism: Mechanism) -> list[str]:
     return out + [told.unchecked(e) for e in _unchecked(found)]
 
 
-def entry(found: Blunders, mechanism: Mechanism) -> dict[str, Any]:
+def entry(found: GrossErrors, mechanism: Mechanism) -> dict[str, Any]:
     """Return the same for identification.json, file units."""
     rows = []
     for b in found.rows:
@@ -50,17 +50,17 @@ def entry(found: Blunders, mechanism: Mechanism) -> dict[str, Any]:
             "unchecked": _unchecked(found)}
 
 
-def _moved(mechanism: Mechanism, s: Shift) -> dict[str, Any]:
+def _moved(mechanism: Mechanism, s: HomingShift) -> dict[str, Any]:
     factor, unit = mechanism.joint_units[mechanism.actuators.index(s.actuator)]
     return {"session": s.session, "actuator": s.actuator, "value": s.value / factor,
             "sigma": s.sigma / factor, "unit": unit, "p_value": s.p_value}
 
 
-def _unchecked(found: Blunders) -> list[dict[str, Any]]:
+def _unchecked(found: GrossErrors) -> list[dict[str, Any]]:
     return [{"dataset": n, "rows": r} for n, r in found.unchecked]
 
 
-def _coordinate(mechanism: Mechanism, b: Blunder) -> tuple[float, str, str]:
+def _coordinate(mechanism: Mechanism, b: GrossError) -> tuple[float, str, str]:
     """Return SI value of the unit, unit, and name of a coordinate."""
     quantity = "length" if b.coordinate < 3 else "angle"
     name = b.number or POSE_COORDINATES[b.coordinate]

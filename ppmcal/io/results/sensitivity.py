@@ -15,7 +15,7 @@ from ppmcal.io.results.tables import map_table
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import Grid
-from ppmcal.linalg import Array, known
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import POSE_COORDINATES
 from ppmcal.plotting.map_data import Map
 
@@ -185,7 +185,7 @@ def _pictures(found: Sensitivity, grid: Grid | None, shown: Sequence[Map],
     from ppmcal.plotting.maps import draw_map
 
     if grid is not None:
-        at = np.where(known(found.table.pose)[:, None],
+        at = np.where(finite_rows(found.table.pose)[:, None],
                       pose_motor(np.nan_to_num(found.table.pose)), np.nan)
         side = determinants(Model(found.mechanism), found.table.q, at)
         for one in shown:

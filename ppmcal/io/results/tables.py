@@ -13,7 +13,7 @@ from ppmcal.calibration.compensation import Compensation
 from ppmcal.io import csv_text, json_text
 from ppmcal.io.rotations import EULER, columns_of
 from ppmcal.kinematics.rotations import to_euler, to_quaternion
-from ppmcal.kinematics.tables import Table
+from ppmcal.kinematics.tables import KinematicsTable
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.plotting.map_data import Map
@@ -95,7 +95,7 @@ class Shown:
         return out | ({"method": self.method} if self.method else {})
 
 
-def kinematics_files(mechanism: Mechanism, table: Table, header: Sequence[str],
+def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Sequence[str],
                      columns: Sequence[Any], which: str, provenance: Mapping[str, Any],
                      shown: Shown | None = None) -> tuple[dict[str, str], int]:
     """Return kinematics.csv and kinematics.json, and how many rows are in gimbal lock."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ppmcal.design.error_sources import Source
-from ppmcal.design.monte_carlo import Errors, Fleet, Judged
-from ppmcal.design.tolerance_allocation import Allocation, Check, Demand, Share, count
+from ppmcal.design.monte_carlo import Fleet, MachineErrors, MonteCarloErrors
+from ppmcal.design.tolerance_allocation import AccuracyCheck, Allocation, Demand, Share, count
 from ppmcal.io import csv_text, json_text, write_mechanism
 from ppmcal.io.results.tables import pose_columns
 from ppmcal.kinematics.partial_pose import pose_vector
@@ -21,7 +21,7 @@ STAGES = (("built", "as built"), ("registered", "registered only"), ("calibrated
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class ToleranceResult:
     """Everything that the command found, SI.
 
     ``machine``: the drawing, its effects left out; ``sources`` (S,); ``allocations`` by method;
@@ -37,19 +37,19 @@ class Result:
     allocations: Mapping[str, Allocation]
     chosen: str
     fleet: Fleet
-    judged: Judged
-    check: Check
+    judged: MonteCarloErrors
+    check: AccuracyCheck
     sigma_one: float | None
     predicted: float | None
     notes: tuple[str, ...] = ()
 
-    def stages(self) -> list[tuple[str, str, Errors]]:
+    def stages(self) -> list[tuple[str, str, MachineErrors]]:
         """Return (key, words, errors) of what was simulated."""
         found = [(k, w, getattr(self.judged, k)) for k, w in STAGES]
         return [(k, w, e) for k, w, e in found if e is not None]
 
 
-def table(r: Result) -> dict[str, Any]:
+def table(r: ToleranceResult) -> dict[str, Any]:
     """Return the columns of tolerances.csv, one row per error, file units; inf: not felt."""
     units = r.machine.units
     parameters = [r.machine.parameters[s.parameter] for s in r.sources]
@@ -65,7 +65,7 @@ def table(r: Result) -> dict[str, Any]:
     return out
 
 
-def errors_table(r: Result) -> dict[str, Any]:
+def errors_table(r: ToleranceResult) -> dict[str, Any]:
     """Return the columns of errors.csv: task poses, rms errors, linear against drawn."""
     length, angle = (r.machine.units.factor(q) for q in ("length", "angle"))
     out: dict[str, Any] = {**pose_columns(r.machine, pose_vector(r.fleet.tasks.motor))}
@@ -94,7 +94,7 @@ def quantile(values: Array, part: float) -> Array:
     return np.asarray(ordered[min(int(np.ceil(part * len(ordered))), len(ordered)) - 1])
 
 
-def yields(r: Result) -> list[dict[str, Any]]:
+def yields(r: ToleranceResult) -> list[dict[str, Any]]:
     """Return the share of machines in specification at every stage."""
     out = []
     for key, words, errors in r.stages():
@@ -114,7 +114,7 @@ def _known(value: Array, factor: float) -> float | None:
     return float(value) / factor if np.isfinite(value) else None
 
 
-def allocated(r: Result) -> str:
+def allocated(r: ToleranceResult) -> str:
     """Return the machine file with the chosen tolerances; those of errors not felt stay."""
     tau = {s.parameter: float(t) for s, t in
            zip(r.sources, r.allocations[r.chosen].tau, strict=True) if np.isfinite(t)}
@@ -124,7 +124,7 @@ def allocated(r: Result) -> str:
                            "Tolerances allocated by ppmcal tolerances; effects left out.")
 
 
-def files(r: Result, content: Mapping[str, Any]) -> dict[str, str | bytes]:
+def files(r: ToleranceResult, content: Mapping[str, Any]) -> dict[str, str | bytes]:
     """Return file name -> content of everything that tolerances writes; see :func:`record`."""
     rows, poses = table(r), errors_table(r)
     out: dict[str, str | bytes] = {
@@ -137,7 +137,7 @@ def files(r: Result, content: Mapping[str, Any]) -> dict[str, str | bytes]:
     return out
 
 
-def _picture(r: Result) -> bytes:
+def _picture(r: ToleranceResult) -> bytes:
     """Return the share of machines below every accuracy, by stage."""
     from ppmcal.plotting.curves import draw_curves
 
@@ -154,7 +154,7 @@ def _picture(r: Result) -> bytes:
                        True, False, marks)
 
 
-def record(r: Result, said: Sequence[str], findings: Sequence[str],
+def record(r: ToleranceResult, said: Sequence[str], findings: Sequence[str],
            provenance: Mapping[str, Any]) -> dict[str, Any]:
     """Return tolerances.json."""
     units = r.machine.units
@@ -187,7 +187,7 @@ def record(r: Result, said: Sequence[str], findings: Sequence[str],
         "provenance": dict(provenance)}
 
 
-def _class_table(r: Result) -> dict[str, Any]:
+def _class_table(r: ToleranceResult) -> dict[str, Any]:
     """Return the range of tolerances by slot and method."""
     columns = table(r)
     rows = []

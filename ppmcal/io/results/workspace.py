@@ -22,7 +22,7 @@ from ppmcal.io.results.workspace_wording import (
 )
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import limit_reason
-from ppmcal.linalg import known
+from ppmcal.linalg import finite_rows
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.plotting.map_data import Map
 
@@ -93,7 +93,7 @@ def tables(found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:
     """Return map.csv, singular.csv and modes.csv, in the machine's units."""
     machine = found.mechanism
     wanted = found.grid.poses(machine)
-    pose = np.where(known(found.table.pose)[:, None], found.table.pose, wanted)
+    pose = np.where(finite_rows(found.table.pose)[:, None], found.table.pose, wanted)
     edge = pose_columns(machine, found.singular)
     return {"map.csv": map_table(machine, pose, maps(found), found.table.status,
                                  found.table.reason),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
-from ppmcal.model.limbs.kind import Body, LimbKind, Surface, find_kind, kinds
+from ppmcal.model.limbs.kind import ClosureSurface, LimbKind, Surface, find_kind, kinds
 
 for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
 
-__all__ = ["Body", "LimbKind", "Surface", "find_kind", "kinds"]
+__all__ = ["ClosureSurface", "LimbKind", "Surface", "find_kind", "kinds"]

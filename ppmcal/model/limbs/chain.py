@@ -51,7 +51,7 @@ class SlotSpec:
 
 
 @dataclass(frozen=True)
-class Step:
+class ChainStep:
     """One elementary motion of a chain.
 
     ``motor(values)`` is the motion (..., 8); ``twists(values)`` yields for each slot the
@@ -71,7 +71,7 @@ def _unit(kind: str, direction: Any) -> Array:
     return np.concatenate([d, zero] if kind == "rotation" else [zero, d])
 
 
-def shift(name: str, planar: bool) -> Step:
+def shift(name: str, planar: bool) -> ChainStep:
     """Translation by the point ``name`` (slots ``name.x``, ``.y``, and ``.z`` in space)."""
     axes = ("x", "y") if planar else ("x", "y", "z")
     names = [f"{name}.{a}" for a in axes]
@@ -84,10 +84,12 @@ def shift(name: str, planar: bool) -> Step:
         return cga.translator(np.stack(np.broadcast_arrays(*parts), axis=-1))
 
     slots = tuple(SlotSpec(n, "length", "point") for n in names)
-    return Step(slots, motor, lambda values: list(zip(names, units, strict=True)))
+    return ChainStep(slots, motor, lambda values: list(zip(names, units, strict=True)))
 
 
-def slide(name: str, axis: str, default: float | None = None, along: str | None = None) -> Step:
+def slide(
+    name: str, axis: str, default: float | None = None, along: str | None = None
+) -> ChainStep:
     """Translation by slot ``name`` (or the joint ``u``) along a local axis.
 
     ``along`` names a constant that overrides the axis with a fixed local direction.
@@ -100,10 +102,10 @@ def slide(name: str, axis: str, default: float | None = None, along: str | None 
         return cga.translator(np.asarray(values[name], dtype=float)[..., None] * direction(values))
 
     slots = () if name == U else (SlotSpec(name, "length", "length", default),)
-    return Step(slots, motor, lambda values: [(name, _unit("translation", direction(values)))])
+    return ChainStep(slots, motor, lambda values: [(name, _unit("translation", direction(values)))])
 
 
-def turn(name: str) -> Step:
+def turn(name: str) -> ChainStep:
     """Rotation about the local z axis by slot ``name`` (or the joint ``u``), in rad."""
     unit = _unit("rotation", AXES["z"])
 
@@ -111,10 +113,10 @@ def turn(name: str) -> Step:
         return cga.rotor(np.array(AXES["z"]), np.asarray(values[name], dtype=float))
 
     slots = () if name == U else (SlotSpec(name, "angle", "angle"),)
-    return Step(slots, motor, lambda values: [(name, unit)])
+    return ChainStep(slots, motor, lambda values: [(name, unit)])
 
 
-def align(name: str, zero: str | None = None) -> Step:
+def align(name: str, zero: str | None = None) -> ChainStep:
     """Rotation that carries local z onto the direction ``name`` (and local x onto ``zero``).
 
     Its error is the rotation vector ``name.rx, .ry, .rz`` in the axes before the step,
@@ -134,10 +136,10 @@ def align(name: str, zero: str | None = None) -> Step:
                 for k, n in enumerate(names)]
 
     slots = tuple(SlotSpec(n, "angle", "angle", 0.0) for n in names)
-    return Step(slots, motor, twists, constants=(name, zero) if zero else (name,))
+    return ChainStep(slots, motor, twists, constants=(name, zero) if zero else (name,))
 
 
-def joint(number: int, axis: str = "z") -> Step:
+def joint(number: int, axis: str = "z") -> ChainStep:
     """Frame error of joint ``number``: six components in its own axes ([PPM] eq. 13-14).
 
     The joint's own z axis lies along the local axis ``axis``; its x and y follow
@@ -165,7 +167,7 @@ def joint(number: int, axis: str = "z") -> Step:
 
     slots = tuple(SlotSpec(n, "angle" if n[-2] == "r" else "length",
                            "angle" if n[-2] == "r" else "point", 0.0) for n in names)
-    return Step(slots, motor, twists, joint=True)
+    return ChainStep(slots, motor, twists, joint=True)
 
 
 def _stack(values: Values, names: Collection[str]) -> Array:
@@ -213,7 +215,7 @@ def cross_matrix(v: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Carried:
+class ErrorTwists:
     """Error twists of one step's slots: generators in the axes before the step.
 
     ``names`` (K,); ``to_root`` (8,) or (N, 8): the chain up to there; ``generators`` (K, 6) or
@@ -247,16 +249,16 @@ class Carried:
 class Chain:
     """A product of steps, evaluated for all poses at once."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[ChainStep, ...]
 
     def evaluate(self, values: Values, wanted: Collection[str]
-                 ) -> tuple[Array, tuple[Carried, ...]]:
+                 ) -> tuple[Array, tuple[ErrorTwists, ...]]:
         """Return the chain's motor (..., 8) and the error twists of the ``wanted`` slots.
 
         Joint frames whose components are all zero and unwanted are skipped.
         """
         total = cga.identity_motor()
-        carried: list[Carried] = []
+        carried: list[ErrorTwists] = []
         for step in self.steps:
             if step.joint and not any(s.name in wanted or np.any(values.get(s.name, 0.0))
                                       for s in step.slots):
@@ -264,6 +266,6 @@ class Chain:
             mine = [(name, twist) for name, twist in step.twists(values) if name in wanted]
             if mine:
                 stacked = np.stack(np.broadcast_arrays(*(t for _, t in mine)), axis=-2)
-                carried.append(Carried(tuple(n for n, _ in mine), total, stacked))
+                carried.append(ErrorTwists(tuple(n for n, _ in mine), total, stacked))
             total = cga.compose(total, step.motor(values))
         return total, tuple(carried)

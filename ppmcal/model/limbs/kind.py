@@ -19,11 +19,11 @@ import numpy as np
 
 from ppmcal.errors import unknown
 from ppmcal.linalg import Array
-from ppmcal.model.limbs.chain import Carried, Chain, SlotSpec, Step, Values
+from ppmcal.model.limbs.chain import Chain, ChainStep, ErrorTwists, SlotSpec, Values
 
 
 @dataclass(frozen=True)
-class Body:
+class ClosureSurface:
     """The KGB of one limb for N poses, with the twists of its slots.
 
     Axes: n poses (or 1 where nothing depends on the pose), k conditions.
@@ -44,9 +44,9 @@ class Body:
     radius: Array
     point_moves: tuple[bool, ...]
     middle_lines: Array
-    base: tuple[Carried, ...]
-    middle: tuple[Carried, ...]
-    platform: tuple[Carried, ...]
+    base: tuple[ErrorTwists, ...]
+    middle: tuple[ErrorTwists, ...]
+    platform: tuple[ErrorTwists, ...]
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class LimbKind:
         return find_kind, (self.name,)
 
     @property
-    def steps(self) -> tuple[Step, ...]:
+    def steps(self) -> tuple[ChainStep, ...]:
         """All steps, base to platform."""
         return self.base.steps + self.middle.steps + self.platform.steps
 
@@ -121,7 +121,7 @@ class LimbKind:
         """Names of the unit vectors that the file must give (``base.direction``)."""
         return tuple(c for step in self.steps for c in step.constants)
 
-    def evaluate(self, values: Values, wanted: Collection[str] = ()) -> Body:
+    def evaluate(self, values: Values, wanted: Collection[str] = ()) -> ClosureSurface:
         """Return the limb's KGB; ``wanted`` names the slots whose twists are needed.
 
         Args:
@@ -134,7 +134,7 @@ class LimbKind:
         columns = list(zip(*self.surface.build(base, middle, platform), strict=True))
         fixed, moving, scale, radius, lines = (_stack(list(c), 1 if i in (2, 3) else 2)
                                                for i, c in enumerate(columns))
-        return Body(fixed, moving, scale, radius, self.surface.point_moves, lines,
+        return ClosureSurface(fixed, moving, scale, radius, self.surface.point_moves, lines,
                     base_twists, middle_twists, platform_twists)
 
 

@@ -1,7 +1,7 @@
 """The four closure families: what the chain motors tie to what.
 
 Each builder yields, per condition, ``fixed, moving, scale, radius, middle line``; see
-:class:`ppmcal.model.limbs.kind.Body`. The middle line is the leg's line seen from the middle
+:class:`kind.ClosureSurface`. The middle line is the leg's line seen from the middle
 chain's root: it turns errors of the middle chain into changes of radius or offset.
 """
 
