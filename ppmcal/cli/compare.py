@@ -22,6 +22,7 @@ from ppmcal.cli.common import (
 
 if TYPE_CHECKING:
     from ppmcal.calibration.change_detection import Comparison
+    from ppmcal.io.results.comparison import ComparisonRecord
     from ppmcal.model.mechanism import Mechanism
 
 PATH = click.Path(path_type=Path)
@@ -45,7 +46,7 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
 
     from ppmcal.calibration.change_detection import between
     from ppmcal.io import Output, provenance, read_mechanism
-    from ppmcal.io.results.comparison import files, summary
+    from ppmcal.io.results.comparison import ComparisonRecord
     from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 
     console = Console(quiet, as_json)
@@ -59,40 +60,40 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     found, notes = between(mechanism, before, after, knowledge.volume, rng)
     notes = [*odd, *notes]
     source = provenance([*mechanism.inputs, *(str(p) for p in paths)], command_line(), None)
+    record = ComparisonRecord.of(found, mechanism, source, notes)
     with Output(out) as output:
-        for name, text in files(found, mechanism, source, notes).items():
+        for name, text in record.files().items():
             output.add(name, text)
-    _show(found, mechanism, console)
+    _show(found, record, mechanism, console)
     console.warn(notes)
     finish(out, list(output.files), console)
-    console.summary(summary(found, mechanism, source, notes))
+    console.summary(record.entries())
     leave(found.changed or bool(notes))
 
 
-def _show(found: Comparison, mechanism: Mechanism, console: Console) -> None:
+def _show(found: Comparison, record: ComparisonRecord, mechanism: Mechanism, console: Console
+          ) -> None:
     """Print what a person wants to know."""
     if not console.speaks:
         return
-    from ppmcal.io.results.comparison import change, entries
-
     console.say(f"{mechanism.name}: {len(found.names)} parameters; "
                 + ("the machine has changed" if found.changed else "nothing has changed")
                 + f" (chi-squared {found.chi2:.4g} of {found.freedom} degrees, p = "
                 f"{found.p_value:.2g}).")
-    for c in (change(c, mechanism) for c in found.changes):
-        instead = f"; it could as well be {', '.join(c['instead'][:4])}" if c["instead"] else ""
-        console.say(f"{c['name']} changed by {c['value']:+.4g} +- {1.96 * c['sigma']:.2g} "
-                    f"{c['unit']} (95 %){instead}.")
+    for c in record.changes:
+        instead = f"; it could as well be {', '.join(c.instead[:4])}" if c.instead else ""
+        console.say(f"{c.name} changed by {c.value:+.4g} +- {1.96 * (c.sigma or 0.0):.2g} "
+                    f"{c.unit} (95 %){instead}.")
     if found.changed and not found.changes:
         console.say("No single parameter explains it.")
     elif found.changes and found.p_left < 0.01:
         console.say(f"That does not explain all of it (p = {found.p_left:.2g} of the rest).")
-    rows = sorted(entries(found, mechanism), key=lambda r: r["p_alone"])
+    rows = sorted(record.parameters, key=lambda r: r.p_alone or 0.0)
     console.table(plain_table(
         ["parameter", "new", "new - old", "+- 95 %", "unit", ""],
-        [[r["name"], number(r["new"], 6), f"{r['difference']:+.3g}",
-          number(1.96 * r["sigma"], 2), r["unit"],
-          "" if r["status"] == "unchanged" else r["status"]] for r in rows[:SHOWN]],
+        [[r.name, number(r.new, 6), f"{r.difference:+.3g}",
+          number(1.96 * (r.sigma or 0.0), 2), r.unit,
+          "" if r.status == "unchanged" else r.status] for r in rows[:SHOWN]],
         (1, 2, 3)))
     if len(rows) > SHOWN:
         console.say(f"The {SHOWN} likeliest to have changed; all {len(rows)} in compare.csv.")

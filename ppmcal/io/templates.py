@@ -9,7 +9,7 @@ from ppmcal.errors import BadInput, unknown
 
 def shipped(name: str) -> Path:
     """Return a shipped folder: inside the package, or beside it in a checkout."""
-    here = Path(__file__).resolve().parent
+    here = Path(__file__).resolve().parents[1]
     for place in (here / name, here.parent / name):
         if place.is_dir():
             return place

@@ -1,0 +1,141 @@
+"""What every result has in common: typed parts, written to and read from JSON by themselves.
+
+A record is the content of one JSON file of a command, in the units that it names. The engine's
+result is turned into it once (``Record.of``); console, report and later commands use it alike, so
+that what is read back is what was written. A file may be cut off, edited by hand or written by
+another version: keys that are missing or unknown pass, a value of the wrong kind is refused with
+file and place.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ppmcal.errors import BadInput
+from ppmcal.io.json import AGAIN, LARGEST, MAX_DEPTH_MEND, read_text
+from ppmcal.io.output import csv_text, json_text, plain
+from ppmcal.units import Units
+
+Shown = Annotated[float, Field(strict=True)]
+"""A number that is only shown: of any size."""
+Finite = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
+"""A number that later commands calculate with: :data:`LARGEST` at most."""
+Text = Annotated[str, Field(strict=True)]
+Whole = Annotated[int, Field(strict=True)]
+
+_KINDS = {"float_type": "a number", "int_type": "a whole number",
+          "int_from_float": "a whole number", "string_type": "text",
+          "bool_type": "true or false", "dict_type": "an object",
+          "list_type": "a list", "tuple_type": "a list", "model_type": "an object",
+          "model_attributes_type": "an object",
+          "less_than_equal": f"a number, {LARGEST:g} at most",
+          "greater_than_equal": f"a number, {LARGEST:g} at most"}
+
+
+class Part(BaseModel):
+    """A part of a record: plain data, nothing but what JSON can hold; nan and inf are None."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, data: Any) -> Any:
+        """Turn what the engine hands over into plain data; JSON is plain already."""
+        if not isinstance(data, Mapping):
+            return data
+        return {k: v if isinstance(v, Part) else _parts(v) for k, v in data.items()}
+
+
+def _parts(value: Any) -> Any:
+    if isinstance(value, Part):
+        return value
+    if isinstance(value, Mapping):
+        return {str(k): _parts(v) for k, v in value.items()}
+    if isinstance(value, list | tuple) and value and not isinstance(value[0], float | int):
+        return [_parts(v) for v in value]
+    return plain(value)
+
+
+class Record(Part):
+    """The content of one JSON file.
+
+    Subclasses name the file, its ``format`` and, field by field, its keys in their order. Keys
+    that nobody set are not written.
+    """
+
+    FILE: ClassVar[str]
+    FORMAT: ClassVar[str]
+
+    format: Text = ""
+
+    def text(self) -> str:
+        """Return the JSON, keys in the order of the class."""
+        return json_text(self.model_dump(exclude_unset=True, by_alias=True))
+
+    def entries(self) -> dict[str, Any]:
+        """Return the content as plain data."""
+        return self.model_dump(exclude_unset=True, by_alias=True)
+
+    @classmethod
+    def read(cls, path: Path, mend: str = AGAIN) -> Self:
+        """Return what a file holds.
+
+        Raises:
+            BadInput: not readable, no JSON object, another format, or a value of another kind.
+        """
+        try:
+            data = json.loads(read_text(path))
+            if not isinstance(data, dict):
+                raise BadInput("holds no JSON object", str(path), mend)
+            found = cls.model_validate(data)
+        except json.JSONDecodeError as error:
+            raise BadInput(f"is not valid JSON ({error.msg}); it may be cut off",
+                           f"{path}: line {error.lineno}, column {error.colno}", mend) from None
+        except ValidationError as error:
+            raise _refusal(error, path, mend) from None
+        except ValueError as error:
+            raise BadInput(f"cannot be read as JSON ({str(error).partition(';')[0]})", str(path),
+                           mend) from None
+        except RecursionError:
+            raise BadInput("cannot be read as JSON", str(path), MAX_DEPTH_MEND) from None
+        if found.format not in ("", cls.FORMAT):
+            raise BadInput(f"is not a {cls.FILE} of this version of ppmcal", str(path), mend)
+        return found
+
+
+def _refusal(error: ValidationError, path: Path, mend: str) -> BadInput:
+    """Return the first problem in our own words."""
+    first = error.errors()[0]
+    place = ""
+    for part in first["loc"]:
+        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else part
+    kind = _KINDS.get(first["type"], "something else")
+    if first.get("input") is None:
+        kind = "something, not null"
+    return BadInput(f"should be {kind}", f"{path}: {place}", mend)
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of a table, in SI: its name, N values, and what quantity they are.
+
+    ``quantity`` is ``length``, ``angle``, a quotient such as ``1/length``, or empty for words,
+    counts and bare numbers.
+    """
+
+    name: str
+    values: Any
+    quantity: str = ""
+
+
+def table_text(columns: Sequence[Column], units: Units) -> str:
+    """Return a CSV of columns, each turned into the file's units here and nowhere else."""
+    return csv_text([c.name for c in columns],
+                    [c.values / units.factor(c.quantity) if c.quantity else c.values
+                     for c in columns])
