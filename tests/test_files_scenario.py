@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ppmcal.io import read_mechanism, read_scenario
-from ppmcal.io.scenario import Circle, Grid, Helix, Listed, Random
+from ppmcal.io.scenario import Circle, GridPattern, Helix, Listed, Random
 
 GOOD = Path(__file__).parent / "broken"
 BENCH = read_mechanism(GOOD / "good_bench.yaml")
@@ -46,7 +46,7 @@ def test_the_good_one():
 def test_other_poses(tmp_path):
     s = scenario(tmp_path, BENCH, (CIRCLE, "{grid: {center: {x: 5, y: 2, rz: 1}, "
                                    "half_range: {x: 50}, counts: {x: 3, rz: 2}}}"))
-    assert isinstance(s.poses, Grid)
+    assert isinstance(s.poses, GridPattern)
     np.testing.assert_array_equal(s.poses.counts, [3, 1, 1, 1, 1, 2])
     np.testing.assert_allclose(s.poses.half_range, [0.05, 0, 0, 0, 0, 0])
     s = scenario(tmp_path, BENCH, (CIRCLE, "{random: {center: {x: 5, y: 2, rz: 1}, "

@@ -52,9 +52,14 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     csv_path = Path(path)
     if csv_path.suffix in (".yaml", ".yml"):
         csv_path = csv_path.with_suffix(".csv")
-    source = str(csv_path)
     table = read_table(csv_path, text=("pose", "session"))
     file, side = read_sidecar(csv_path)
+    return dataset_of(table, file, side, mechanism)
+
+
+def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism) -> Dataset:
+    """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
+    source = table.source
     table, findings = cols.translate_foreign(table, mechanism)
     cols.check_columns(table, mechanism)
     units = file.units.units()
@@ -66,7 +71,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     approach, more = _approach(file, table)
     to_q = _second_joints(table, mechanism, joint, file.instrument.kind)
     data = Dataset(
-        name=file.name or csv_path.stem, source=source, kind=file.instrument.kind,
+        name=file.name or Path(source).stem, source=source, kind=file.instrument.kind,
         rows=np.arange(1, len(table) + 1, dtype=np.int64), q=q, commanded=commanded,
         position=seen.position, rotation=seen.rotation, value=seen.value, to_q=to_q,
         sigma_position=seen.sigma_position, sigma_rotation=seen.sigma_rotation,
@@ -109,7 +114,11 @@ def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism
         BadInput: as :func:`read_dataset`; two data sets of one name, or a name in
             ``same_as`` that is not among them.
     """
-    data = [read_dataset(p, mechanism) for p in paths]
+    return joined([read_dataset(p, mechanism) for p in paths])
+
+
+def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
+    """Return data sets as one campaign; see :func:`read_campaign`."""
     by_name: dict[str, Dataset] = {}
     for d in data:
         if d.name in by_name:

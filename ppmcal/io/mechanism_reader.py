@@ -20,24 +20,25 @@ from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, OF_MOTION, pose_from_ma
 from ppmcal.io.schema import check, dotted
 from ppmcal.io.stiffness import read_stiffness
 from ppmcal.io.yaml import decimals
-from ppmcal.io.yaml_merge import read_merged
+from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism, Registration
 from ppmcal.model.parameters import Parameter, free_indices
 from ppmcal.units import Units
 
 
-def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
+def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanism:
     """Return the mechanism of a file (contract section 1), everything in SI.
 
     Args:
-        path: the YAML file; ``extends`` is followed relative to it.
+        path: the YAML file; ``extends`` is followed relative to it. Or what such a file holds,
+            as a mapping.
 
     Raises:
         BadInput: anything wrong in the file, with file, place and mend.
     """
-    source = str(path)
-    tree, inputs = read_merged(Path(path))
+    source = IN_MEMORY if isinstance(path, Mapping) else str(path)
+    tree, inputs = read_merged(path)
     _right_format(tree, source)
     file = check(MechanismFile, tree, source, lambda loc: _place(loc, tree))
     units = file.units.units()
@@ -54,7 +55,7 @@ def read_mechanism(path: str | os.PathLike[str]) -> Mechanism:
     limbs = tuple(Limb(d.name, d.kind, actuators.index(d.actuator), assemble.slot_map(d, index),
                        d.constants, d.branch) for d in drafts)
     mechanism = Mechanism(
-        name=file.name or Path(path).stem, motion=file.motion, limbs=limbs, actuators=actuators,
+        name=file.name or Path(source).stem, motion=file.motion, limbs=limbs, actuators=actuators,
         parameters=made, free=tuple(free_indices(made, patterns)), home_pose=home_pose,
         home_q=_home_q(file, actuators, factors, source),
         limits=_limits(file, actuators, factors, source), gravity=_gravity(file, source),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from ppmcal.errors import BadInput
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.csv import Table, read_table
+from ppmcal.io.frames import Tabular, as_table, is_path
 from ppmcal.io.measurement_columns import further_columns, joint_factors, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.rotations import EULER, under_vector_names
@@ -51,9 +51,11 @@ class JointTable(NamedTuple):
     conditions: Mapping[str, Array]
 
 
-def read_poses(path: str | os.PathLike[str], mechanism: Mechanism, rotation: str = "rotvec"
-               ) -> PoseTable:
-    """Return the poses of a CSV: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
+def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") -> PoseTable:
+    """Return the poses of a table: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
+
+    ``source`` is the path of a CSV, a data frame, a mapping of columns, or an array (N, d) of
+    the machine's coordinates; all in the mechanism file's units.
 
     ``rotation`` is one of :data:`rotations.CONVENTIONS`; Euler angles stand in the places of
     the rotation vector, rad.
@@ -65,8 +67,11 @@ def read_poses(path: str | os.PathLike[str], mechanism: Mechanism, rotation: str
         BadInput: no pose column at all, a coordinate that the machine does not have, or any
             fault of the CSV.
     """
-    table = read_table(path, loose=lambda name: _may_be_text(name) and not (
-        name in EULER and rotation.startswith("euler")))
+    def loose(name: str) -> bool:
+        return _may_be_text(name) and not (name in EULER and rotation.startswith("euler"))
+
+    table = read_table(source, loose=loose) if is_path(source) else as_table(
+        source, mechanism.coordinates, "poses")
     if mechanism.motion == "spatial":
         table = under_vector_names(table, rotation)
     mine = (*mechanism.coordinates,
@@ -96,14 +101,17 @@ def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
                        + (f" Is '{near[0]}' meant for one of them?" if near else ""))
 
 
-def read_joints(path: str | os.PathLike[str], mechanism: Mechanism) -> JointTable:
-    """Return the joint values of a CSV with a column ``q_<actuator>`` for each actuator.
+def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
+    """Return the joint values of a table with a column ``q_<actuator>`` for each actuator.
+
+    ``source`` as in :func:`read_poses`; an array is (N, k), one column per actuator.
 
     Raises:
         BadInput: a joint column is missing, or any fault of the CSV.
     """
-    table = read_table(path, loose=_may_be_text)
     names = [f"q_{a}" for a in mechanism.actuators]
+    table = read_table(source, loose=_may_be_text) if is_path(source) else as_table(
+        source, names, "joints")
     missing = [n for n in names if n not in table.header]
     if missing:
         raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
 from ppmcal.io.schema import LARGEST, check, hint, show
 from ppmcal.io.sidecar import actuator_noise, frame_of, point_of, rotation_of
 from ppmcal.io.yaml import read_yaml
+from ppmcal.io.yaml_merge import IN_MEMORY
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import Mechanism
@@ -25,14 +27,16 @@ from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Rando
 from ppmcal.units import Units
 
 
-def read_scenario(path: str | os.PathLike[str], mechanism: Mechanism) -> Scenario:
-    """Return the scenario of a file, everything in SI.
+def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: Mechanism
+                  ) -> Scenario:
+    """Return the scenario of a file, or of what such a file holds, everything in SI.
 
     Raises:
         BadInput: anything wrong in the file, with file, place and mend.
     """
-    source = str(path)
-    file = check(ScenarioFile, read_yaml(Path(path)), source)
+    source, tree = (IN_MEMORY, dict(path)) if isinstance(path, Mapping) else (
+        str(path), read_yaml(Path(path)))
+    file = check(ScenarioFile, tree, source)
     units = file.units.units()
     acting = with_effects(mechanism, file.effects, units, source)
     length, angle = units.factor("length"), units.factor("angle")
@@ -47,7 +51,8 @@ def read_scenario(path: str | os.PathLike[str], mechanism: Mechanism) -> Scenari
     joint = joint_factors(mechanism, length, angle)
     warm = file.conditions.temperature
     return Scenario(
-        source=source, units=units, poses=_poses(file.poses, mechanism, units, source, Path(path)),
+        source=source, units=units,
+        poses=_poses(file.poses, mechanism, units, source, Path(source)),
         errors=errors, error_scale=scale, kind=file.instrument.kind,
         sigma_position=(sigma.position or 0.0) * length,
         sigma_rotation=(sigma.rotation or 0.0) * angle,

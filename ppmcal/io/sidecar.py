@@ -113,6 +113,19 @@ def read_sidecar(csv_path: Path) -> tuple[SidecarFile, str]:
                    str(csv_path), f"Write {path}, for example:\n{EXAMPLE}with your own values")
 
 
+def sidecar_of(content: Mapping[str, Any], mechanism: Mechanism) -> SidecarFile:
+    """Return what a sidecar would hold, given as a mapping.
+
+    Left out, ``units`` are the mechanism file's, ``frame`` and ``target`` unknown.
+
+    Raises:
+        BadInput: as :func:`read_sidecar`.
+    """
+    units = {"length": mechanism.units.length, "angle": mechanism.units.angle}
+    return check(SidecarFile, {"format": FORMAT, "units": units, "frame": "unknown",
+                               "target": "unknown", **content}, "sidecar")
+
+
 def sigma_needs(file: SidecarFile, source: str, rotation: bool) -> None:
     """Refuse a sidecar without the standard deviations that its instrument needs."""
     kind, sigma = file.instrument.kind, file.instrument.sigma

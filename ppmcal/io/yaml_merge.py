@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +12,16 @@ from ppmcal.io.schema import show
 from ppmcal.io.yaml import read_yaml
 
 MAX_FILES = 20
+IN_MEMORY = "mapping"
+"""What a file that is given as a mapping is called in messages."""
 
 
-def read_merged(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+def read_merged(source: str | os.PathLike[str] | Mapping[str, Any]
+                ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the mapping of a mechanism file with the files that it extends under it.
 
-    The second result names all files that were read, this one first.
+    The second result names all files that were read, this one first. A mapping that is in
+    memory extends files relative to the working directory.
 
     Maps are merged by key and limbs by name; lists and numbers are replaced. All files must
     be in the same units; one that declares none is in those of the file that it extends.
@@ -24,7 +30,9 @@ def read_merged(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
         BadInput: a circle, differing units, or a file that cannot be read.
     """
     files: list[str] = []
-    return _read(path, (), files), tuple(files)
+    if isinstance(source, Mapping):
+        return _laid_over(dict(source), Path(IN_MEMORY), (), files), tuple(files)
+    return _read(Path(source), (), files), tuple(files)
 
 
 def _read(path: Path, above: tuple[Path, ...], files: list[str]) -> dict[str, Any]:
@@ -35,6 +43,12 @@ def _read(path: Path, above: tuple[Path, ...], files: list[str]) -> dict[str, An
                        f"{above[-1]}: extends", "Remove one `extends`")
     tree = read_yaml(path)
     files.append(str(path))
+    return _laid_over(tree, path, (*above, here), files)
+
+
+def _laid_over(tree: dict[str, Any], path: Path, above: tuple[Path, ...], files: list[str]
+               ) -> dict[str, Any]:
+    """Return a mapping with the file that it extends, relative to ``path``, under it."""
     other = tree.get("extends")
     if other is None:
         return tree
@@ -42,7 +56,7 @@ def _read(path: Path, above: tuple[Path, ...], files: list[str]) -> dict[str, An
         raise BadInput(f"{show(other)} is not a file name", f"{path}: extends",
                        "Write the path of a mechanism file, relative to this one")
     try:
-        under = _read(path.parent / other, (*above, here), files)
+        under = _read(path.parent / other, above, files)
     except BadInput as error:
         raise BadInput(error.what, f"{path}: extends: {error.where}", error.mend) from None
     if "units" in tree and tree["units"] != under.get("units"):

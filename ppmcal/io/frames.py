@@ -1,0 +1,84 @@
+"""Tables that are in memory: data frames, mappings of columns and arrays, in place of CSV files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from ppmcal.errors import BadInput
+from ppmcal.io.csv import Table, refuse_absurd
+
+Tabular = str | os.PathLike[str] | Mapping[str, Any] | Any
+"""A path of a CSV, a data frame (pandas, polars), a mapping of columns, or an array (N, c)."""
+NAME = "table"
+"""What a table without a file is called in messages."""
+
+
+def is_path(source: object) -> TypeGuard[str | os.PathLike[str]]:
+    """Return whether a table is given as the path of a file."""
+    return isinstance(source, str | os.PathLike)
+
+
+def as_table(source: Any, names: Sequence[str] = (), what: str = NAME) -> Table:
+    """Return a table that is in memory as one that was read from a CSV.
+
+    Args:
+        source: a data frame, a mapping from column to N values, or an array (N, c).
+        names: of the c columns of a bare array, in their order.
+        what: what messages call it.
+
+    Numbers become float columns (None and nan are empty cells), anything else words.
+
+    Raises:
+        BadInput: no rows, columns of different lengths or of one name, an array of another
+            width, a number that is too large.
+    """
+    columns = _columns(source, names, what)
+    sizes = {len(values) for values in columns.values()}
+    if len(sizes) > 1:
+        raise BadInput(f"has columns of {min(sizes)} and of {max(sizes)} rows", what,
+                       "Give every column as many values")
+    if not sizes or not max(sizes):
+        raise BadInput("has no rows", what, "Give at least one row of numbers")
+    numbers: dict[str, Any] = {}
+    text: dict[str, tuple[str, ...]] = {}
+    for name, values in columns.items():
+        as_numbers = _numbers(values)
+        if as_numbers is None:
+            text[name] = tuple("" if v is None or v != v else str(v) for v in values)
+        else:
+            numbers[name] = as_numbers
+    refuse_absurd(numbers, what)
+    return Table(what, tuple(columns), numbers, text, sizes.pop())
+
+
+def _columns(source: Any, names: Sequence[str], what: str) -> dict[str, list[Any]]:
+    """Return the columns by name, whatever holds them."""
+    if isinstance(source, Mapping) or hasattr(source, "columns"):
+        keys = [str(k).strip() for k in (source if isinstance(source, Mapping) else source.columns)]
+        if len(set(keys)) < len(keys):
+            double = next(k for k in keys if keys.count(k) > 1)
+            raise BadInput(f"two columns are called '{double}'", what, "Rename one of them")
+        held = source if isinstance(source, Mapping) else {c: source[c] for c in source.columns}
+        return {k: list(np.asarray(v, dtype=object).ravel())
+                for k, v in zip(keys, held.values(), strict=True)}
+    block = np.asarray(source)
+    if block.ndim == 1:
+        block = block[None]
+    if block.ndim != 2 or block.shape[1] != len(names):
+        raise BadInput(f"is an array of shape {np.shape(source)}", what,
+                       f"Give (N, {len(names)}): {', '.join(names)}; or name the columns, as a "
+                       "data frame or as a mapping")
+    return {name: list(block[:, i]) for i, name in enumerate(names)}
+
+
+def _numbers(values: list[Any]) -> Any:
+    """Return N values as floats (N,), None where one of them is a word."""
+    try:
+        return np.array([np.nan if v is None else float(v) if not isinstance(v, str) else v
+                         for v in values], dtype=float)
+    except (TypeError, ValueError):
+        return None
