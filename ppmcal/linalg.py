@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 def finite_rows(rows: Array) -> Bools:
     """Return which rows of (N, m) hold a number everywhere (N,).
 
-    >>> known(np.array([[1.0, 2.0], [np.nan, 3.0]])).tolist()
+    >>> finite_rows(np.array([[1.0, 2.0], [np.nan, 3.0]])).tolist()
     [True, False]
     """
     return np.asarray(np.isfinite(rows).all(axis=1), dtype=np.bool_)

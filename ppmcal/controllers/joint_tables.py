@@ -6,7 +6,7 @@ where du are the effects that know nothing but the joint's own value and the dir
 (gain, curvature, periodic, eccentricity, backlash). So it has to be told the m at which both are
 equal, and LinuxCNC tells it n + (nominal - forward): the table holds forward = 2 n - m, which is
 the joint's actual position at n up to errors times slopes. All SI, apart from
-:class:`ppmcal.io.joint_compensation.Triplets`, which are in the controller's unit.
+:class:`joint_tables_file.Triplets`, which are in the controller's unit.
 """
 
 from __future__ import annotations
