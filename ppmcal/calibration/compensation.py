@@ -14,6 +14,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.summary import Identification
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.forward import forward
@@ -52,6 +53,16 @@ class Knowledge:
     pivots: Mapping[str, Array]
     before: Mapping[str, Registration]
     unexplained: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, found: Identification) -> Knowledge:
+        """Return what an identification knows, as its identification.json would tell it."""
+        problem = found.fit.problem
+        left = found.unexplained
+        return cls(tuple(found.columns), found.covariance, found.measured_volume,
+                   {d.name: o.about for d, o in zip(problem.datasets, problem.opens, strict=True)},
+                   found.before_registrations,
+                   (float(left.get("position", 0.0)), float(left.get("rotation", 0.0))))
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from ppmcal.calibration.validation import Residuals, held_out, on_other, registe
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.mechanism import Mechanism, Registration
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, Registration
 
 Z95 = 1.959963984540054
 IMPLAUSIBLE = 8.0
@@ -101,6 +101,15 @@ class Identification:
     flats: tuple[Flat, ...] = ()
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
+
+    @property
+    def measured_volume(self) -> dict[str, tuple[float, float]]:
+        """Range of the platform poses that were measured, by coordinate, base frame, SI."""
+        poses = np.concatenate([p[k].reshape(-1, 8)    # a distance has two platform positions
+                                for p, k in zip(self.fit.state.poses, self.fit.keep, strict=True)])
+        full = pose_vector(poses)
+        return {POSE_COORDINATES[c]: (float(full[:, c].min()), float(full[:, c].max()))
+                for c in self.mechanism.dof}
 
 
 def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.linalg import Array, ways
+from ppmcal.wording import counted
 
 KINDS = ("pose", "position", "plane", "distance")
 
@@ -26,7 +27,7 @@ class Unknown:
     same_as: str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Dataset:
     """One CSV with its sidecar.
 
@@ -107,6 +108,10 @@ class Dataset:
             sigma_value=np.ones(n), sigma_actuator=np.zeros(q.shape[1]), groups=np.arange(n),
             columns={}, sessions=None, frame=Unknown(fitted, np.zeros(6)), target=point,
             target_rotation=point)
+
+    def __repr__(self) -> str:
+        """Return name, kind of instrument and number of rows."""
+        return f"<data set {self.name}: {self.kind}, {counted(len(self), 'row')}>"
 
     def __len__(self) -> int:
         """Return the number of rows N."""

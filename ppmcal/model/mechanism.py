@@ -14,6 +14,7 @@ from ppmcal.model.effects import EffectKind
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values
 from ppmcal.units import Units
+from ppmcal.wording import counted
 
 POSE_COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 MOTIONS = {"planar": (0, 1, 5), "translational": (0, 1, 2), "spatial": (0, 1, 2, 3, 4, 5)}
@@ -63,7 +64,7 @@ class Registration:
     target_rotation: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mechanism:
     """A parallel mechanism: data only, SI.
 
@@ -109,6 +110,13 @@ class Mechanism:
     inputs: tuple[str, ...] = ()
     stiffness: tuple[Mapping[str, float], ...] = ()
     cost: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return name, motion, limbs and how many parameters may change."""
+        kinds = ", ".join(dict.fromkeys(limb.kind.name for limb in self.limbs))
+        effects = "".join(f"; {k}" for k in dict.fromkeys(e.kind.name for e in self.effects))
+        return (f"<mechanism {self.name}: {self.motion}, {counted(len(self.limbs), 'limb')} "
+                f"{kinds}, {counted(len(self.free), 'free parameter')}{effects}>")
 
     @property
     def dof(self) -> tuple[int, ...]:

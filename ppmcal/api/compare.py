@@ -1,0 +1,72 @@
+"""What changed between two calibrations of a machine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from ppmcal.api.identify import same_machine
+from ppmcal.api.inputs import Path_, source_of
+from ppmcal.api.result import Result
+from ppmcal.calibration.change_detection import Comparison, between
+from ppmcal.io import read_mechanism
+from ppmcal.io.results.comparison import ComparisonRecord
+from ppmcal.io.results.knowledge import read_knowledge, read_posterior
+from ppmcal.model.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ComparisonResult(Result):
+    """What changed.
+
+    Attributes:
+        mechanism: the machine as it was calibrated last.
+        comparison: the test of all parameters together and the changes it names, SI.
+        record: the content of comparison.json.
+    """
+
+    COMMAND: ClassVar[str] = "compare"
+    TABLE: ClassVar[str] = "compare.csv"
+
+    mechanism: Mechanism
+    comparison: Comparison
+    record: ComparisonRecord
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return compare.csv and comparison.json."""
+        return dict(self.record.files())
+
+    def headline(self) -> str:
+        """Return whether the machine has changed."""
+        found = self.comparison
+        return (f"{self.mechanism.name}: {len(found.names)} parameters; "
+                + ("the machine has changed" if found.changed else "nothing has changed")
+                + f" (chi-squared {found.chi2:.4g} of {found.freedom} degrees, p = "
+                f"{found.p_value:.2g}).")
+
+
+def compare(old: Path_, new: Path_) -> ComparisonResult:
+    """Tell what changed between two calibrations of one machine.
+
+    Args:
+        old: folder that ``identify`` wrote, or the identified.yaml in it.
+        new: the same of the later calibration, from other measurements.
+
+    Raises:
+        BadInput: anything wrong in the files, or another machine.
+    """
+    first, second = (p / "identified.yaml" if p.is_dir() else p for p in (Path(old), Path(new)))
+    mechanism = read_mechanism(second)
+    odd = same_machine(mechanism, read_mechanism(first), first)
+    paths = [p.with_name("identification.json") for p in (first, second)]
+    before, after = (read_posterior(p, mechanism) for p in paths)
+    knowledge = read_knowledge(paths[0], mechanism)
+    found, notes = between(mechanism, before, after, knowledge.volume, np.random.default_rng(0))
+    findings = (*odd, *notes)
+    source = source_of("compare", [*mechanism.inputs, *(str(p) for p in paths)], None)
+    return ComparisonResult(source, findings, mechanism, found,
+                            ComparisonRecord.of(found, mechanism, source, findings))

@@ -1,0 +1,189 @@
+"""Wanted poses into corrected commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ppmcal.api.identify import IdentificationResult
+from ppmcal.api.inputs import (
+    Machine,
+    Path_,
+    files_of,
+    load,
+    place_of,
+    source_of,
+    table_columns,
+)
+from ppmcal.api.result import Result
+from ppmcal.calibration.compensation import Compensation, Knowledge
+from ppmcal.calibration.compensation import compensate as compensated
+from ppmcal.calibration.model_averaging import Targets, averaged
+from ppmcal.errors import BadInput, NoResult, unknown
+from ppmcal.io import read_poses
+from ppmcal.io.frames import is_path
+from ppmcal.io.poses import PoseTable
+from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.io.results.other_models import read_other_models
+from ppmcal.io.results.tables import command_files
+from ppmcal.kinematics.effect_response import missing_columns
+from ppmcal.model.dataset import conditions
+from ppmcal.model.mechanism import Mechanism, Registration
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CompensationResult(Result):
+    """Corrected commands.
+
+    Attributes:
+        mechanism: the identified machine.
+        compensation: joint values ``q`` (N, k) SI, status and reason, predicted errors.
+        frame: data set whose measuring frame the targets are in, empty for the base.
+        knowledge: what the calibration knew, None where it is not known.
+        notes: sentences on what is not known.
+        targets: header and columns of the wanted poses, as they were given.
+    """
+
+    COMMAND: ClassVar[str] = "compensate"
+    TABLE: ClassVar[str] = "commands.csv"
+
+    mechanism: Mechanism
+    compensation: Compensation
+    frame: str
+    knowledge: Knowledge | None
+    notes: tuple[str, ...]
+    targets: tuple[tuple[str, ...], tuple[Any, ...]]
+
+    @property
+    def refused(self) -> list[tuple[int, str]]:
+        """Rows (from 1) that have no command, each with its reason."""
+        found = self.compensation
+        return [(n + 1, r) for n, (s, r) in enumerate(zip(found.status, found.reason, strict=True))
+                if s != "ok"]
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return commands.csv and commands.json."""
+        header, columns = self.targets
+        return dict(command_files(self.mechanism, self.compensation, header, list(columns),
+                                  self.provenance, list(self.notes)))
+
+    def headline(self) -> str:
+        """Return how many targets have commands."""
+        total = len(self.compensation.status)
+        return (f"{self.mechanism.name}: {total - len(self.refused)} of {total} targets have "
+                f"commands, in the frame of {self.frame or 'the base'}.")
+
+    def errors(self) -> tuple[float | None, float | None]:
+        """Return rms position errors predicted without and with correction, m; None: unknown."""
+        found = self.compensation
+        good = np.isfinite(found.q).all(axis=1) & np.isfinite(found.position_before)
+        if not good.any():
+            return None, None
+        before = float(np.sqrt(np.mean(found.position_before[good] ** 2)))
+        left = np.hypot(np.nan_to_num(found.position_after[good]), found.sigma_position[good])
+        return before, float(np.sqrt(np.mean(left**2))) if np.isfinite(left).all() else None
+
+
+def compensate(model: Machine | IdentificationResult, targets: Any, *, frame: str | None = None,
+               knowledge: Path_ | None = None, approach: str = "columns") -> CompensationResult:
+    """Turn wanted poses into corrected commands of an identified machine.
+
+    Args:
+        model: the identified machine: its file, or what :func:`ppmcal.identify` or
+            :func:`ppmcal.diagnose` returned.
+        targets: poses: path of a CSV, data frame, mapping of columns or array (N, d) of the
+            machine's coordinates, in the mechanism file's units.
+        frame: data set whose measuring frame the targets are in, or ``base``  [default: the
+            model's only data set].
+        knowledge: identification.json of the model  [default: beside its file].
+        approach: directions of approach: from dir_ ``columns``, or from the order of the
+            targets: ``sequence``.
+
+    Raises:
+        BadInput: anything wrong in the files, or a frame that the model does not know.
+        NoResult: commands that are predicted to be worse than none.
+    """
+    machine, known, path, notes = _known(model, knowledge)
+    registration, name = _frame(machine, frame)
+    poses = read_poses(targets, machine)
+    sequence = approach == "sequence"
+    _refuse_short(machine, poses, place_of(targets, "poses"), sequence)
+    found = compensated(machine, poses.poses, registration, known, name, poses.conditions, sequence)
+    more: list[str] = []
+    if is_path(model):
+        readings, more = read_other_models(Path(model), machine)
+        wanted = Targets(poses.poses, name, poses.conditions, sequence)
+        found, told = averaged(machine, found, readings, known, wanted)
+        notes += told
+    inputs = [*machine.inputs, *files_of(targets), *path, *more]
+    result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
+                                known, tuple(notes),
+                                table_columns(targets, machine.coordinates))
+    _refuse_worse(result, machine.source)
+    return result
+
+
+def _known(model: Machine | IdentificationResult, knowledge: Path_ | None
+           ) -> tuple[Mechanism, Knowledge | None, list[str], list[str]]:
+    """Return the machine, what its calibration knew, the file of that, and notes."""
+    if isinstance(model, IdentificationResult):
+        return model.mechanism, Knowledge.of(model.identification), [], []
+    machine = load(model)
+    notes = list(machine.findings)
+    path = Path(knowledge) if knowledge is not None else Path(machine.source).with_name(
+        "identification.json")
+    if knowledge is not None or path.exists():
+        return machine, read_knowledge(path, machine), [str(path)], notes
+    notes.append(f"{path} is not there: uncertainties and the measured volume are unknown, so "
+                 "poses far outside it are not refused")
+    return machine, None, [], notes
+
+
+def _refuse_worse(result: CompensationResult, source: str) -> None:
+    """Refuse corrections that are predicted to be worse than none.
+
+    Raises:
+        NoResult: with both predictions.
+    """
+    before, after = result.errors()
+    if before is None or after is None or after <= before:
+        return
+    units = result.mechanism.units
+    factor, unit = units.factor("length"), units.length
+    raise NoResult(
+        f"these corrections are predicted to be worse than none: {after / factor:.3g} {unit} rms "
+        f"with them, {before / factor:.3g} {unit} without", source,
+        "Send the uncorrected commands; or measure more, or at these poses, and identify again")
+
+
+def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence: bool) -> None:
+    """Refuse targets that lack a column which the machine's effects depend on."""
+    n = len(poses.rows)
+    # in a sequence every joint's direction follows from the order
+    joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
+    rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
+    missing = missing_columns(mechanism, rows)
+    if missing:
+        raise BadInput(f"the model's effects depend on {', '.join(missing)}, which is not there",
+                       f"{source}: header", f"Add the column {missing[0]}")
+
+
+def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration | None, str]:
+    """Return the registration that the targets are in, and its name."""
+    names = list(mechanism.registrations)
+    if frame == "base":
+        return None, ""
+    if frame is None:
+        if len(names) == 1:
+            return mechanism.registrations[names[0]], names[0]
+        what = f"the model knows {len(names)} measuring frames" if names else (
+            "the model knows no measuring frame: it was not identified")
+        raise BadInput(what, f"{mechanism.source}: measurement.datasets",
+                       f"Choose with --frame: {', '.join([*names, 'base'])}")
+    if frame not in names:
+        raise unknown("data set", frame, [*names, "base"], "--frame")
+    return mechanism.registrations[frame], frame

@@ -1,0 +1,107 @@
+"""The effect that the model misses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+from ppmcal.api.identify import with_unit_findings
+from ppmcal.api.inputs import Machine, Measurements, data_files, prepared, source_of
+from ppmcal.api.result import Progress, Result, silent
+from ppmcal.calibration.misreading import refuse_misread
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.diagnose import DiagnosisOptions
+from ppmcal.diagnosis.diagnose import diagnose as diagnosed
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io.output import plain
+from ppmcal.io.results.diagnosis import files, summary
+from ppmcal.model.effects import effect_kinds
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.report.diagnosis_wording import VERDICTS
+from ppmcal.report.figure_files import diagnosis_files, need_png
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DiagnosisResult(Result):
+    """What the model misses, with the model that has it.
+
+    Attributes:
+        diagnosis: everything, SI: verdict, named effects, gap on held-out poses, rivals.
+        png: whether the pictures are saved as PNG too.
+    """
+
+    COMMAND: ClassVar[str] = "diagnose"
+    TABLE: ClassVar[str] = "effects.csv"
+
+    diagnosis: Diagnosis
+    png: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """``none``, ``named``, ``named-set``, ``partial`` or ``unnamed``."""
+        return self.diagnosis.verdict
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The machine with the effects that were found, identified."""
+        return self.diagnosis.identification.mechanism
+
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """The content of diagnosis.json, file units."""
+        return summary(self.diagnosis, self.provenance)
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return model.yaml, effects.csv, residuals.csv, diagnosis.json, ... and pictures."""
+        return {**files(self.diagnosis, self.provenance, self.record),
+                **diagnosis_files(plain(self.record), self.png)}
+
+    def headline(self) -> str:
+        """Return the verdict, the effects that are named, and the gap."""
+        found = self.diagnosis
+        words = VERDICTS[found.verdict]
+        if found.verdict == "named" and len({e.kind for e in found.effects}) > 1:
+            words = "The missing effects are named."
+        return f"{self.mechanism.name}: {words}"
+
+
+def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | str = (),
+             kinds: Sequence[str] = (), holdout: float = 0.27, draws: int = 2000, seed: int = 0,
+             png: bool = False, progress: Progress = silent) -> DiagnosisResult:
+    """Find the physical effect that a model misses, name it and add it.
+
+    Args:
+        mechanism: the machine, or its file.
+        data: data sets, or paths of measurement files.
+        free: geometry that the fit may change, in place of the file's choice.
+        kinds: try only these kinds of effect  [default: all].
+        holdout: part of the poses that no fit sees, on which the gap is measured.
+        draws: simulated campaigns of noise behind the thresholds.
+        seed: of everything drawn at random.
+        png: save the pictures as PNG too (needs the extra ``plots``).
+        progress: called with a line of text now and then.
+
+    Raises:
+        BadInput: anything wrong in the files, or a kind that there is not.
+        NoResult: measurements that do not fit the machine at all, or no convergence.
+    """
+    for kind in kinds:
+        if kind != "geometry" and kind not in effect_kinds():
+            raise unknown("effect", kind, [*effect_kinds(), "geometry"], "--kind")
+    if not 0.0 <= holdout <= 0.9:
+        raise BadInput(f"{holdout:g} is no part of the poses", "--holdout", "Give 0 to 0.9")
+    if png:
+        need_png()
+    machine, datasets = prepared(mechanism, data, free)
+    problem = Problem(machine, datasets, machine.free)
+    with with_unit_findings(machine, datasets) as units:
+        progress("comparing the measurements with the nominal machine")
+        refuse_misread(problem)
+        found = diagnosed(problem, DiagnosisOptions(holdout, seed, draws, tuple(kinds) or None),
+                          progress)
+    found = replace(found, findings=(*units, *found.findings))
+    source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
+    return DiagnosisResult(source, tuple(found.findings), found, png)

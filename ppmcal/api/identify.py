@@ -1,0 +1,302 @@
+"""The machine's geometry from measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ppmcal.api.inputs import (
+    Machine,
+    Measurements,
+    Path_,
+    data_files,
+    datasets_of,
+    prepared,
+    source_of,
+)
+from ppmcal.api.result import Progress, Result, silent
+from ppmcal.calibration.change_detection import carried_on
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
+from ppmcal.calibration.identify import identify as fitted
+from ppmcal.calibration.misreading import refuse_misread
+from ppmcal.calibration.noise import noise_check, with_estimated_noise
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import Identification, report
+from ppmcal.calibration.validation import Residuals
+from ppmcal.errors import BadInput, NoResult, PpmcalError
+from ppmcal.io import read_mechanism, unit_findings
+from ppmcal.io.results.identification import files, summary
+from ppmcal.io.results.knowledge import read_posterior, refuse_twice
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationResult(Result):
+    """A calibrated machine and how well it is known.
+
+    Attributes:
+        identification: everything, SI: the fit, its residuals, noise and findings.
+        method: ``prior``, ``flat``, ``gcv`` or ``damped``.
+        notes: sentences on the noise of each file, where it was estimated.
+    """
+
+    COMMAND: ClassVar[str] = "identify"
+    TABLE: ClassVar[str] = "parameters.csv"
+
+    identification: Identification
+    method: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The machine with the identified values and, as tolerances, what is still unknown."""
+        return self.identification.mechanism
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit is at its minimum."""
+        return self.identification.fit.converged
+
+    @property
+    def parameters(self) -> Any:
+        """One row per parameter, file units: nominal, value, error, sigma, tolerance, status."""
+        return self.to_frame()
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (C, C) of the free parameters, frames and targets, SI (``columns``)."""
+        return self.identification.covariance
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What the C rows of :attr:`covariance` are."""
+        return tuple(self.identification.columns)
+
+    @property
+    def residuals(self) -> Residuals:
+        """Measured minus predicted of every row after the fit, SI."""
+        return self.identification.after
+
+    @property
+    def identifiability(self) -> Identifiability:
+        """What the data leave open: scale, exactly correlated parameters."""
+        return self.identification.identifiability
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return identified.yaml, parameters.csv, residuals.csv and identification.json."""
+        return dict(files(self.identification, self.provenance, self.method))
+
+    def summary(self) -> dict[str, Any]:
+        """Return the content of identification.json without the covariance."""
+        return summary(self.identification, self.provenance, self.method, False)
+
+    def headline(self) -> str:
+        """Return parameters, rank and the error before and after."""
+        found, unit = self.identification, self.mechanism.units
+        before, after = (r.figures(found.fit.keep) for r in (found.before, found.after))
+        name = next(iter(after), "")
+        f = unit.factor("angle" if name == "rotation" else "length")
+        errors = "" if not name else (
+            f"; {name} error {before[name]['rms'] / f:.4g} -> {after[name]['rms'] / f:.4g} "
+            f"{unit.name('angle' if name == 'rotation' else 'length')} rms")
+        return (f"{self.mechanism.name}: {len(found.fit.problem.free)} parameters, rank "
+                f"{found.rank} of {len(found.columns)}{errors}")
+
+
+def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
+             prior: str = "tolerances", damping: float = 0.9, iterations: int | None = None,
+             free: Sequence[str] | str = (), holdout: float | Measurements = 0.2,
+             sigma: str = "stated", start: Path_ | None = None, keep: bool = False,
+             keep_outliers: bool = False, seed: int = 0, progress: Progress = silent
+             ) -> IdentificationResult:
+    """Identify the geometry of a machine from measurements.
+
+    Args:
+        mechanism: the machine, or its file.
+        data: data sets, or paths of measurement files.
+        method: ``prior``: tolerances as prior; ``gcv``: their common scale by generalised
+            cross-validation; ``damped``: the scheme of [PPM] with ``damping`` (0, 1).
+        prior: ``tolerances``, or ``flat``: none at all.
+        damping: of the method ``damped``.
+        iterations: stop after so many and return what was reached  [default: 60, damped: 6000,
+            and no result without convergence].
+        free: patterns of the parameters that may change, in place of the file's.
+        holdout: part of the poses to hold out, or other measurements to test on.
+        sigma: ``stated``, or ``estimated``: the noise of each file as its residuals show it.
+        start: folder or identified.yaml of an earlier calibration to start from.
+        keep: carry on that calibration (or the machine's own): what its data knew stays known.
+        keep_outliers: use every row as it is.
+        seed: of the poses that are held out.
+        progress: called with a line of text now and then.
+
+    Raises:
+        BadInput: anything wrong in the files, or options that do not go together.
+        NoResult: measurements that do not fit the machine at all, or no convergence.
+    """
+    refuse_mixtures(method, prior, sigma, keep)
+    machine, datasets = prepared(mechanism, data, free)
+    other, fraction = _held_out(holdout, machine)
+    inputs: list[Path_] = [*machine.inputs, *data_files((*datasets, *other))]
+    notes: list[str] = []
+    origin = Path(machine.source)
+    if start is not None:
+        origin = Path(start) / "identified.yaml" if Path(start).is_dir() else Path(start)
+        machine, notes = started(machine, origin)
+        inputs.append(str(origin))
+    before = read_posterior(origin.with_name("identification.json"), machine) if keep else None
+    inputs += [before.source] if before else []
+    source = source_of("identify", inputs, seed)
+    if before is not None:
+        refuse_twice(before, source)
+    chosen = "flat" if prior == "flat" else method
+    options = FitOptions(chosen, damping, not keep_outliers and method != "damped", iterations)
+    problem = Problem(machine, datasets, machine.free, earlier=before.data() if before else None)
+    if prior == "flat":
+        _refuse_lost(problem, machine.source)
+    with with_unit_findings(machine, datasets) as units:
+        progress("comparing the measurements with the nominal machine")
+        refuse_misread(problem)
+        fit, odd, told = _fit(problem, options, sigma, progress)
+        found = report(fit, options, fraction, seed, other)
+    if before is not None:
+        notes += odd + carried_on(fit, before, options)
+    found = replace(found, findings=(*notes, *units, *found.findings), earlier=before)
+    return IdentificationResult(source, tuple(found.findings), found, chosen, tuple(told))
+
+
+def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
+    """Refuse options that do not go together.
+
+    Raises:
+        BadInput: with the option, and what goes with it.
+    """
+    for value, name, allowed in ((method, "method", ("prior", "gcv", "damped")),
+                                 (prior, "prior", ("tolerances", "flat")),
+                                 (sigma, "sigma", ("stated", "estimated"))):
+        if value not in allowed:
+            raise BadInput(f"'{value}' is not a {name}", f"--{name}",
+                           f"There are: {', '.join(allowed)}")
+    if sigma == "estimated" and method == "damped":
+        raise BadInput("goes with --method prior or gcv", "--sigma estimated", "Choose one")
+    if method != "prior" and prior == "flat":
+        raise BadInput(f"goes with --method prior, not {method}", "--prior flat", "Choose one")
+    if keep and method == "damped":
+        raise BadInput("goes with --method prior or gcv", "--keep", "Choose one")
+
+
+@contextmanager
+def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Iterator[list[str]]:
+    """Yield what `check` says of units and limits; a fit that fails inside says it too."""
+    found = unit_findings(mechanism, datasets)
+    try:
+        yield found
+    except PpmcalError as error:
+        mend = " ".join([*found, error.mend]).strip()
+        raise type(error)(error.what, error.where, mend) from None
+
+
+def _fit(problem: Problem, options: FitOptions, sigma: str, progress: Callable[[str], None]
+         ) -> tuple[Fit, list[str], list[str]]:
+    """Fit, with the noise as stated or as the residuals show it.
+
+    Returns:
+        The fit, what was odd about the noise, and what the estimated noise is.
+    """
+    def watch(i: int, c: float) -> None:
+        progress(f"iteration {i}, chi-squared {c:.6g}")
+
+    odd, told = list[str](), list[str]()
+    if sigma == "estimated":
+        fit, factor = with_estimated_noise(problem, options, watch)
+        told = [f"{d.name}: noise {f:.3g} times the stated one."
+                for d, f in zip(problem.datasets, factor.tolist(), strict=True)]
+    else:
+        fit = fitted(problem, options, watch)
+        if problem.earlier is not None and noise_check(fit).failed:
+            # what was known before must not pay for the noise of the new rows
+            fit, factor = with_estimated_noise(problem, options, watch)
+            odd = [f"{d.name}: residuals are {f:.3g} times the stated noise: something is missing "
+                   "in the model, or sigma is too small; this file counts that much less"
+                   for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]
+    _refuse_unconverged(fit, options)
+    return fit, odd, told
+
+
+def _refuse_lost(problem: Problem, source: str) -> None:
+    """Refuse a fit without tolerances that nothing keeps from shrinking or growing."""
+    scale = predict_identifiability(problem, "flat").scale
+    if scale is not None and scale.lost:
+        raise BadInput("these data do not hold the machine's size, and without tolerances "
+                       "nothing else does: the fit would run off", f"{source} with --prior flat",
+                       "Keep the tolerances, fix the lengths or the drives (fixed: true), or add "
+                       "a measured distance")
+
+
+def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], float]:
+    """Return other measurements to test on, or the part of the poses to hold out."""
+    try:
+        fraction = float(holdout)
+    except (TypeError, ValueError):
+        return datasets_of(machine, holdout), 0.0
+    if not 0.0 <= fraction < 1.0:
+        raise BadInput(f"{holdout} is no part of the poses", "--holdout",
+                       "Give a fraction from 0 to below 1, or a CSV")
+    return (), fraction
+
+
+def _refuse_unconverged(fit: Fit, options: FitOptions) -> None:
+    """Refuse a fit that is neither at its minimum nor at the noise, unless asked to stop there.
+
+    Raises:
+        NoResult: with how far it got.
+    """
+    if fit.converged or fit.stopped or options.iterations:
+        return
+    if options.method == "damped":
+        raise NoResult(f"the damped scheme is too slow for these parameters: {fit.reached}",
+                       "--method damped",
+                       "Use a smaller --damping, fewer free parameters, --iterations to stop "
+                       "where you want, or the prior (--method prior)")
+    if noise_check(fit).failed:
+        raise NoResult(f"the fit did not converge: {fit.reached}",
+                       ", ".join(d.source for d in fit.problem.datasets),
+                       "Run check on machine and data: units, order of columns, poses that tell "
+                       "the parameters apart; or free fewer parameters, or try more --iterations")
+
+
+def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
+    """Return the machine with the free values of an earlier calibration, and what was odd."""
+    other = read_mechanism(start)
+    notes = same_machine(mechanism, other, start)
+    found = dict(zip(other.names, other.values.tolist(), strict=True))
+    g = mechanism.values.copy()
+    for p in mechanism.free:
+        g[p] = found.get(mechanism.names[p], g[p])
+    return mechanism.with_values(g), notes
+
+
+def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[str]:
+    """Return which fixed values differ between a machine and an earlier file of it.
+
+    Raises:
+        BadInput: the limbs are not the same.
+    """
+    kinds = [{limb.name: limb.kind.name for limb in m.limbs} for m in (mechanism, other)]
+    if kinds[0] != kinds[1]:
+        raise BadInput("is of another machine: its limbs are not those of "
+                       f"{mechanism.source}", str(source),
+                       "Give the identified.yaml of an earlier calibration of this machine")
+    found = dict(zip(other.names, other.values.tolist(), strict=True))
+    free = {mechanism.names[p] for p in mechanism.free}
+    apart = [name for i, name in enumerate(mechanism.names)
+             if name not in free and found.get(name, mechanism.values[i]) != mechanism.values[i]]
+    if not apart:
+        return []
+    return [f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
+            f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}"]

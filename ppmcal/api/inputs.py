@@ -1,0 +1,195 @@
+"""What the functions take: machines, measurements and tables, from files or from memory."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io import provenance, read_campaign, read_mechanism
+from ppmcal.io.csv import read_table
+from ppmcal.io.dataset_reader import dataset_of, joined
+from ppmcal.io.folder import current
+from ppmcal.io.frames import as_table, is_path
+from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
+from ppmcal.io.templates import find_template
+from ppmcal.kinematics.effect_response import conditions_of, missing_columns, with_strokes
+from ppmcal.kinematics.tables import with_joints
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.parameters import unmatched
+
+Path_ = str | os.PathLike[str]
+Machine = Mechanism | Path_ | Mapping[str, Any]
+"""A mechanism, the path of its file, or what such a file holds."""
+Measurements = Any
+"""Data sets, paths of their files, or a mixture."""
+
+
+def shipped(kind: str, scenario: bool = False) -> Path:
+    """Return the path of a mechanism file that comes with ppmcal, or of its scenario.
+
+    Args:
+        kind: as ``ppmcal init`` lists them, such as ``6-UPS``.
+        scenario: the scenario of that machine in place of the machine.
+
+    Raises:
+        BadInput: there is no such kind; the text lists them.
+    """
+    path = find_template(kind)
+    return path.parent / "scenarios" / path.name if scenario else path
+
+
+def load(source: Machine) -> Mechanism:
+    """Return the mechanism of a file, everything in SI.
+
+    Args:
+        source: path of a mechanism file, or a mapping with the keys of one; a mechanism is
+            handed back as it is.
+
+    Raises:
+        BadInput: anything wrong in the file, with file, place and mend.
+
+    >>> load(shipped("3-RPR"))
+    <mechanism 3-RPR: planar, 3 limbs R(P)R, 9 free parameters>
+    """
+    return source if isinstance(source, Mechanism) else read_mechanism(source)
+
+
+def read_data(mechanism: Machine, *sources: Any, sidecar: Mapping[str, Any] | Path_ | None = None,
+              name: str = "") -> tuple[Dataset, ...]:
+    """Return the data sets of one campaign, everything in SI.
+
+    Args:
+        mechanism: the machine that was measured.
+        *sources: CSV files with their sidecars beside them; or tables that are in memory: data
+            frames or mappings with the columns of such a file (``q_<actuator>``, ``x``, ``y``,
+            ``z``, ``rx``, ``ry``, ``rz``, ``height``, ``distance``, ...).
+        sidecar: what the YAML beside a file says, for tables in memory: ``units``, ``instrument``,
+            ``frame``, ``target``, ...  Left out, units are the mechanism file's, frame and target
+            unknown. Or the path of such a YAML.
+        name: of a table in memory  [default: table, or table1, table2, ...].
+
+    Raises:
+        BadInput: anything wrong in a table or in its sidecar.
+    """
+    machine = load(mechanism)
+    paths = [s for s in sources if is_path(s)]
+    if len(paths) == len(sources) and sidecar is None:
+        found = read_campaign(paths, machine)
+    else:
+        many = sum(not is_path(s) for s in sources) > 1
+        made, count = list[Dataset](), 0
+        for source in sources:
+            count += not is_path(source)
+            label = (name or "table") + (str(count) if many else "")
+            made.append(_one(machine, source, sidecar, label))
+        found = joined(made)
+    return tuple(with_joints(machine, d) for d in found)
+
+
+def _one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | None, label: str
+         ) -> Dataset:
+    """Return one table with its sidecar as a data set."""
+    if is_path(source):
+        path = Path(source)
+        table, mine = read_table(path, text=("pose", "session")), sidecar
+        if mine is None:
+            return dataset_of(table, *read_sidecar(path), machine)
+    else:
+        table, mine = as_table(source, what=label), sidecar
+        if mine is None:
+            raise BadInput("a table in memory needs its sidecar", label,
+                           'Give it, such as sidecar={"instrument": {"kind": "pose", "sigma": '
+                           '{"position": 0.01, "rotation": 0.002}}}')
+    if not isinstance(mine, Mapping):
+        return dataset_of(table, *read_sidecar(Path(mine)), machine)
+    return dataset_of(table, sidecar_of(mine, machine), "sidecar", machine)
+
+
+def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str = ()
+             ) -> tuple[Mechanism, tuple[Dataset, ...]]:
+    """Return machine and data sets of a fit.
+
+    Args:
+        mechanism: as in :func:`load`.
+        data: data sets (:func:`read_data`), or paths of measurement files; one or several.
+        free: patterns of the parameters that may change, in place of the file's; ``none`` for
+            frames only.
+
+    Raises:
+        BadInput: a pattern without a parameter, data without a column that an effect needs, or
+            any fault of the files.
+    """
+    machine = load(mechanism)
+    patterns = (free,) if isinstance(free, str) else tuple(free)
+    if patterns == ("none",):
+        machine = machine.with_free([])
+    elif patterns:
+        for pattern in unmatched(machine.parameters, patterns):
+            raise unknown("parameter", pattern, machine.names, "--free")
+        machine = machine.with_free(patterns)
+    datasets = datasets_of(machine, data)
+    if machine.effects and datasets:
+        machine = with_strokes(machine, np.concatenate([d.q for d in datasets]))
+        for d in datasets:
+            _refuse_unrecorded(machine, d)
+    return machine, datasets
+
+
+def datasets_of(mechanism: Mechanism, data: Measurements) -> tuple[Dataset, ...]:
+    """Return data sets as they are, and files as data sets."""
+    several = [data] if isinstance(data, Dataset) or is_path(data) else list(data)
+    if all(is_path(d) for d in several):
+        return read_data(mechanism, *several)
+    for d in several:
+        if not isinstance(d, Dataset):
+            raise BadInput(f"measurements are given as {type(d).__name__}", "data",
+                           "Give paths, or what read_data returns")
+    return joined([d for d in several if isinstance(d, Dataset)])
+
+
+def _refuse_unrecorded(mechanism: Mechanism, data: Dataset) -> None:
+    """Refuse data without a column that the machine's effects depend on."""
+    missing = missing_columns(mechanism, conditions_of(mechanism, data))
+    if missing:
+        raise BadInput(f"the effects of {mechanism.source} depend on {', '.join(missing)}, which "
+                       "is not there", f"{data.source}: header",
+                       f"Add the column {missing[0]}, or take the effect out")
+
+
+def data_files(datasets: Sequence[Dataset]) -> list[str]:
+    """Return the files behind data sets: each table and its sidecar."""
+    tables = [Path(d.source) for d in datasets if Path(d.source).suffix == ".csv"]
+    return [*(str(t) for t in tables), *(str(sidecar_path(t)) for t in tables)]
+
+
+def source_of(function: str, inputs: Sequence[Path_], seed: int | None) -> dict[str, Any]:
+    """Return where a result comes from; the command as it was typed, or the function's name."""
+    typed = "ppmcal " + shlex.join(sys.argv[1:]) if current().command else f"ppmcal.{function}()"
+    return provenance(inputs, typed, seed)
+
+
+def table_columns(source: Any, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Any, ...]]:
+    """Return header and columns of a table as it stands, to be repeated in the output.
+
+    ``names`` are those of the columns of a bare array.
+    """
+    raw = read_table(source, loose=lambda _: True) if is_path(source) else as_table(source, names)
+    return raw.header, tuple(raw.numbers.get(h, raw.text.get(h)) for h in raw.header)
+
+
+def place_of(source: Any, what: str) -> str:
+    """Return what messages call a table: its path, or ``what`` where it is in memory."""
+    return str(source) if is_path(source) else what
+
+
+def files_of(*sources: Any) -> list[Path_]:
+    """Return those of the inputs that are files."""
+    return [s for s in sources if s is not None and is_path(s)]

@@ -1,0 +1,251 @@
+"""Inverse, forward and velocity kinematics of a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ppmcal.api.inputs import Machine, files_of, load, place_of, source_of, table_columns
+from ppmcal.api.result import Result
+from ppmcal.calibration.compensation import station_of
+from ppmcal.calibration.observation import stretched
+from ppmcal.design.intersection import forward_by_intersection
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io import read_joints, read_poses, twists
+from ppmcal.io.grid import read_point
+from ppmcal.io.results.tables import Shown, kinematics_files
+from ppmcal.io.rotations import check_convention
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import missing_columns, shifted
+from ppmcal.kinematics.partial_pose import Named, pose_motor
+from ppmcal.kinematics.registration import measured_pose
+from ppmcal.kinematics.tables import (
+    KinematicsTable,
+    forward_table,
+    inverse_table,
+    tool_poses,
+    velocity_table,
+)
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.dataset import Conditions, conditions
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import counted
+
+WHICH = ("inverse", "forward", "velocity")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class KinematicsResult(Result):
+    """Kinematics of N rows.
+
+    Attributes:
+        mechanism: the machine; which: ``inverse``, ``forward`` or ``velocity``.
+        table: joint values, poses, rates, conditioning, status and reason of each row, SI.
+        shown: tool point, measured poses and convention of rotations in the files.
+        given: header and columns of the table as it was given.
+    """
+
+    COMMAND: ClassVar[str] = "kinematics"
+    TABLE: ClassVar[str] = "kinematics.csv"
+
+    mechanism: Mechanism
+    which: str
+    table: KinematicsTable
+    shown: Shown
+    given: tuple[tuple[str, ...], tuple[Any, ...]]
+
+    @property
+    def q(self) -> Array:
+        """Joint values (N, k), m and rad."""
+        return self.table.q
+
+    @property
+    def pose(self) -> Array:
+        """Poses (N, 6): x, y, z in m, rotation vector in rad; of the tool if there is one."""
+        return self.table.pose if self.shown.pose is None else self.shown.pose
+
+    @property
+    def failed(self) -> list[tuple[int, str, str]]:
+        """Rows (from 1) that are not ok, each with status and reason."""
+        pairs = zip(self.table.status, self.table.reason, strict=True)
+        return [(n + 1, s, r) for n, (s, r) in enumerate(pairs) if s != "ok"]
+
+    @cached_property
+    def _made(self) -> tuple[dict[str, str], int]:
+        header, columns = self.given
+        return kinematics_files(self.mechanism, self.table, header, list(columns), self.which,
+                                self.provenance, self.shown)
+
+    @property
+    def gimbal_lock(self) -> int:
+        """How many rows have only two of their three Euler angles determined."""
+        return self._made[1]
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return kinematics.csv and kinematics.json."""
+        return dict(self._made[0])
+
+    def headline(self) -> str:
+        """Return how many rows are ok."""
+        total = len(self.table.status)
+        return (f"{self.mechanism.name}: {self.which} kinematics of {counted(total, 'row')}, "
+                f"{total - len(self.failed)} ok.")
+
+
+def inverse(mechanism: Machine, poses: Any, *, tool: str | Sequence[float] | None = None,
+            rotation: str = "rotvec") -> KinematicsResult:
+    """Return the joint values of platform poses.
+
+    Args:
+        mechanism: the machine, or its file.
+        poses: path of a CSV, data frame, mapping of columns, or array (N, d) of the machine's
+            coordinates, in the mechanism file's units.
+        tool: point whose poses they are, in platform axes  [default: the platform's origin].
+        rotation: ``rotvec``, ``quat``, or ``euler-xyz`` and the like.
+
+    Raises:
+        BadInput: anything wrong in the table, or an option that does not go with the machine.
+    """
+    return kinematics("inverse", mechanism, poses, tool=tool, rotation=rotation)
+
+
+def forward(mechanism: Machine, joints: Any, *, tool: str | Sequence[float] | None = None,
+            rotation: str = "rotvec", method: str = "newton", dataset: str | None = None
+            ) -> KinematicsResult:
+    """Return the platform poses of joint values.
+
+    Args:
+        mechanism: the machine, or its file.
+        joints: path of a CSV with columns ``q_<actuator>``, data frame, mapping, or array (N, k).
+        tool: point whose poses are wanted, in platform axes.
+        rotation: as for :func:`ppmcal.inverse`.
+        method: ``newton`` on the closure, or ``intersection`` of the limbs' circles and lines
+            for planar machines ([PPM]).
+        dataset: the poses as this instrument of the model's file would measure them.
+
+    Raises:
+        BadInput: anything wrong in the table, or an option that does not go with the machine.
+    """
+    return kinematics("forward", mechanism, joints, tool=tool, rotation=rotation, method=method,
+                      dataset=dataset)
+
+
+def velocity(mechanism: Machine, moves: Any, *, tool: str | Sequence[float] | None = None,
+             rotation: str = "rotvec") -> KinematicsResult:
+    """Return the joint rates of poses with velocities ``vx, vy, vz, wx, wy, wz``.
+
+    Velocities are those of the tool point, and the angular velocity in base axes, in the
+    mechanism file's units per second. Arguments as for :func:`ppmcal.inverse`.
+
+    Raises:
+        BadInput: anything wrong in the table, no velocity columns.
+    """
+    return kinematics("velocity", mechanism, moves, tool=tool, rotation=rotation)
+
+
+def kinematics(which: str, mechanism: Machine, table: Any, *,
+               tool: str | Sequence[float] | None = None, rotation: str = "rotvec",
+               method: str = "newton", dataset: str | None = None) -> KinematicsResult:
+    """Return the kinematics of every row of a table.
+
+    Rows are a path in their order: singularities crossed and assembly modes changed on the
+    way are marked in ``status``.
+
+    Args:
+        which: ``inverse``, ``forward`` or ``velocity``; see the functions of these names.
+        mechanism: the machine, or its file.
+        table: poses, joint values, or poses with velocities; a path or a table in memory.
+        tool: a point in platform axes, in the mechanism file's unit of length.
+        rotation: ``rotvec``, ``quat``, or ``euler-xyz`` and the like.
+        method: forward: ``newton`` or ``intersection``.
+        dataset: forward: the pose as this instrument would measure it.
+
+    Raises:
+        BadInput: anything wrong in the table, or options that do not go together.
+    """
+    if which not in WHICH:
+        raise unknown("kinematics", which, WHICH)
+    if which != "forward" and (dataset is not None or method != "newton"):
+        raise BadInput("goes with forward", "--dataset" if dataset is not None else "--method",
+                       "Leave it out")
+    if dataset is not None and tool is not None:
+        raise BadInput("--tool and --dataset do not go together: the instrument measures its own "
+                       "target", "--dataset", "Leave one of them out")
+    machine = load(mechanism)
+    point, convention = _point(tool, machine), check_convention(rotation, machine)
+    found, rows = _solved(which, machine, table, (point, convention), method)
+    pose = None
+    if dataset is not None:
+        pose = _as_measured(machine, dataset, found, rows)
+    elif point is not None:
+        pose = tool_poses(Model(machine), found.pose, point)
+    shown = Shown(point, pose, convention, method if which == "forward" else "")
+    names = [f"q_{a}" for a in machine.actuators] if which == "forward" else machine.coordinates
+    source = source_of("kinematics", [*machine.inputs, *files_of(table)], None)
+    return KinematicsResult(source, (), machine, which, found, shown, table_columns(table, names))
+
+
+def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | None:
+    """Return the tool point (3,), m; one of a planar machine is in its plane."""
+    if tool is None:
+        return None
+    text = tool if isinstance(tool, str) else ",".join(repr(float(v)) for v in tool)
+    point = read_point(text, mechanism)
+    if mechanism.motion == "planar" and point[2] != 0.0:
+        raise BadInput("the tool of a planar machine is a point of its plane", "--tool",
+                       f"Write X,Y in {mechanism.units.length}")
+    return point
+
+
+def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | None, str],
+            method: str) -> tuple[KinematicsTable, Conditions]:
+    """Return the kinematics of a table and the conditions of its rows."""
+    model, (tool, rotation) = Model(machine), asked
+    if which == "forward":
+        joints = read_joints(table, machine)
+        rows = conditions(joints.conditions, machine.actuators, machine.gravity, joints.q)
+        _refuse_short(machine, rows, place_of(table, "joints"))
+        found = forward_by_intersection(model, joints.q) if method == "intersection" else None
+        return forward_table(model, joints.q, rows, found), rows
+    poses = read_poses(table, machine, rotation)
+    rows = conditions(poses.conditions, machine.actuators, machine.gravity,
+                      np.zeros((len(poses.rows), len(machine.actuators))))
+    _refuse_short(machine, rows, place_of(table, "poses"))
+    named = Named(np.zeros(3) if tool is None else tool, rotation)
+    if which == "inverse":
+        return inverse_table(model, poses.poses, rows, named), rows
+    motion = twists(poses.extra, machine)
+    if motion is None:
+        raise BadInput("no velocity columns", place_of(table, "poses"),
+                       "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
+    return velocity_table(model, poses.poses, motion, rows, named), rows
+
+
+def _refuse_short(mechanism: Mechanism, rows: Conditions, source: str) -> None:
+    """Refuse a table that lacks a column which the machine's effects depend on."""
+    missing = missing_columns(mechanism, rows)
+    if missing:
+        raise BadInput(f"the machine's effects depend on {', '.join(missing)}, which is not there",
+                       f"{source}: header", f"Add the column {missing[0]}, or take the effect out "
+                       f"of {mechanism.source}")
+
+
+def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, rows: Conditions
+                 ) -> Array:
+    """Return the poses (N, 6) as an instrument of the model's file would show them."""
+    if dataset not in mechanism.registrations:
+        raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "
+                      "measurement.datasets")
+    station = station_of(mechanism.registrations[dataset], len(mechanism.actuators))
+    seen = np.full_like(found.pose, np.nan)
+    good = finite_rows(found.pose)
+    pose = pose_motor(found.pose[good])
+    seen[good] = measured_pose(station, pose)
+    shift = shifted(Model(mechanism), rows.take(good), found.q[good], pose).shift
+    if shift is not None:
+        seen[good, :3] = stretched(seen[good, :3], shift.stretch)
+    return seen

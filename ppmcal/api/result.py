@@ -1,0 +1,148 @@
+"""What every function of the Python face returns: a result that shows and saves itself."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ppmcal.errors import unknown
+from ppmcal.io import Output, read_table
+from ppmcal.io.folder import current, note_read, running
+
+Progress = Callable[[str], None]
+SHOWN = 20
+"""Rows that a notebook shows of a table."""
+
+
+def silent(text: str) -> None:
+    """Take progress and show nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What one command found.
+
+    Attributes:
+        provenance: version, SHA-256 of each input file, command and seed.
+        findings: sentences that need a look; the command leaves with exit code 1 where there
+            are any.
+    """
+
+    COMMAND: ClassVar[str]
+    TABLE: ClassVar[str]
+    """The file whose rows stand for the result."""
+
+    provenance: Mapping[str, Any]
+    findings: tuple[str, ...]
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return name -> content of the files that the command writes."""
+        raise NotImplementedError
+
+    def headline(self) -> str:
+        """Return the result in a line."""
+        raise NotImplementedError
+
+    def save(self, folder: str | os.PathLike[str], force: bool = False) -> list[Path]:
+        """Write the command's files into a folder, all of them or none; return their paths.
+
+        Args:
+            folder: made if it is not there.
+            force: replace what this command did not write; inputs are never replaced.
+
+        Raises:
+            BadInput: the folder holds other files, or an input of this result.
+        """
+        with self._run(Path(folder), force):
+            output = Output(folder)
+            for name, content in self.files().items():
+                output.add(name, content)
+            return output.write()
+
+    @contextmanager
+    def _run(self, folder: Path, force: bool) -> Iterator[None]:
+        """Write as a run of the command, unless one is under way."""
+        with nullcontext() if current().command else running(self.COMMAND, folder, force):
+            for path in self.provenance.get("inputs", {}):
+                note_read(path)
+            yield
+
+    def to_frame(self, file: str = "") -> Any:
+        """Return a table of the result, in the units of its file.
+
+        Args:
+            file: one of the CSV files that :meth:`save` writes  [default: the main one].
+
+        Returns:
+            A pandas data frame, or, where pandas is not installed, a dict from column to (N,)
+            values.
+        """
+        name = file or self.TABLE
+        tables = {k: v for k, v in self.files().items() if k.endswith(".csv")}
+        if name not in tables:
+            raise unknown("table", name, tables)
+        content = tables[name]
+        text = content if isinstance(content, str) else content.decode()
+        return framed(text, name)
+
+    def __repr__(self) -> str:
+        """Return the result in a line."""
+        more = f"; {len(self.findings)} findings" if self.findings else ""
+        return f"<ppmcal {self.COMMAND}: {self.headline()}{more}>"
+
+    def _repr_html_(self) -> str:
+        """Return the headline, findings and the first rows of the main table for a notebook."""
+        notes = "".join(f"<li>{html.escape(f)}</li>" for f in self.findings)
+        return (f"<p><b>ppmcal {self.COMMAND}</b>: {html.escape(self.headline())}</p>"
+                + (f"<ul>{notes}</ul>" if notes else "") + _table(self.files()[self.TABLE]))
+
+
+def framed(text: str, name: str) -> Any:
+    """Return a CSV's text as a pandas data frame, or as a dict of columns without pandas."""
+    import csv
+    import io
+
+    import numpy as np
+
+    try:
+        import pandas
+    except ImportError:
+        rows = list(csv.reader(io.StringIO(text)))
+        out: dict[str, Any] = {}
+        for i, column in enumerate(rows[0]):
+            cells = [row[i] for row in rows[1:]]
+            try:
+                out[column] = np.array([float(c) if c else np.nan for c in cells])
+            except ValueError:
+                out[column] = np.array(cells, dtype=object)
+        return out
+    return pandas.read_csv(io.StringIO(text), keep_default_na=True)
+
+
+def _table(content: str | bytes) -> str:
+    """Return the first rows of a CSV as an HTML table."""
+    import csv
+    import io
+
+    text = content if isinstance(content, str) else content.decode()
+    rows = list(csv.reader(io.StringIO(text)))
+    head = "".join(f"<th>{html.escape(c)}</th>" for c in rows[0])
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(_short(c))}</td>" for c in row) + "</tr>"
+                   for row in rows[1:SHOWN + 1])
+    more = f"<p>{len(rows) - 1 - SHOWN} more rows</p>" if len(rows) - 1 > SHOWN else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
+
+
+def _short(cell: str) -> str:
+    try:
+        return f"{float(cell):.6g}" if cell else ""
+    except ValueError:
+        return cell
+
+
+__all__ = ["Progress", "Result", "framed", "read_table", "silent"]
