@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 
-.PHONY: demo test lint bench study clean
+.PHONY: demo test lint bench study schemas clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -28,6 +28,9 @@ lint: $(VENV)/.test
 	$(BIN)/ruff check ppmcal tests benchmarks
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+schemas: $(VENV)/.run
+	@for name in mechanism dataset scenario; do $(BIN)/ppmcal schema $$name > ppmcal/io/schemas/$$name.json; done
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts=

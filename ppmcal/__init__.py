@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ppmcal.api.identify import identify
     from ppmcal.api.inputs import load, read_data, shipped
     from ppmcal.api.kinematics import forward, inverse, kinematics, velocity
+    from ppmcal.api.schema import schema
     from ppmcal.api.simulate import simulate
     from ppmcal.errors import BadInput, NoResult, PpmcalError
 
@@ -37,6 +38,7 @@ _HOME = {
     "load": "api.inputs", "read_data": "api.inputs", "shipped": "api.inputs",
     "check": "api.check", "compare": "api.compare", "compensate": "api.compensate",
     "diagnose": "api.diagnose", "identify": "api.identify", "simulate": "api.simulate",
+    "schema": "api.schema",
     "forward": "api.kinematics", "inverse": "api.kinematics", "kinematics": "api.kinematics",
     "velocity": "api.kinematics",
 }
@@ -55,6 +57,7 @@ __all__ = [
     "kinematics",
     "load",
     "read_data",
+    "schema",
     "shipped",
     "simulate",
     "velocity",

@@ -35,6 +35,7 @@ COMMANDS = {
     "workspace": "Where the machine can go, its singularities, its assembly modes.",
     "plan": "Which poses to measure.",
     "export": "Write a machine as lines for a controller's configuration.",
+    "schema": "Print the JSON Schema of a file, for editors.",
     "report": "Gather output folders into one HTML page.",
     "demo": "Run the whole job once on the sample data.",
 }

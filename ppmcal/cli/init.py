@@ -18,7 +18,7 @@ from ppmcal.cli.common import FILE, Console, json_option, plain_table, quiet_opt
 def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_json: bool) -> None:
     """Write a commented mechanism file for KIND (none: list the kinds)."""
     from ppmcal.errors import BadInput
-    from ppmcal.io.templates import find_template, templates
+    from ppmcal.io.templates import find_template, for_editors, templates
 
     console = Console(quiet, as_json)
     if kind is None:
@@ -36,9 +36,9 @@ def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_jso
             raise BadInput("exists already", str(place), "Give another --out, or --force")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(path.read_bytes())
+        target.write_text(for_editors(path, "mechanism"), encoding="utf-8")
         if scenario.exists():
-            second.write_bytes(scenario.read_bytes())
+            second.write_text(for_editors(scenario, "scenario"), encoding="utf-8")
     except OSError as error:
         raise BadInput(f"cannot be written ({error.strerror})", str(target),
                        "Check the folder and its permissions") from None

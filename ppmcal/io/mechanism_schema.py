@@ -54,11 +54,17 @@ class SlotFile(Strict):
     """One slot: ``120`` or ``{value: 120, tolerance: 0.2, fixed: true}``."""
 
     value: Number | None = None
+    """Present value, in the file's unit of length or angle."""
     tolerance: Spread | None = None
+    """Standard deviation of the part from its nominal value; .inf: no prior."""
     fixed: Flag | None = None
+    """Whether identification must leave it as it is."""
     nominal: Number | None = None
+    """Value of the drawing, where `value` is an identified one."""
     sigma: Spread | None = None
+    """Standard deviation of `value` after identification."""
     share: Path | None = None
+    """Name of a parameter that several slots have in common."""
 
 
 def _three_spreads(value: object) -> list[float]:
@@ -83,28 +89,41 @@ class DirectionFile(Strict):
     """
 
     value: Annotated[list[float], vector(3)] | None = None
+    """The direction; it need not have length 1."""
     nominal: Annotated[list[float], vector(3)] | None = None
+    """The direction of the drawing."""
     rotation: Annotated[list[float], vector(3)] | None = None
+    """Small rotation in base axes that turns `value`: [rx, ry, rz]."""
     sigma: Annotated[list[float], BeforeValidator(_three_spreads)] | None = None
+    """Standard deviation of the rotation after identification."""
     tolerance: Annotated[list[float], BeforeValidator(_three_spreads)] | None = None
+    """Standard deviation of the rotation from the drawing."""
     fixed: Flag | None = None
+    """Whether identification must leave it as it is."""
     share: Path | None = None
+    """Name of a direction that several limbs have in common."""
 
 
 class TolerancesFile(Strict):
     """One standard deviation for each class of slots."""
 
     point: Spread | None = None
+    """Of joint coordinates: x, y, z, radius."""
     length: Spread | None = None
+    """Of rods and other lengths."""
     angle: Spread | None = None
+    """Of angles and directions."""
     offset: Spread | None = None
+    """Of the drives' zeros."""
 
 
 class CostFile(Strict):
     """What a tolerance costs: weight / tolerance^exponent, the tolerance in file units."""
 
     weight: Positive = 1.0
+    """Cost of a tolerance of 1 file unit."""
     exponent: Positive = 1.0
+    """How fast the cost rises as the tolerance shrinks."""
 
 
 def _cost(value: object) -> object:
@@ -116,21 +135,27 @@ class HomeFile(Strict):
 
     examples: ClassVar[Mapping[str, str]] = {"pose": "pose: {x: 0, y: 0, rz: 0}"}
     pose: Any
+    """Pose of the platform in the assembly mode that is meant."""
     q: dict[Label, Number] | None = None
+    """Joint values at that pose by actuator, to be checked against the limbs."""
 
 
 class RegistrationFile(Strict):
     """Frame and target of one data set that was identified."""
 
     frame: Any = None
+    """Pose of the base in the measuring frame."""
     target: Annotated[list[float], vector(3, 2)] | None = None
+    """The measured point in platform axes."""
     target_rotation: Annotated[list[float], vector(3)] | None = None
+    """Rotation vector of the measured body in platform axes."""
 
 
 class MeasurementFile(Strict):
     """``measurement: {datasets: {name: ...}}``, written by identify."""
 
     datasets: dict[Label, RegistrationFile] = Field(default_factory=dict)
+    """Registration of each data set by its name."""
 
 
 class MechanismFile(Strict):
@@ -144,21 +169,36 @@ class MechanismFile(Strict):
         "home": "home: {pose: {x: 0, y: 0, rz: 0}}",
     }
     format: Annotated[str, choice("format", FORMAT)]
+    """What this file is."""
     units: UnitsFile
+    """Units of every number in this file."""
     motion: Annotated[str, choice("motion", "planar", "translational", "spatial")]
+    """planar: x, y, rz; translational: x, y, z; spatial: x, y, z, rx, ry, rz."""
     limbs: list[dict[Any, Any]]
+    """The limbs from base to platform."""
     home: HomeFile
+    """The pose that selects the assembly mode."""
     name: Label | None = None
+    """The machine's name  [default: the file's]."""
     extends: Any = None
+    """A mechanism file, relative to this one, that this one is laid over."""
     tolerances: TolerancesFile | None = None
+    """Default standard deviations by class of slot: the prior."""
     limits: dict[Label, Annotated[list[float], vector(2, of=_extended),
                                   AfterValidator(_range)]] | None = None
+    """Travel by actuator: [lower, upper], joint values."""
     gravity: Annotated[list[float], vector(3, 2)] | None = None
+    """Direction of weight in base axes."""
     effects: Any = None
+    """What acts beyond geometry."""
     stiffness: Any = None
+    """Springs of all limbs; a limb may have its own."""
     cost: dict[str, Annotated[CostFile, BeforeValidator(_cost)]] | None = None
+    """What a tolerance costs, by class of slot."""
     measurement: MeasurementFile | None = None
+    """Registrations of data sets, written by identify."""
     free: list[Annotated[str, BeforeValidator(_pattern)]] | None = None
+    """Patterns of the parameters that may change  [default: all with a tolerance]."""
 
 
 TURNS = ("rx", "ry", "rz")

@@ -33,9 +33,13 @@ class CircleFile(Strict):
 
     examples: ClassVar[Mapping[str, str]] = _CENTER
     center: Any
+    """Pose of the centre."""
     radius: Positive
+    """Radius in x, y."""
     count: Count
+    """Poses."""
     swing: Any = None
+    """Amplitude of the other coordinates along the circle."""
 
 
 class GridFile(Strict):
@@ -43,8 +47,11 @@ class GridFile(Strict):
 
     examples: ClassVar[Mapping[str, str]] = _CENTER
     center: Any
+    """Pose of the centre."""
     half_range: Any
+    """Half of the range of each coordinate."""
     counts: dict[Label, Count]
+    """Levels of each coordinate."""
 
 
 class RandomFile(Strict):
@@ -52,8 +59,11 @@ class RandomFile(Strict):
 
     examples: ClassVar[Mapping[str, str]] = _CENTER
     center: Any
+    """Pose of the centre."""
     half_range: Any
+    """Half of the range of each coordinate."""
     count: Count
+    """Poses."""
 
 
 class HelixFile(Strict):
@@ -61,20 +71,30 @@ class HelixFile(Strict):
 
     examples: ClassVar[Mapping[str, str]] = _CENTER
     center: Any
+    """Pose of the first turn's centre."""
     diameter: Positive
+    """Diameter in x, y."""
     pitch: Number
+    """Rise in z per turn."""
     turns: Positive
+    """Turns."""
     count: Count
+    """Poses."""
 
 
 class PosesFile(Strict):
     """Exactly one of circle, grid, random, helix and file."""
 
     circle: CircleFile | None = None
+    """Poses on a circle."""
     grid: GridFile | None = None
+    """Poses of a grid."""
     random: RandomFile | None = None
+    """Poses drawn evenly in a box."""
     helix: HelixFile | None = None
+    """Poses on a helix."""
     file: Label | None = None
+    """CSV of poses, relative to this file."""
 
     @model_validator(mode="after")
     def _one(self) -> PosesFile:
@@ -98,10 +118,15 @@ class ScenarioSigmaFile(Strict):
     """Standard deviations to simulate; 0 is allowed."""
 
     position: Spread | None = None
+    """Of each measured coordinate x, y, z."""
     rotation: Spread | None = None
+    """Of each measured angle."""
     height: Spread | None = None
+    """Of a height (kind plane)."""
     distance: Spread | None = None
+    """Of a distance (kind distance)."""
     actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0
+    """Of the joint values: one number, or one by actuator."""
 
 
 class ScenarioInstrumentFile(Strict):
@@ -110,9 +135,13 @@ class ScenarioInstrumentFile(Strict):
     examples: ClassVar[Mapping[str, str]] = {"kind": "kind: pose",
                                              "sigma": "sigma: {position: 0.005, rotation: 0.001}"}
     kind: Annotated[str, choice("instrument kind", *KINDS)]
+    """What is measured."""
     sigma: ScenarioSigmaFile
+    """Standard deviations of the noise."""
     point: Any = None
+    """The fixed point that distances are measured from."""
     between: Annotated[str, choice("kind of distance", "point", "positions")] = "point"
+    """Whether distances are from a point or between two platform positions."""
 
 
 def _fraction(value: object) -> float:
@@ -131,15 +160,20 @@ class NoiseFile(Strict):
     """How the noise is correlated and distributed."""
 
     ar: Annotated[float, BeforeValidator(_correlation)] = 0.0
+    """Correlation of the noise from row to row, above -1 and below 1."""
     outliers: Annotated[float, BeforeValidator(_fraction)] = 0.0
+    """Part of the rows that are gross errors."""
     tails: Annotated[str, choice("kind of tails", "normal", "t4")] = "normal"
+    """normal, or t4: Student's t of 4 degrees of freedom."""
 
 
 class TemperatureFile(Strict):
     """``temperature: {mean: 20, swing: 4}`` in degrees Celsius; a number is a mean."""
 
     mean: Number = 20.0
+    """Mean, degrees Celsius."""
     swing: Number = 0.0
+    """Amplitude about the mean, degrees."""
 
 
 def _loads(value: object) -> object:
@@ -154,9 +188,12 @@ class ConditionsFile(Strict):
     """Loads to go through, the temperature's course, and joint speeds at the trigger."""
 
     payload: Annotated[list[float], BeforeValidator(_loads)] = Field(default_factory=list)
+    """Payloads to go through, kg."""
     temperature: Annotated[TemperatureFile, BeforeValidator(
         lambda v: {"mean": v} if isinstance(v, int | float) else v)] | None = None
+    """Course of the temperature, or its mean."""
     velocity: Annotated[Any, BeforeValidator(_noise)] = 0.0
+    """Speed of the joints at the trigger: one number, or one by actuator."""
 
 
 def _seed(value: object) -> int:
@@ -175,17 +212,32 @@ class ScenarioFile(Strict):
         "instrument": "instrument: {kind: pose, sigma: {position: 0.005, rotation: 0.001}}",
     }
     format: Annotated[str, choice("format", FORMAT)]
+    """What this file is."""
     units: UnitsFile
+    """Units of every number in this file."""
     poses: PosesFile
+    """Where to measure."""
     instrument: ScenarioInstrumentFile
+    """What measures."""
     name: Label | None = None
+    """Name of the scenario."""
     errors: Any = None
+    """Injected errors: by parameter name, or {random: {scale: 1}} (tolerances)."""
     effects: Any = None
+    """What acts beyond geometry."""
     frame: Any = "known"
+    """Pose of the base in the measuring frame, or `known`: the same."""
     target: Any = "known"
+    """The measured point in platform axes, or `known`: the origin."""
     target_rotation: Any = "known"
+    """Rotation vector of the measured body, or `known`: none."""
     noise: NoiseFile = NoiseFile()
+    """How the noise is correlated and distributed."""
     repeats: Count = 1
+    """Measurements at each pose."""
     approach: Annotated[str, choice("approach", "both", "sequence", "one")] = "one"
+    """Directions from which poses are approached."""
     conditions: ConditionsFile = ConditionsFile()
+    """Payloads, temperature and speed."""
     seed: Annotated[int, BeforeValidator(_seed)] = 0
+    """Seed of everything drawn at random."""

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     ValidationError,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import PydanticCustomError, core_schema
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.units import ANGLES, LENGTHS, Units
@@ -132,16 +134,34 @@ def vector(*sizes: int, of: Callable[[object], float] = _finite) -> BeforeValida
     return BeforeValidator(check)
 
 
-def choice(what: str, *allowed: str) -> AfterValidator:
-    """Return a validator for one word out of a few, with the nearest match on refusal."""
+@dataclass(frozen=True)
+class Choice:
+    """One word out of a few: refused with the nearest match, an ``enum`` in the JSON Schema."""
 
-    def check(value: str) -> str:
-        if value not in allowed:
-            error = unknown(what, value, allowed)
+    what: str
+    allowed: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler
+                                     ) -> core_schema.CoreSchema:
+        """Return the text's schema with the check after it."""
+        return core_schema.no_info_after_validator_function(self.check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema,
+                                     handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the JSON Schema of a text with the allowed words."""
+        return {**handler(schema), "enum": list(self.allowed)}
+
+    def check(self, value: str) -> str:
+        """Return the word, or refuse it."""
+        if value not in self.allowed:
+            error = unknown(self.what, value, self.allowed)
             raise refuse(error.what, error.mend)
         return value
 
-    return AfterValidator(check)
+
+def choice(what: str, *allowed: str) -> Choice:
+    """Return a validator for one word out of a few."""
+    return Choice(what, allowed)
 
 
 def hint(name: object, allowed: Iterable[object]) -> str:
@@ -154,7 +174,7 @@ class Strict(BaseModel):
     """A mapping of a file: unknown and missing keys are refused by name."""
 
     model_config = ConfigDict(extra="forbid", strict=False, frozen=True,
-                              arbitrary_types_allowed=True)
+                              arbitrary_types_allowed=True, use_attribute_docstrings=True)
     examples: ClassVar[Mapping[str, str]] = {}
 
     @model_validator(mode="before")
@@ -183,7 +203,9 @@ class UnitsFile(Strict):
 
     examples: ClassVar[Mapping[str, str]] = {"length": "length: mm", "angle": "angle: deg"}
     length: Annotated[str, choice("length unit", *LENGTHS)]
+    """Unit of every length in the file."""
     angle: Annotated[str, choice("angle unit", *ANGLES)]
+    """Unit of every angle in the file."""
 
     def units(self) -> Units:
         """Return the checked units."""

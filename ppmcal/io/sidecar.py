@@ -56,10 +56,15 @@ class SigmaFile(Strict):
     """Standard deviations of the instrument and, optionally, of the drives."""
 
     position: Positive | None = None
+    """Of each measured coordinate x, y, z."""
     rotation: Positive | None = None
+    """Of each measured angle."""
     height: Positive | None = None
+    """Of a height (kind plane)."""
     distance: Positive | None = None
+    """Of a distance (kind distance)."""
     actuator: Annotated[Any, BeforeValidator(_sigma_actuator)] = 0.0
+    """Of the joint values: one number, or one by actuator."""
 
 
 class InstrumentFile(Strict):
@@ -68,8 +73,11 @@ class InstrumentFile(Strict):
     examples: ClassVar[Mapping[str, str]] = {"kind": "kind: pose",
                                              "sigma": "sigma: {position: 0.01}"}
     kind: Annotated[str, choice("instrument kind", *KINDS)]
+    """What is measured."""
     sigma: SigmaFile
+    """Standard deviations of the noise."""
     point: Any = None
+    """The fixed point that distances are measured from, or `unknown`."""
 
 
 class SidecarFile(Strict):
@@ -83,14 +91,23 @@ class SidecarFile(Strict):
         "target": "target: unknown",
     }
     format: Annotated[str, choice("format", FORMAT)]
+    """What this file is."""
     units: UnitsFile
+    """Units of every number in this file and in the CSV."""
     instrument: InstrumentFile
+    """What measured."""
     frame: Any
+    """Pose of the base in the measuring frame: unknown, known (the same) or a pose."""
     target: Any
+    """The measured point in platform axes: unknown, known (the origin) or a point."""
     name: Label | None = None
+    """Name of the data set  [default: the file's]."""
     target_rotation: Any = "known"
+    """Rotation vector of the measured body: known (none), unknown or a vector."""
     approach: Annotated[str, choice("approach", "columns", "sequence", "unknown")] | None = None
+    """Directions of approach: dir_ columns, the order of rows, or unknown."""
     homing: Annotated[str, choice("homing", "shared", "per-file")] = "shared"
+    """Whether the joints' zeros are those of the machine or of this file."""
 
 
 def sidecar_path(csv_path: Path) -> Path:

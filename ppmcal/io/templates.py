@@ -47,3 +47,9 @@ def find_template(name: str) -> Path:
     if wanted is None:
         raise unknown("mechanism", name, templates(), "init")
     return folder() / f"{wanted}.yaml"
+
+
+def for_editors(path: Path, kind: str) -> str:
+    """Return a template's text with the line by which editors find the schema of its kind."""
+    schema = Path(__file__).with_name("schemas") / f"{kind}.json"
+    return f"# yaml-language-server: $schema={schema.as_uri()}\n{path.read_text('utf-8')}"

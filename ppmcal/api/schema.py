@@ -1,0 +1,35 @@
+"""JSON Schemas of the files that are read and written."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from ppmcal.errors import unknown
+from ppmcal.io.json_schema import DIALECT, FILES, file_schema
+from ppmcal.io.results.record import Record
+
+RESULTS = {"comparison": "comparison.ComparisonRecord"}
+"""Results by name, and the records that write and read them."""
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of a file.
+
+    Args:
+        name: ``mechanism``, ``dataset``, ``scenario``, or a result: ``identification``,
+            ``diagnosis``, ``comparison``, ...
+
+    Raises:
+        BadInput: there is no such file; the text lists them.
+
+    >>> schema("mechanism")["properties"]["motion"]["enum"]
+    ['planar', 'translational', 'spatial']
+    """
+    if name in FILES:
+        return file_schema(name)
+    if name not in RESULTS:
+        raise unknown("file", name, [*FILES, *RESULTS])
+    module, _, found = RESULTS[name].partition(".")
+    record: type[Record] = getattr(import_module(f"ppmcal.io.results.{module}"), found)
+    return {"$schema": DIALECT, **record.model_json_schema()}

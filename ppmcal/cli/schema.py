@@ -1,0 +1,20 @@
+"""``ppmcal schema``."""
+
+from __future__ import annotations
+
+import click
+
+
+@click.command("schema")
+@click.argument("name", metavar="FILE")
+def command(name: str) -> None:
+    """Print the JSON Schema of a file, for editors that complete and check it.
+
+    FILE is mechanism, dataset (the YAML beside a CSV) or scenario, or a result: identification,
+    diagnosis, comparison, ... Kinds of limbs and effects that other packages add are in it.
+    """
+    import json
+
+    from ppmcal.api.schema import schema
+
+    click.echo(json.dumps(schema(name), indent=1, ensure_ascii=False))

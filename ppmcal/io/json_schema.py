@@ -1,0 +1,234 @@
+"""JSON Schemas of the files, for editors that complete and check YAML.
+
+They come from the classes that read the files, and from the limb and effect kinds that are
+registered: what ``ppmcal schema`` prints knows the kinds of other packages too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from ppmcal.errors import unknown
+from ppmcal.io.effects import GEOMETRY, EffectFile
+from ppmcal.io.mechanism_schema import DirectionFile, MechanismFile, SlotFile, groups
+from ppmcal.io.pose_fields import PoseFile
+from ppmcal.io.scenario_schema import ScenarioFile
+from ppmcal.io.sidecar import SidecarFile
+from ppmcal.io.stiffness import PARTS, TRANSLATIONS, joint_names
+from ppmcal.model.effects import effect_kinds
+from ppmcal.model.limbs import LimbKind, kinds
+from ppmcal.model.limbs.chain import JOINT_COMPONENTS, SlotSpec
+
+Schema = dict[str, Any]
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+SLOT, POINT, DIRECTION, POSE = ({"$ref": f"#/$defs/{name}"}
+                                for name in ("Slot", "Point", "Direction", "PoseFile"))
+FILES = ("mechanism", "dataset", "scenario")
+NUMBER: Schema = {"type": "number"}
+VECTOR: Schema = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 3}
+
+
+def file_schema(name: str) -> Schema:
+    """Return the JSON Schema of the files ``mechanism``, ``dataset`` or ``scenario``.
+
+    Raises:
+        BadInput: there is no such file.
+    """
+    if name not in FILES:
+        raise unknown("file", name, FILES)
+    return {"mechanism": _mechanism, "dataset": _dataset, "scenario": _scenario}[name]()
+
+
+def _of(model: type[BaseModel], title: str) -> Schema:
+    """Return the schema of a file's class with the definitions that all files share."""
+    out = model.model_json_schema()
+    definitions = out.setdefault("$defs", {})
+    for part in (SlotFile, DirectionFile, PoseFile, EffectFile):
+        own = part.model_json_schema()
+        definitions |= own.pop("$defs", {})
+        definitions[part.__name__] = own
+    definitions["Slot"] = {
+        "description": "A number, or a mapping with value, tolerance, ...",
+        "anyOf": [NUMBER, {"$ref": "#/$defs/SlotFile"}]}
+    definitions["Point"] = _point()
+    definitions["Direction"] = {"anyOf": [VECTOR, {"$ref": "#/$defs/DirectionFile"}]}
+    definitions["Effect"] = _effect(definitions.pop("EffectFile"))
+    _null_free(out)
+    return {"$schema": DIALECT, "title": title, **{k: v for k, v in out.items() if k != "title"}}
+
+
+def _null_free(node: Any) -> None:
+    """Drop the null that stands for "not given": in YAML the key is left out."""
+    if isinstance(node, dict):
+        kinds_ = node.get("anyOf")
+        if isinstance(kinds_, list) and {"type": "null"} in kinds_:
+            rest = [k for k in kinds_ if k != {"type": "null"}]
+            node.pop("anyOf")
+            if len(rest) == 1:
+                node.update({k: v for k, v in rest[0].items() if k not in node})
+            else:
+                node["anyOf"] = rest
+            if node.get("default", 0) is None:
+                node.pop("default")
+        if node.get("default", 0) is None and set(node) <= {"default", "title", "description"}:
+            node.pop("default")
+        for value in node.values():
+            _null_free(value)
+    elif isinstance(node, list):
+        for value in node:
+            _null_free(value)
+
+
+def _mechanism() -> Schema:
+    out = _of(MechanismFile, "ppmcal mechanism")
+    properties = out["properties"]
+    properties["limbs"]["items"] = _limbs(out["$defs"])
+    properties["effects"] |= {"type": "array", "items": {"$ref": "#/$defs/Effect"}}
+    properties["stiffness"] |= _springs(tuple(dict.fromkeys(
+        joint for kind in kinds().values() for joint in joint_names(kind))))
+    properties["extends"] |= {"type": "string"}
+    out["$defs"]["HomeFile"]["properties"]["pose"] |= POSE
+    out["$defs"]["RegistrationFile"]["properties"]["frame"] |= POSE
+    # what a file that extends another leaves out is there
+    needed = out.pop("required")
+    return {**out, "if": {"not": {"required": ["extends"]}}, "then": {"required": needed}}
+
+
+def _dataset() -> Schema:
+    out = _of(SidecarFile, "ppmcal data set (the YAML beside a CSV)")
+    _places(out["properties"])
+    out["properties"]["frame"]["anyOf"].append(
+        {"type": "object", "properties": {"same_as": {"type": "string"}},
+         "required": ["same_as"], "additionalProperties": False})
+    instrument = out["$defs"]["InstrumentFile"]["properties"]
+    instrument["point"] |= {"anyOf": [VECTOR, {"enum": ["known", "unknown"]}]}
+    out["$defs"]["SigmaFile"]["properties"]["actuator"] |= _one_or_each()
+    return out
+
+
+def _scenario() -> Schema:
+    out = _of(ScenarioFile, "ppmcal scenario")
+    _places(out["properties"])
+    out["properties"]["effects"] |= {"type": "array", "items": {"$ref": "#/$defs/Effect"}}
+    out["properties"]["errors"] |= {"type": "object"}
+    for name in ("CircleFile", "GridFile", "RandomFile", "HelixFile"):
+        own = out["$defs"][name]["properties"]
+        for key in ("center", "swing", "half_range"):
+            if key in own:
+                own[key] |= POSE
+    out["$defs"]["PosesFile"] |= {"minProperties": 1, "maxProperties": 1}
+    out["$defs"]["ScenarioSigmaFile"]["properties"]["actuator"] |= _one_or_each()
+    conditions = out["$defs"]["ConditionsFile"]["properties"]
+    conditions["velocity"] |= _one_or_each()
+    for key, single in (("payload", NUMBER), ("temperature", NUMBER)):
+        own = conditions[key]
+        hint = {k: own.pop(k) for k in ("description", "title", "default") if k in own}
+        conditions[key] = {**hint, "anyOf": [single, dict(own)]}
+    return out
+
+
+def _places(properties: dict[str, Schema]) -> None:
+    """Say what frame, target and target_rotation may be."""
+    known: Schema = {"enum": ["known", "unknown"]}
+    properties["frame"] |= {"anyOf": [known, POSE]}
+    for key in ("target", "target_rotation"):
+        properties[key] |= {"anyOf": [known, VECTOR]}
+
+
+def _one_or_each() -> Schema:
+    return {"anyOf": [NUMBER, {"type": "object", "additionalProperties": NUMBER}]}
+
+
+def _limbs(definitions: dict[str, Schema]) -> Schema:
+    """Return what one limb may be: which keys it has depends on its kind."""
+    names = sorted(kinds())
+    for name in names:
+        definitions[f"limb {name}"] = _limb(kinds()[name])
+    choose = [{"if": {"properties": {"kind": {"const": name}}, "required": ["kind"]},
+               "then": {"$ref": f"#/$defs/limb {name}"}} for name in names]
+    return {"type": "object", "required": ["name"], "properties": {
+        "name": {"type": "string", "description": "Name of the limb; parameters begin with it."},
+        "kind": {"enum": names, "description": "Joints from base to platform; the driven one in "
+                                               "brackets."}},
+        "allOf": choose}
+
+
+def _limb(kind: LimbKind) -> Schema:
+    """Return the keys of one kind of limb."""
+    properties: dict[str, Schema] = {
+        "name": {"type": "string"}, "kind": {"const": kind.name},
+        "actuator": {"type": "string", "description": "Joint variable  [default: the name]; limbs "
+                                                      "may have one in common."},
+        "stiffness": _springs(joint_names(kind))}
+    if kind.branch:
+        properties[kind.branch] = {"enum": [1, -1], "description": "Which of two solutions."}
+    for group, specs in [*groups(kind), *((d, ()) for d in kind.directions[1:])]:
+        head, _, tail = group.partition(".")
+        schema = _group(kind, group, specs)
+        if not tail:
+            properties[head] = schema
+            continue
+        part = properties.setdefault(head, {"type": "object", "additionalProperties": False,
+                                            "properties": {}})
+        part["properties"][tail] = schema
+    return {"type": "object", "description": f"{kind.name}: {kind.closes_when} ({kind.source}).",
+            "properties": properties, "additionalProperties": False}
+
+
+def _group(kind: LimbKind, group: str, specs: Any) -> Schema:
+    if group in kind.directions:
+        return {**DIRECTION, "description": "A direction in base axes."}
+    if group.startswith("joint"):
+        return {"type": "object", "additionalProperties": False,
+                "description": f"Error of the frame of {group}, in its own axes.",
+                "properties": {s.name.rpartition(".")[2]: SLOT for s in specs}}
+    if len(specs) > 1:
+        return {**POINT, "description": f"{group}: [x, y, z], {{x, y, z}} or {{radius, angle, z}}."}
+    spec: SlotSpec = specs[0]
+    default = "" if spec.default is None else f"  [default: {spec.default:g}]"
+    return {**SLOT, "description": f"{spec.name}, {spec.quantity}{default}."}
+
+
+def _point() -> Schema:
+    slots = dict.fromkeys(("x", "y", "z", "radius", "angle"), SLOT)
+    spread = SlotFile.model_json_schema()["properties"]
+    lists: Schema = {"anyOf": [NUMBER, VECTOR]}
+    return {"anyOf": [
+        {"type": "array", "items": SLOT, "minItems": 2, "maxItems": 3},
+        {"type": "object", "properties": slots, "additionalProperties": False},
+        {"type": "object", "additionalProperties": False, "properties": {
+            key: {"type": "string"} if key == "share" else {"type": "boolean"}
+            if key == "fixed" else lists for key in spread}}]}
+
+
+def _springs(joints: tuple[str, ...]) -> Schema:
+    """Return ``stiffness``: N per unit of length or N m per unit of angle; .inf: rigid."""
+    one: Schema = {"anyOf": [NUMBER, {
+        "type": "object", "additionalProperties": False,
+        "properties": dict.fromkeys((*JOINT_COMPONENTS, "value"), NUMBER)}]}
+    return {"type": "object", "additionalProperties": False,
+            "description": f"Springs; one number for a joint: {', '.join(TRANSLATIONS)} alike.",
+            "properties": {**dict.fromkeys(PARTS, NUMBER), **dict.fromkeys(joints, one)}}
+
+
+def _effect(base: Mapping[str, Any]) -> Schema:
+    """Return one effect: which parameters it has depends on its kind."""
+    value: Schema = {"anyOf": [NUMBER, {"$ref": "#/$defs/ValueFile"}]}
+    choose = []
+    for name, kind in sorted(effect_kinds().items()):
+        words = {s.name: s.quantity for motion in kind.motions for s in kind.parameters(motion)}
+        choose.append({
+            "if": {"properties": {"kind": {"const": name}}, "required": ["kind"]},
+            "then": {"properties": {"parameters": {
+                "type": "object", "additionalProperties": False, "properties": {
+                    key: {**value, "description": f"{quantity or 'bare number'}."}
+                    for key, quantity in words.items()}}}}})
+    names = [*sorted(effect_kinds()), GEOMETRY]
+    own = {**base["properties"], "kind": {"enum": names, "description": "Kind of the effect."},
+           "parameters": {"type": "object", "description": "Sizes, by name; those of the kind."}}
+    return {**base, "properties": own, "allOf": choose}
+
