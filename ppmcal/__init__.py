@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ppmcal.api.diagnose import diagnose
     from ppmcal.api.identify import identify
     from ppmcal.api.inputs import load, read_data, shipped
-    from ppmcal.api.kinematics import forward, inverse, kinematics, velocity
+    from ppmcal.api.kinematics import forward, inverse, velocity
     from ppmcal.api.schema import schema
     from ppmcal.api.simulate import simulate
     from ppmcal.errors import BadInput, NoResult, PpmcalError
@@ -39,7 +39,7 @@ _HOME = {
     "check": "api.check", "compare": "api.compare", "compensate": "api.compensate",
     "diagnose": "api.diagnose", "identify": "api.identify", "simulate": "api.simulate",
     "schema": "api.schema",
-    "forward": "api.kinematics", "inverse": "api.kinematics", "kinematics": "api.kinematics",
+    "forward": "api.kinematics", "inverse": "api.kinematics",
     "velocity": "api.kinematics",
 }
 
@@ -54,7 +54,6 @@ __all__ = [
     "forward",
     "identify",
     "inverse",
-    "kinematics",
     "load",
     "read_data",
     "schema",

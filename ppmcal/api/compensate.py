@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.api.identify import IdentificationResult
 from ppmcal.api.inputs import (
     Machine,
     Path_,
@@ -19,13 +18,12 @@ from ppmcal.api.inputs import (
     source_of,
     table_columns,
 )
-from ppmcal.api.result import Result
+from ppmcal.api.result import Calibrated, Result
 from ppmcal.calibration.compensation import Compensation, Knowledge
 from ppmcal.calibration.compensation import compensate as compensated
-from ppmcal.calibration.model_averaging import Targets, averaged
+from ppmcal.calibration.model_averaging import Readings, Targets, averaged
 from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_poses
-from ppmcal.io.frames import is_path
 from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
@@ -88,7 +86,7 @@ class CompensationResult(Result):
         return before, float(np.sqrt(np.mean(left**2))) if np.isfinite(left).all() else None
 
 
-def compensate(model: Machine | IdentificationResult, targets: Any, *, frame: str | None = None,
+def compensate(model: Machine | Calibrated, targets: Any, *, frame: str | None = None,
                knowledge: Path_ | None = None, approach: str = "columns") -> CompensationResult:
     """Turn wanted poses into corrected commands of an identified machine.
 
@@ -107,19 +105,17 @@ def compensate(model: Machine | IdentificationResult, targets: Any, *, frame: st
         BadInput: anything wrong in the files, or a frame that the model does not know.
         NoResult: commands that are predicted to be worse than none.
     """
-    machine, known, path, notes = _known(model, knowledge)
+    machine, known, files, notes = _known(model, knowledge)
     registration, name = _frame(machine, frame)
     poses = read_poses(targets, machine)
     sequence = approach == "sequence"
     _refuse_short(machine, poses, place_of(targets, "poses"), sequence)
     found = compensated(machine, poses.poses, registration, known, name, poses.conditions, sequence)
-    more: list[str] = []
-    if is_path(model):
-        readings, more = read_other_models(Path(model), machine)
-        wanted = Targets(poses.poses, name, poses.conditions, sequence)
-        found, told = averaged(machine, found, readings, known, wanted)
-        notes += told
-    inputs = [*machine.inputs, *files_of(targets), *path, *more]
+    readings, more = _readings(model, machine)
+    found, told = averaged(machine, found, readings, known,
+                           Targets(poses.poses, name, poses.conditions, sequence))
+    notes += told
+    inputs = [*machine.inputs, *files_of(targets), *files, *more]
     result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
                                 known, tuple(notes),
                                 table_columns(targets, machine.coordinates))
@@ -127,10 +123,17 @@ def compensate(model: Machine | IdentificationResult, targets: Any, *, frame: st
     return result
 
 
-def _known(model: Machine | IdentificationResult, knowledge: Path_ | None
+def _readings(model: Machine | Calibrated, machine: Mechanism) -> tuple[Readings, list[str]]:
+    """Return the other readings of the measurements behind a model, and their files."""
+    if isinstance(model, Calibrated):
+        return model.readings, []
+    return read_other_models(Path(machine.source), machine)
+
+
+def _known(model: Machine | Calibrated, knowledge: Path_ | None
            ) -> tuple[Mechanism, Knowledge | None, list[str], list[str]]:
     """Return the machine, what its calibration knew, the file of that, and notes."""
-    if isinstance(model, IdentificationResult):
+    if isinstance(model, Calibrated):
         return model.mechanism, Knowledge.of(model.identification), [], []
     machine = load(model)
     notes = list(machine.findings)

@@ -11,7 +11,9 @@ from ppmcal.api.identify import with_unit_findings
 from ppmcal.api.inputs import Machine, Measurements, data_files, prepared, source_of
 from ppmcal.api.result import Progress, Result, silent
 from ppmcal.calibration.misreading import refuse_misread
+from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import Identification
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.diagnose import diagnose as diagnosed
 from ppmcal.diagnosis.result import Diagnosis
@@ -48,6 +50,18 @@ class DiagnosisResult(Result):
     def mechanism(self) -> Mechanism:
         """The machine with the effects that were found, identified."""
         return self.diagnosis.identification.mechanism
+
+    @property
+    def identification(self) -> Identification:
+        """The fit of that machine."""
+        return self.diagnosis.identification
+
+    @property
+    def readings(self) -> Readings:
+        """The machine with each rival in place of its effect, and without effects."""
+        others = self.diagnosis.others
+        bare = [r.mechanism for r in others if not r.effect]
+        return Readings(tuple(r for r in others if r.effect), bare[-1] if bare else None)
 
     @cached_property
     def record(self) -> dict[str, Any]:

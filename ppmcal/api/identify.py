@@ -23,6 +23,7 @@ from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
 from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.misreading import refuse_misread
+from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import noise_check, with_estimated_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
@@ -57,6 +58,11 @@ class IdentificationResult(Result):
     def mechanism(self) -> Mechanism:
         """The machine with the identified values and, as tolerances, what is still unknown."""
         return self.identification.mechanism
+
+    @property
+    def readings(self) -> Readings:
+        """Other readings of the measurements: none were sought."""
+        return Readings((), None)
 
     @property
     def converged(self) -> bool:

@@ -59,7 +59,12 @@ def load(source: Machine) -> Mechanism:
     >>> load(shipped("3-RPR"))
     <mechanism 3-RPR: planar, 3 limbs R(P)R, 9 free parameters>
     """
-    return source if isinstance(source, Mechanism) else read_mechanism(source)
+    if isinstance(source, Mechanism):
+        return source
+    if not isinstance(source, str | os.PathLike | Mapping):
+        raise BadInput(f"a machine is given as {type(source).__name__}", "mechanism",
+                       "Give the path of its file, a mapping with its keys, or what load returned")
+    return read_mechanism(source)
 
 
 def read_data(mechanism: Machine, *sources: Any, sidecar: Mapping[str, Any] | Path_ | None = None,
@@ -103,7 +108,7 @@ def _one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | N
         if mine is None:
             return dataset_of(table, *read_sidecar(path), machine)
     else:
-        table, mine = as_table(source, what=label), sidecar
+        table, mine = as_table(source, (), label, ("pose", "session").__contains__), sidecar
         if mine is None:
             raise BadInput("a table in memory needs its sidecar", label,
                            'Give it, such as sidecar={"instrument": {"kind": "pose", "sigma": '

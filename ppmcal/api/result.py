@@ -8,11 +8,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
+from ppmcal.calibration.model_averaging import Readings
+from ppmcal.calibration.summary import Identification
 from ppmcal.errors import unknown
-from ppmcal.io import Output, read_table
+from ppmcal.io import Output
 from ppmcal.io.folder import current, note_read, running
+from ppmcal.model.mechanism import Mechanism
 
 Progress = Callable[[str], None]
 SHOWN = 20
@@ -102,6 +105,26 @@ class Result:
                 + (f"<ul>{notes}</ul>" if notes else "") + _table(self.files()[self.TABLE]))
 
 
+@runtime_checkable
+class Calibrated(Protocol):
+    """A result with a machine that was fitted: what ``compensate`` takes besides files."""
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The fitted machine."""
+        ...
+
+    @property
+    def identification(self) -> Identification:
+        """Its fit, with covariance and measured volume."""
+        ...
+
+    @property
+    def readings(self) -> Readings:
+        """Other readings of the same measurements."""
+        ...
+
+
 def framed(text: str, name: str) -> Any:
     """Return a CSV's text as a pandas data frame, or as a dict of columns without pandas."""
     import csv
@@ -144,5 +167,3 @@ def _short(cell: str) -> str:
     except ValueError:
         return cell
 
-
-__all__ = ["Progress", "Result", "framed", "read_table", "silent"]

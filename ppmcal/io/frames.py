@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -22,19 +22,21 @@ def is_path(source: object) -> TypeGuard[str | os.PathLike[str]]:
     return isinstance(source, str | os.PathLike)
 
 
-def as_table(source: Any, names: Sequence[str] = (), what: str = NAME) -> Table:
+def as_table(source: Any, names: Sequence[str] = (), what: str = NAME,
+             loose: Callable[[str], bool] = lambda name: True) -> Table:
     """Return a table that is in memory as one that was read from a CSV.
 
     Args:
         source: a data frame, a mapping from column to N values, or an array (N, c).
         names: of the c columns of a bare array, in their order.
         what: what messages call it.
+        loose: says of a column's name whether it may hold words too.
 
     Numbers become float columns (None and nan are empty cells), anything else words.
 
     Raises:
         BadInput: no rows, columns of different lengths or of one name, an array of another
-            width, a number that is too large.
+            width, a word for a number, a number that is too large.
     """
     columns = _columns(source, names, what)
     sizes = {len(values) for values in columns.values()}
@@ -48,6 +50,10 @@ def as_table(source: Any, names: Sequence[str] = (), what: str = NAME) -> Table:
     for name, values in columns.items():
         as_numbers = _numbers(values)
         if as_numbers is None:
+            if not loose(name):
+                row = next(i for i, v in enumerate(values) if _numbers([v]) is None)
+                raise BadInput(f"'{values[row]}' is not a number",
+                               f"{what}: row {row + 1}, column {name}", "Write a number")
             text[name] = tuple("" if v is None or v != v else str(v) for v in values)
         else:
             numbers[name] = as_numbers

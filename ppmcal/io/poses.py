@@ -71,7 +71,7 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") 
         return _may_be_text(name) and not (name in EULER and rotation.startswith("euler"))
 
     table = read_table(source, loose=loose) if is_path(source) else as_table(
-        source, mechanism.coordinates, "poses")
+        source, mechanism.coordinates, "poses", loose)
     if mechanism.motion == "spatial":
         table = under_vector_names(table, rotation)
     mine = (*mechanism.coordinates,
@@ -111,7 +111,7 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     """
     names = [f"q_{a}" for a in mechanism.actuators]
     table = read_table(source, loose=_may_be_text) if is_path(source) else as_table(
-        source, names, "joints")
+        source, names, "joints", _may_be_text)
     missing = [n for n in names if n not in table.header]
     if missing:
         raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
