@@ -57,7 +57,7 @@ def load(source: Machine) -> Mechanism:
         BadInput: anything wrong in the file, with file, place and mend.
 
     >>> load(shipped("3-RPR"))
-    <mechanism 3-RPR: planar, 3 limbs R(P)R, 9 free parameters>
+    <mechanism 3-RPR: planar, 3 limbs R(P)R, 12 free parameters>
     """
     if isinstance(source, Mechanism):
         return source
