@@ -8,7 +8,7 @@ import json
 import re
 import sys
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +17,14 @@ import pytest
 
 from ppmcal.calibration.problem import Problem
 from ppmcal.cli.common import Console, number
-from ppmcal.cli.diagnose import tell
+from ppmcal.cli.diagnose import describe
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.verdict import findings, next_step
-from ppmcal.io.output import plain
-from ppmcal.io.results.diagnosis import effects_csv, summary
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_files import effects_csv
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.records import Diagnosed
 
@@ -42,8 +42,12 @@ class Case:
     """A diagnosis, what diagnosis.json holds of it, and the rows of effects.csv."""
 
     result: Diagnosis
-    record: Record
+    whole: DiagnosisRecord
     table: list[dict[str, str]]
+
+    @cached_property
+    def record(self) -> Record:
+        return dict(json.loads(self.whole.text()))
 
 
 @cache
@@ -58,7 +62,7 @@ def case(name: str, later: float = 0.0) -> Case:
     problem = Problem(made.mechanism, (data,), made.mechanism.free)
     result = diagnose(problem, DiagnosisOptions(draws=400))
     assert result.verdict == "named"
-    record = json.loads(json.dumps(plain(summary(result, {})), allow_nan=False))
+    record = DiagnosisRecord.of(result, {})
     return Case(result, record, list(csv.DictReader(io.StringIO(effects_csv(result)))))
 
 
@@ -80,7 +84,7 @@ def test_every_named_effect_has_its_row(name: str) -> None:
 def test_one_p_value_per_effect(name: str) -> None:
     """effects.csv, diagnosis.json and the ranking agree; what was before has its own column."""
     found = case(name)
-    ranked = {(r["kind"], *r["on"]): r for r in found.record["story"]["ranking"]
+    ranked = {(r["kind"], *r["on"]): r for r in found.record["plot_data"]["ranking"]
               if r["status"] == "named"}
     for e in found.record["effects"]:
         row = next(r for r in found.table if (r["kind"], r["on"], r["status"])
@@ -142,8 +146,7 @@ def wavy() -> Case:
     result = diagnose(Problem(made.mechanism, (made.dataset,), made.mechanism.free),
                       DiagnosisOptions(draws=400, kinds=("periodic", "backlash")))
     assert [(e.kind, e.on) for e in result.effects] == [("periodic", ("leg3",))]
-    record = json.loads(json.dumps(plain(summary(result, {})), allow_nan=False))
-    return Case(result, record, [])
+    return Case(result, DiagnosisRecord.of(result, {}), [])
 
 
 def test_amplitude_and_phase_are_those_of_the_wave() -> None:
@@ -191,12 +194,12 @@ def test_uncertainty_of_amplitude_and_phase() -> None:
 
 def test_amplitude_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     """On the console, and in the report's table."""
-    tell(wavy().result, Console(False, False))
+    describe(wavy().result, wavy().whole, Console(False, False))
     said = " ".join(capsys.readouterr().out.split())
     figures = wavy().record["effects"][0]["derived"]
     assert f"amplitude {number(figures['amplitude']['value'])} +-" in said
     assert f"phase {number(figures['phase_mid_stroke']['value'])} +-" in said
     assert "at mid-stroke (" in said
-    page = diagnosis_section(Diagnosed("d", wavy().record, None))
+    page = diagnosis_section(Diagnosed("d", wavy().whole, None))
     assert re.search(r"amplitude [\d.]+ ± [\d.]+ mm; phase at mid-stroke [−-]?[\d.]+ ± [\d.]+ deg",
                      page)

@@ -198,8 +198,8 @@ th[aria-sort=ascending] button:after{content:" \\2191"}
 th[aria-sort=descending] button:after{content:" \\2193"}
 .plots{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,340px),1fr));gap:14px;
 margin:10px 0}
-.story{columns:340px;column-gap:14px;margin:10px 0}.story b{color:var(--ink)}
-.story figure{break-inside:avoid;margin:0 0 14px}
+.diagnosis{columns:340px;column-gap:14px;margin:10px 0}.diagnosis b{color:var(--ink)}
+.diagnosis figure{break-inside:avoid;margin:0 0 14px}
 summary{cursor:pointer}details{margin:10px 0}
 .pair{display:flex;flex-wrap:wrap;gap:4px 36px;align-items:flex-start}
 .pair>*{min-width:0}.pair>div+div{flex:1 1 380px}
