@@ -118,7 +118,7 @@ def test_groups_are_the_same_before_and_after(later: float) -> None:
 
 
 def test_next_step_agrees_with_the_findings() -> None:
-    """Nothing is settled that the held-out poses do not confirm."""
+    """More is to be measured where the held-out poses do not confirm what is named."""
     result = case("shared").result
     gap = result.gap
     assert isinstance(gap, Gap)
@@ -129,7 +129,7 @@ def test_next_step_agrees_with_the_findings() -> None:
                         LeftOut(0, 1, False, "", 0.0, 1.0), ())
         step = next_step(last, {}, "named", 0, seen).reason
         assert any("do not confirm" in f for f in said) == (not confirmed)
-        assert ("settled" in step) == confirmed
+        assert ("no further measurement is needed" in step) == confirmed
         assert ("do not confirm" in step) == (not confirmed)
 
 

@@ -129,9 +129,10 @@ def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
                        "weight that was not recorded looks much like this", joints)
     if verdict == "named" and gap is not None and not gap.confirmed:
         return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
-                       "yet what was found", joints)
-    return nothing({"none": "nothing is missing that these data could show",
+                       "yet what is named", joints)
+    return nothing({"none": "no further measurement is needed: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
-                    "named": "what was found is settled"}.get(
+                    "named": "no further measurement is needed: the named effects explain the "
+                    "residuals"}.get(
                         verdict, "record more of what might matter (load, temperature, time)"),
                    joints)
