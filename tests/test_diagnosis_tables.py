@@ -9,6 +9,7 @@ import re
 import sys
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.verdict import findings, next_step
+from ppmcal.errors import BadInput
+from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import effects_csv
 from ppmcal.report.diagnosis import diagnosis_section
@@ -131,6 +134,62 @@ def test_next_step_agrees_with_the_findings() -> None:
         assert any("do not confirm" in f for f in said) == (not confirmed)
         assert ("no further measurement is needed" in step) == confirmed
         assert ("do not confirm" in step) == (not confirmed)
+
+
+# --- the record ---------------------------------------------------------------------------------
+
+
+def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
+    """All of it; a null stands for a missing key, and what is not written is not made up."""
+    path = tmp_path / "diagnosis.json"
+    for whole in (case("each").whole, wavy().whole):
+        path.write_text(whole.text(), encoding="utf-8")
+        found = DiagnosisRecord.read(path)
+        assert found == whole
+        assert found.text() == whole.text()
+    record = {"verdict": "named", "effects": [{"kind": "drift", "on": None}], "gap": None,
+              "plot_data": {"series": [{"x": [1.0, None]}]}}
+    path.write_text(json.dumps(record), encoding="utf-8")
+    found = DiagnosisRecord.read(path)
+    assert wording.headline(found) == "The missing effect is named: drift."
+    assert found.entries() == {
+        "verdict": "named", "effects": ({"kind": "drift"},),
+        "plot_data": {"series": ({"x": (1.0, None)},)}}
+
+
+@pytest.mark.parametrize(("record", "place"), [
+    ({"effects": {}}, "effects: should be a list"),
+    ({"effects": [None]}, r"effects\[0\]"),
+    ({"effects": [{"on": [3]}]}, r"effects\[0\].on\[0\]: should be text"),
+    ({"effects": [{"parameters": {"width": {"value": "1"}}}]}, "width.value: should be a number"),
+    ({"gap": {"interval": [0.1, "x"]}}, r"gap.interval\[1\]: should be a number"),
+    ({"confirmed": 1}, "confirmed: should be true or false"),
+    ({"plot_data": {"left_out_rows": 1.5}}, "left_out_rows: should be a whole number"),
+    ({"format": "ppmcal/plan/1"}, "is not a diagnosis.json"),
+    ({"other_models": [{"odds": 1e40}]}, "odds: should be a number, 1e[+]30 at most")])
+def test_a_record_of_another_kind_is_refused(tmp_path: Path, record: Record, place: str) -> None:
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(BadInput, match=place) as refusal:
+        DiagnosisRecord.read(path)
+    assert str(path) in str(refusal.value)
+
+
+def test_the_same_sentences_on_the_console_and_in_the_report(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    found = case("each")
+    describe(found.result, found.whole, Console(False, False))
+    said = " ".join(capsys.readouterr().out.split())
+    page = " ".join(unescape(diagnosis_section(Diagnosed("d", found.whole, None))).split())
+    step = wording.next_step(found.whole)
+    for sentence in (wording.gap_closed(found.whole), wording.worst_block(found.whole)):
+        assert sentence.endswith(".")
+        assert sentence in said
+        assert sentence in page
+    assert f"Next: {step}" in said
+    assert step[1:] in page
+    # each leg with a value and a p of its own, told as one effect
+    assert "backlash on leg2, leg5: leg" in said
 
 
 # --- figures that follow from parameters ----------------------------------------------------------
