@@ -30,7 +30,7 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
                ) -> tuple[Mechanism, tuple[Added, ...]]:
     """Return the machine with the chosen forms as free effects, started at their estimates."""
     columns = columns_of(search, chosen)
-    value, covariance = search.gram.fit(columns)
+    value, covariance = search.test.fit(columns)
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     place = {c: i for i, c in enumerate(columns)}
     added: list[Added] = []

@@ -189,7 +189,7 @@ def _by_gain(stage: Stage) -> list[int]:
     """Return the named forms, each time the one that then explains most."""
     left, order = list(named_only(stage)), list[int]()
     while left:
-        best = min(left, key=lambda i: stage.search.gram.left(
+        best = min(left, key=lambda i: stage.search.test.left(
             columns_of(stage.search, [*order, i])))
         order.append(best)
         left.remove(best)
@@ -199,9 +199,9 @@ def _by_gain(stage: Stage) -> list[int]:
 def _ratio(stage: Stage, forms: Sequence[int], reference: float) -> float:
     """Return rms over the noise with geometry and some effects, to first order."""
     columns = columns_of(stage.search, forms)
-    gram = stage.search.gram
-    freedom = max(gram.freedom - len(columns), 1)
-    return float(np.sqrt(max(gram.left(columns), 0.0) / freedom)) / reference
+    test = stage.search.test
+    freedom = max(test.freedom - len(columns), 1)
+    return float(np.sqrt(max(test.left(columns), 0.0) / freedom)) / reference
 
 
 def _as_given(stage: Stage, reference: float) -> float | None:

@@ -27,7 +27,7 @@ def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate,
     named = {k for e in effects for k in (_key(e.form), _key(replace(e.form, on=e.on)))}
     families = {e.form.family for e in effects}
     rivals = {a.split(" on ")[0] for e in effects for a in e.alternatives}
-    left = first.search.gram.given(columns_of(first.search, named_only(first)))
+    left = first.search.test.given(columns_of(first.search, named_only(first)))
     after = scan(left, first.library.forms)
     best: dict[Key, int] = {}
     for i, form in enumerate(first.library.forms):
@@ -41,7 +41,7 @@ def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate,
     out = [_named(found, e) for e in effects]
     for i in best.values():
         form = first.library.forms[i]
-        survival = first.search.gram.survival(form.columns)
+        survival = first.search.test.survival(form.columns)
         significant = first.log_p[i] < first.search.name
         status = "not needed"
         if survival < 1e-3:
@@ -82,13 +82,13 @@ def _detectable(stage: Stage, index: int) -> float:
     if form.size != 1:
         return 0.0
     c = form.columns[0]
-    gram = stage.search.gram
-    seen = gram.length[c] * np.sqrt(max(gram.gram[c, c], 0.0))
+    test = stage.search.test
+    seen = test.length[c] * np.sqrt(max(test.gram[c, c], 0.0))
     if seen <= 0.0:
         return 0.0
     # two-sided normal quantile of the naming threshold
     need = np.sqrt(max(-2.0 * stage.search.name - np.log(-2.0 * stage.search.name) - 0.45, 1.0))
-    sigma = np.sqrt(gram.square / max(gram.freedom, 1)) if not stage.chosen else 1.0
+    sigma = np.sqrt(test.square / max(test.freedom, 1)) if not stage.chosen else 1.0
     return float((need + POWER) * sigma / seen)
 
 
@@ -106,7 +106,7 @@ def possible(found: Found, effects: Sequence[NamedEffect], verdict: str
         if stage.log_p[i] < stage.search.detect:
             form = stage.library.forms[i]
             log_p = float(stage.log_p[i])
-            out.append(Candidate(form, log_p, log_p, stage.search.gram.survival(form.columns),
+            out.append(Candidate(form, log_p, log_p, stage.search.test.survival(form.columns),
                                  "weak", (), 0.0))
     return tuple(out)
 

@@ -46,7 +46,7 @@ class Search:
     (B,) of noise.
     """
 
-    gram: AddedVariableTest
+    test: AddedVariableTest
     forms: tuple[Hypothesis, ...]
     detect: float
     name: float
@@ -69,7 +69,7 @@ class Search:
         """Return the log p of every form (F,) with the forms ``chosen`` in the model."""
         key = tuple(sorted(chosen))
         if key not in self._found:
-            rest = self.gram.given(columns_of(self, key))
+            rest = self.test.given(columns_of(self, key))
             self._found[key] = _scanned(rest, self._groups, len(self.forms))
             self._found[key].setflags(write=False)
         return self._found[key]
@@ -94,40 +94,40 @@ def by_size(forms: Sequence[Hypothesis]) -> list[Group]:
     return [(np.array(g), np.array([forms[i].columns for i in g])) for g in groups]
 
 
-def scan(gram: AddedVariableTest, forms: Sequence[Hypothesis]) -> Array:
+def scan(test: AddedVariableTest, forms: Sequence[Hypothesis]) -> Array:
     """Return the log p of every form (F,), the model's columns being projected out already."""
-    return _scanned(gram, by_size(forms), len(forms))
+    return _scanned(test, by_size(forms), len(forms))
 
 
-def _scanned(gram: AddedVariableTest, groups: Sequence[Group], count: int) -> Array:
+def _scanned(test: AddedVariableTest, groups: Sequence[Group], count: int) -> Array:
     out = np.zeros(count)
     for which, columns in groups:
-        square, rank = gram.explained(columns)
-        out[which] = log_p(square, gram.square, rank, gram.freedom)
+        square, rank = test.explained(columns)
+        out[which] = log_p(square, test.square, rank, test.freedom)
     return out
 
 
-def null_scan(gram: AddedVariableTest, forms: Sequence[Hypothesis]) -> Array:
+def null_scan(test: AddedVariableTest, forms: Sequence[Hypothesis]) -> Array:
     """Return the smallest log p over all forms for each draw of noise (B,)."""
-    smallest = np.zeros(gram.null.shape[1])
+    smallest = np.zeros(test.null.shape[1])
     for _, columns in by_size(forms):
         for begin in range(0, len(columns), 256):
-            square, rank = gram.explained(columns[begin:begin + 256], null=True)
-            values = log_p(square, gram.null_square, rank[:, None], gram.freedom)
+            square, rank = test.explained(columns[begin:begin + 256], null=True)
+            values = log_p(square, test.null_square, rank[:, None], test.freedom)
             smallest = np.minimum(smallest, values.min(axis=0))
     return smallest
 
 
 def prepare(
-    gram: AddedVariableTest, forms: Sequence[Hypothesis], like: Search | None = None
+    test: AddedVariableTest, forms: Sequence[Hypothesis], like: Search | None = None
 ) -> Search:
     """Return the search with its thresholds from simulated noise, or those of ``like``."""
     if like is not None:
-        return replace(like, gram=gram, forms=tuple(forms))
-    smallest = null_scan(gram, forms) if forms else np.zeros(gram.null.shape[1])
+        return replace(like, test=test, forms=tuple(forms))
+    smallest = null_scan(test, forms) if forms else np.zeros(test.null.shape[1])
     # without freedom nothing can be shown, however small the smallest
     detect, name = np.minimum(np.quantile(smallest, [DETECT, NAME]), np.log([DETECT, NAME]))
-    return Search(gram, tuple(forms), float(detect), float(name), smallest)
+    return Search(test, tuple(forms), float(detect), float(name), smallest)
 
 
 def choose(search: Search) -> list[Choice]:
@@ -165,8 +165,8 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
     Constants of a grid count as parameters; the last term pays for the search.
     """
     columns = columns_of(search, chosen)
-    left = search.gram.left(columns)
-    n = search.gram.freedom
+    left = search.test.left(columns)
+    n = search.test.freedom
     searched = sum(search.forms[i].searched for i in chosen)
     hypotheses, k = search.hypotheses, len(chosen)
     looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
@@ -184,7 +184,7 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
     if not _apart([search.forms[i] for i in chosen if search.forms[i].turns]):
         return False
     columns = columns_of(search, chosen)
-    value, covariance = search.gram.fit(columns)
+    value, covariance = search.test.fit(columns)
     slack = OUT_OF_RANGE * np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     place = {c: j for j, c in enumerate(columns)}
     for i in chosen:
@@ -257,7 +257,7 @@ def stand(search: Search, chosen: Sequence[int]) -> bool:
 def own_log_p(search: Search, chosen: Sequence[int], form: int) -> float:
     """Return the log p of one chosen form given the others."""
     others = [j for j in chosen if j != form]
-    rest = search.gram.given(columns_of(search, others))
+    rest = search.test.given(columns_of(search, others))
     return float(scan(rest, [search.forms[form]])[0])
 
 
@@ -295,7 +295,7 @@ def doubtful(search: Search, chosen: Sequence[int], effect: int) -> bool:
     one. Any other family that explains as much is then a rival, whatever parameters it takes.
     """
     form = search.forms[effect]
-    if search.gram.survival(form.columns) < SWALLOWED:
+    if search.test.survival(form.columns) < SWALLOWED:
         return True
     if form.shared:
         return False
@@ -304,7 +304,7 @@ def doubtful(search: Search, chosen: Sequence[int], effect: int) -> bool:
     others = columns_of(search, [j for j in chosen if j != effect])
     significant = 0
     for part in parts:
-        rest = search.gram.given([*others, *(c for p in parts if p is not part for c in p)])
+        rest = search.test.given([*others, *(c for p in parts if p is not part for c in p)])
         square, rank = rest.explained(np.array([part]))
         significant += bool(log_p(square, rest.square, rank, rest.freedom)[0] < np.log(0.01))
     return significant < MOSTLY * len(parts)
