@@ -170,7 +170,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
 
 
 def _suspected(result: Diagnosis) -> list[str]:
-    return [f"Suspected: {c.form.label} (p = {c.p_value:.1g})." for c in result.possible
+    return [f"Suspected: {c.hypothesis.label} (p = {c.p_value:.1g})." for c in result.possible
             if c.status == "weak"]
 
 

@@ -19,7 +19,7 @@ from ppmcal.errors import NoResult
 from ppmcal.wording import counted
 
 Alternatives = dict[int, tuple[list[Rival], list[Hypothesis]]]
-"""By named form: rivals in the library, and what was not recorded."""
+"""By named hypothesis: rivals in the library, and what was not recorded."""
 FAR = 10.0
 MOSTLY = 0.5
 """Effects that explain less than this of what exceeds the noise are no more than an imitation."""

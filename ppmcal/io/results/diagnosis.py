@@ -80,8 +80,8 @@ class SuspectedEffect(Part):
     @classmethod
     def of(cls, c: Candidate) -> SuspectedEffect:
         """Return a candidate that is not named."""
-        return cls(kind=c.form.kind, on=c.form.on, p_value=c.p_value, survival=c.survival,
-                   status=c.status)
+        return cls(kind=c.hypothesis.kind, on=c.hypothesis.on, p_value=c.p_value,
+                   survival=c.survival, status=c.status)
 
 
 class ResidualAfter(Part):

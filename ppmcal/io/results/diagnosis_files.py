@@ -55,9 +55,9 @@ def effects_csv(result: Diagnosis) -> str:
     unknown, blank = [np.nan] * len(none), [""] * len(none)
     smallest = [_detectable(mechanism, c) for c in some]
     return table_text([
-        Column("kind", [*(c.form.family for c in some), *(u.kind for u in none)]),
-        Column("on", [*(" ".join(c.form.on) for c in some), *blank]),
-        Column("form", [*("shared" if c.form.shared else "each" for c in some), *blank]),
+        Column("kind", [*(c.hypothesis.family for c in some), *(u.kind for u in none)]),
+        Column("on", [*(" ".join(c.hypothesis.on) for c in some), *blank]),
+        Column("form", [*("shared" if c.hypothesis.shared else "each" for c in some), *blank]),
         Column("p_value", [*(c.p_value for c in some), *unknown]),
         Column("survival", [*(c.survival for c in some), *unknown]),
         Column("status", [*(c.status for c in some), *["not testable"] * len(none)]),
@@ -71,7 +71,7 @@ def effects_csv(result: Diagnosis) -> str:
 
 def _detectable(mechanism: Mechanism, candidate: Candidate) -> tuple[float, str]:
     """Return the smallest value that the data would show, and its unit."""
-    hypothesis, units = candidate.form, mechanism.units
+    hypothesis, units = candidate.hypothesis, mechanism.units
     if candidate.detectable <= 0.0:
         return np.nan, ""
     if hypothesis.slot:
