@@ -23,7 +23,7 @@ from ppmcal.cli.common import (
     seed_option,
     unit_findings_told,
 )
-from ppmcal.wording import counted, where
+from ppmcal.wording import where
 
 if TYPE_CHECKING:
     from ppmcal.diagnosis.result import Diagnosis
@@ -110,19 +110,22 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     """Print what a person wants to know."""
     if not console.speaks:
         return
-    from ppmcal.io.results.diagnosis_wording import gap_closed, next_step, verdict, worst_block
+    from ppmcal.io.results.diagnosis_wording import (
+        gap_closed,
+        imitated,
+        next_step,
+        verdict,
+        worst_block,
+    )
 
     console.say(f"{record.name}: {verdict(record)}")
     console.say("Disagreement: " + _where(result))
     for line in [*_effects(record), *_suspected(result), *_left(result)]:
         console.say(line)
-    for line in (gap_closed(record) if record.effects else "", worst_block(record)):
+    for line in (gap_closed(record) if record.effects else "", worst_block(record),
+                 imitated(record)):
         if line:
             console.say(line)
-    if record.swallowed:
-        console.say(f"Geometry had swallowed part of it: "
-                    f"{counted(len(record.swallowed), 'parameter')} moved beyond tolerance, most "
-                    f"{record.swallowed[0].name}.")
     if record.not_testable:
         console.say("Not testable: " + "; ".join(_lacking(record.not_testable)) + ".")
     console.say(f"Next: {next_step(record)}")

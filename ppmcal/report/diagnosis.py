@@ -9,6 +9,7 @@ from ppmcal.io.results.diagnosis_wording import (
     actuators,
     gap_closed,
     headline,
+    imitated,
     name_of,
     next_step,
     rivals,
@@ -16,7 +17,7 @@ from ppmcal.io.results.diagnosis_wording import (
 )
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
-from ppmcal.report.format import count, number, probability, sig
+from ppmcal.report.format import number, probability, sig
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
 from ppmcal.report.records import Diagnosed, Identified
 from ppmcal.report.residual_figures import residual_figures
@@ -115,11 +116,10 @@ def _swallowed(r: DiagnosisRecord) -> str:
                                for v in (s.before, s.after, s.tolerance))] for s in r.swallowed]
     if not rows:
         return ""
-    return ("<h3>Geometry that had imitated the effect</h3>" + paragraph(
-        f"{count(len(rows), 'parameter')} had moved by more than the tolerance to make up for "
-        "what was missing; these are their errors from nominal without and with the effects.",
-        "note") + table("", ["parameter", "error without effects", "error with effects",
-                             "tolerance"], rows, sort=True))
+    return ("<h3>Geometry that had imitated the effect</h3>"
+            + paragraph(f"{imitated(r)} Their errors from nominal:", "note")
+            + table("", ["parameter", "error without effects", "error with effects", "tolerance"],
+                    rows, sort=True))
 
 
 def _places(r: DiagnosisRecord) -> str:

@@ -119,6 +119,14 @@ def _interval(gap: HeldOutGap) -> str:
             else "")
 
 
+def imitated(record: DiagnosisRecord) -> str:
+    """Return how many parameters had moved to imitate what is missing, empty where none had."""
+    moved = record.swallowed
+    return "" if not moved else (
+        f"{counted(len(moved), 'parameter')} had moved by more than the tolerance to imitate what "
+        f"is missing, most {moved[0].name}.")
+
+
 def next_step(record: DiagnosisRecord) -> str:
     """Return what to measure next, and what that should settle; empty where it is not said."""
     wanted = record.next_measurements
