@@ -190,7 +190,7 @@ class NextMeasurements(Part):
     odds_after: Shown | None = None
 
 
-class LeftOutRow(Part):
+class UnfittedRow(Part):
     """An input row that the fit has left out."""
 
     dataset: Text = ""
@@ -217,7 +217,7 @@ class DiagnosisRecord(Record):
     not_testable: tuple[UntestableKind, ...] = ()
     swallowed: tuple[SwallowedError, ...] = ()
     next_measurements: NextMeasurements = NextMeasurements()
-    excluded: tuple[LeftOutRow, ...] = ()
+    excluded: tuple[UnfittedRow, ...] = ()
     findings: tuple[Text, ...] = ()
     other_models: tuple[OtherModel, ...] = ()
     plot_data: DiagnosisPlots = DiagnosisPlots()
@@ -258,9 +258,9 @@ class DiagnosisRecord(Record):
             units=UnitNames.of(units), provenance=Provenance(**provenance))
 
 
-def _left_out(result: Diagnosis) -> tuple[LeftOutRow, ...]:
+def _left_out(result: Diagnosis) -> tuple[UnfittedRow, ...]:
     fit = result.identification.fit
-    return tuple(LeftOutRow(dataset=d.name, row=int(d.rows[n]), reason=reason)
+    return tuple(UnfittedRow(dataset=d.name, row=int(d.rows[n]), reason=reason)
                  for d, reasons in zip(fit.problem.datasets, fit.reasons, strict=True)
                  for n, reason in sorted(reasons.items()))
 
