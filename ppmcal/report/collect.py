@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput
 from ppmcal.io.json import NUMBER, TEXT, read_json
+from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.linalg import Array
 from ppmcal.report.comparison import COMPARISON
 from ppmcal.report.comparison import WORDS as COMPARE_WORDS
@@ -44,33 +45,6 @@ IDENTIFICATION = {
     "datasets": [{"name": TEXT, "source": TEXT, "kind": TEXT, "rows": NUMBER, "used": NUMBER}],
     "units": {"*": TEXT}, "provenance": _PROVENANCE, "measured_volume": {"*": [NUMBER]},
     **TOLD,
-}
-_SERIES = {"on": [TEXT], "names": [TEXT], "count": [NUMBER],
-           **dict.fromkeys(("x", "before", "before_95", "after", "after_95"), (NUMBER,)),
-           **dict.fromkeys(("effect", "period"), NUMBER), "*": TEXT}
-_HYPOTHESIS = {"kind": TEXT, "on": [TEXT], "status": TEXT, "form": TEXT, "what": TEXT,
-               "*": NUMBER}
-DIAGNOSIS = {
-    "name": TEXT, "verdict": TEXT,
-    "remainder": {"follows": TEXT, "p_value": NUMBER, "rms_ratio": NUMBER,
-                  "noise_reference": TEXT},
-    "effects": [{"kind": TEXT, "on": [TEXT], "parameters": {"*": {"unit": TEXT, "*": NUMBER}},
-                 "derived": {"*": {"unit": TEXT, "*": NUMBER}},
-                 "mid_stroke": {"unit": TEXT, "*": NUMBER},
-                 "p_value": NUMBER, "log10_p": NUMBER, "survival": NUMBER,
-                 "alternatives": [None], "alternatives_on": [TEXT], "odds": (NUMBER,)}],
-    "possible": [_HYPOTHESIS],
-    "gap": {"interval": [NUMBER], "*": NUMBER,
-            "blocks": [{"by": TEXT, "interval": [NUMBER], "*": NUMBER}]},
-    "localised": [{"by": TEXT, "value": None, "*": NUMBER}],
-    "fit": {"*": NUMBER}, "noise": {"*": NUMBER},
-    "not_testable": [{"kind": TEXT, "missing": [TEXT], "reason": TEXT}],
-    "swallowed": [{"name": TEXT, "unit": TEXT, "*": NUMBER}],
-    "next_measurements": {"reason": TEXT, "file": TEXT, "*": NUMBER},
-    "story": {"actuators": [{"name": TEXT, "unit": TEXT, "*": NUMBER}], "series": [_SERIES],
-              "ranking": [_HYPOTHESIS], "steps": [_HYPOTHESIS],
-              "left_out_rows": NUMBER},
-    "findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE,
 }
 LOOSE = {"findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE, "name": TEXT}
 TRUTH = {"units": {"*": TEXT}, "provenance": _PROVENANCE}
@@ -152,8 +126,10 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
         out.append(("identified", Identified(name, found, own, table("residuals.csv"))))
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
-        out.append(("diagnosed", Diagnosed(name, record("diagnosis.json", DIAGNOSIS),
-                                           table("effects.csv"), rest)))
+        found_file = folder / DiagnosisRecord.FILE
+        diagnosis = (DiagnosisRecord.read(found_file) if found_file.is_file()
+                     else DiagnosisRecord())
+        out.append(("diagnosed", Diagnosed(name, diagnosis, table("effects.csv"), rest)))
     for key, stem, only in (("compensated", "commands", None),
                             ("kinematics", "kinematics", ("status", "reason"))):
         if has(f"{stem}.csv", f"{stem}.json"):

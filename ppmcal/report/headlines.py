@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from ppmcal.calibration.noise import FAILED_NOISE, OVERSTATED
+from ppmcal.io.results.diagnosis_wording import verdict as diagnosis_verdict
 from ppmcal.report import comparison as compare_section
 from ppmcal.report import controllers as export_section
-from ppmcal.report.diagnosis_wording import verdict_of
 from ppmcal.report.format import count, listed, number, probability, sig, whole, with_unit
 from ppmcal.report.identifiability import moved_zeros
 from ppmcal.report.records import ComparedMachines, Identified, ReportData, ResidualRows
@@ -107,10 +107,9 @@ def attention(data: ReportData) -> list[tuple[str, str]]:
         out += [(one.name, t) for t in _of_identified(one)]
     said = {(one.folder, t) for one in data.identified for t in _of_identified(one)}
     for d in data.diagnosed:
-        texts = [finding_text(f) for f in d.record.get("findings") or ()]
-        out += [(d.folder, t) for t in texts if (d.folder, t) not in said]
-        if d.record.get("verdict") in ("weak", "named-set", "partial", "unnamed"):
-            out.append((d.folder, f"Diagnosis: {verdict_of(d.record)}"))
+        out += [(d.folder, t) for t in d.record.findings if (d.folder, t) not in said]
+        if d.record.verdict in ("weak", "named-set", "partial", "unnamed"):
+            out.append((d.folder, f"Diagnosis: {diagnosis_verdict(d.record)}"))
     for rows in (*data.compensated, *data.kinematics):
         out += [(rows.folder, t) for t in _of_rows(rows)]
     for other in data.others:

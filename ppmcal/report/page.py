@@ -11,12 +11,12 @@ import numpy as np
 
 from ppmcal import __version__
 from ppmcal.io.output import plain
+from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.report.comparison import comparison_section, parameters
 from ppmcal.report.comparison import verdict as comparison_verdict
 from ppmcal.report.controllers import export_section
 from ppmcal.report.design import design_headline, design_section, look_at
 from ppmcal.report.diagnosis import diagnosis_section
-from ppmcal.report.diagnosis_wording import headline as diagnosis_headline
 from ppmcal.report.format import exact, number, with_unit
 from ppmcal.report.headlines import figure, headline
 from ppmcal.report.html import CSS, SCRIPT, amount, definitions, paragraph, table, words
@@ -144,7 +144,7 @@ def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
 def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
     """Return every JSON that was read, as (folder: kind, record)."""
     out = [(f"{i.folder}: identify", i.record) for i in data.identified]
-    out += [(f"{d.folder}: diagnose", d.record) for d in data.diagnosed]
+    out += [(f"{d.folder}: diagnose", d.record.entries()) for d in data.diagnosed]
     out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record)
             for r in (*data.compensated, *data.kinematics)]
     out += [(f"{d.folder}: {d.kind}", d.record) for d in data.designed]
@@ -194,8 +194,8 @@ def to_json(data: ReportData) -> dict[str, Any]:
         "folders": list(data.folders), "headline": summary(data),
         "attention": [{"where": w, "what": t} for w, t in look_at(data)],
         "identifications": [_identified(i) for i in data.identified],
-        "diagnoses": [{"folder": d.folder, "diagnosis": d.record, "candidates": _rows(d.effects)}
-                      for d in data.diagnosed],
+        "diagnoses": [{"folder": d.folder, "diagnosis": d.record.entries(),
+                       "candidates": _rows(d.effects)} for d in data.diagnosed],
         "compensations": [_table(r) for r in data.compensated],
         "kinematics": [_table(r) for r in data.kinematics],
         "simulations": [{"folder": s.folder, "truth": s.truth,

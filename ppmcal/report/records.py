@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.linalg import Array
 
 Record = Mapping[str, Any]
@@ -103,7 +104,7 @@ class Diagnosed:
     """Output of ``diagnose``."""
 
     folder: str
-    record: Record
+    record: DiagnosisRecord
     effects: Columns | None
     residuals: Columns | None = None
 
