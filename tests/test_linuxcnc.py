@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from ppmcal.controllers.export import Exported
 from ppmcal.controllers.linuxcnc import commands, drawn, drive_of, reached, strut_lengths
 from ppmcal.controllers.linuxcnc_export import export
-from ppmcal.controllers.linuxcnc_fit import best, grid, missed
+from ppmcal.controllers.linuxcnc_fit import best, grid, predicted_errors
 from ppmcal.controllers.linuxcnc_hal import (
     BASE_N,
     PLATFORM_N,
@@ -470,7 +470,7 @@ def test_the_fit_is_a_smallest_one(tmp_path: Path) -> None:
     scale = drive.mechanism.length_scale
 
     def cost(setting: Any) -> float:
-        m = missed(drive, setting, poses)
+        m = predicted_errors(drive, setting, poses)
         return m.rms**2 + (scale * m.rotation_rms) ** 2
 
     least = cost(found)

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.export import Exported, Lacking, Number, figure
+from ppmcal.controllers.export import Exported, NotExpressed, Number
 from ppmcal.controllers.joint_tables import (
     CorrectionTable,
-    Trial,
-    divided,
+    TrialCommands,
+    drives_of_unequal_limbs,
     joint_effects,
     joint_parameters,
     joint_tables,
-    trial,
-    tried,
+    predicted_errors,
+    trial_commands,
 )
 from ppmcal.controllers.joint_tables_file import MOST, format_triplets, parse_triplets
 from ppmcal.errors import BadInput, NoResult
@@ -37,13 +37,13 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         raise BadInput("joint tables go along the joints, not over poses", "--poses",
                        "Leave it out, or export `grid`")
     tables = joint_tables(mechanism)
-    plan = trial(mechanism, SEED)
-    after = tried(mechanism, plan, tables)
+    plan = trial_commands(mechanism, SEED)
+    after = predicted_errors(mechanism, plan, tables)
     return Exported(
         "joints", "joint table", _files(tables),
         "the tables hold what each joint does by itself", tuple(_numbers(mechanism, tables)),
         f"{len(plan.q) // 2} poses of a box about home, each come to in two directions",
-        figure(tried(mechanism, plan)), figure(after), tuple(_lacks(mechanism, tables, plan)),
+        predicted_errors(mechanism, plan), after, tuple(_lacks(mechanism, tables, plan)),
         tuple(_notes(mechanism, tables)), tuple(_advice(tables)),
         {"type": 0, "seed": SEED, "rows": after.count,
          "tables": {t.actuator: {"file": file_name(t), "points": len(t.table.nominal),
@@ -82,37 +82,38 @@ def _numbers(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Itera
         yield Number(f"{own.actuator} points", None, float(len(n)), "")
 
 
-def _lacks(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], plan: Trial
-           ) -> Iterator[Lacking]:
+def _lacks(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], plan: TrialCommands
+           ) -> Iterator[NotExpressed]:
     """Yield what tables of single joints cannot hold."""
     names = mechanism.names
     changed = geometry_parameters(mechanism)
     if changed:
-        yield Lacking(f"the geometry beside the joints, {len(changed)} changed numbers",
-                      tuple(names[p] for p in changed),
-                      figure(tried(geometry_alone(mechanism), plan)))
-    shared, short = divided(mechanism), [t for t in tables if t.coarse]
+        yield NotExpressed(f"the geometry beside the joints, {len(changed)} changed numbers",
+                           tuple(names[p] for p in changed),
+                           predicted_errors(geometry_alone(mechanism), plan))
+    shared, short = drives_of_unequal_limbs(mechanism), [t for t in tables if t.coarse]
     if shared or short:
-        cost = figure(tried(joints_alone(mechanism), plan, tables))
+        cost = predicted_errors(joints_alone(mechanism), plan, tables)
         if shared:
-            yield Lacking(f"limbs on one drive, {', '.join(shared)}, with joint errors of their "
-                          "own: the table has their mean",
-                          tuple(names[p] for p in joint_parameters(mechanism)), cost)
+            yield NotExpressed(
+                f"limbs on one drive, {', '.join(shared)}, with joint errors of their own: the "
+                "table has their mean",
+                tuple(names[p] for p in joint_parameters(mechanism)), cost)
         if short:
-            yield Lacking(f"what {MOST} points cannot follow of "
-                          f"{', '.join(t.actuator for t in short)}", (), cost)
+            yield NotExpressed(f"what {MOST} points cannot follow of "
+                               f"{', '.join(t.actuator for t in short)}", (), cost)
     held = joint_effects(mechanism)
     for effect in mechanism.effects:
         if effect not in held and effect.kind.name not in INSTRUMENT:
             needs = effect.kind.needs
             why = (f"which depends on {', '.join(needs)} and is not in the figures either"
                    if needs else "which acts on more than the joints")
-            yield Lacking(f"effect {effect.kind.name}, {why}",
-                          tuple(names[p] for p in effect.parameters.values()), None)
+            yield NotExpressed(f"effect {effect.kind.name}, {why}",
+                               tuple(names[p] for p in effect.parameters.values()), None)
 
 
 def joints_alone(mechanism: Mechanism) -> Mechanism:
-    """Return the drawing with the machine's drives: ratios, offsets and joint effects."""
+    """Return the nominal machine with the real drives: ratios, offsets and joint effects."""
     g = mechanism.nominals.copy()
     drives = joint_parameters(mechanism)
     g[drives] = mechanism.values[drives]
@@ -123,7 +124,7 @@ def joints_alone(mechanism: Mechanism) -> Mechanism:
 
 
 def geometry_alone(mechanism: Mechanism) -> Mechanism:
-    """Return the machine with the drawing's drives and no effects."""
+    """Return the machine with nominal drives and no effects."""
     g = mechanism.values.copy()
     drives = joint_parameters(mechanism)
     g[drives] = mechanism.nominals[drives]
@@ -131,7 +132,7 @@ def geometry_alone(mechanism: Mechanism) -> Mechanism:
 
 
 def geometry_parameters(mechanism: Mechanism) -> list[int]:
-    """Return the indices of what else of the geometry is not as drawn."""
+    """Return the indices of what else of the geometry is not nominal."""
     others = {*joint_parameters(mechanism),
               *(p for e in mechanism.effects for p in e.parameters.values())}
     return [i for i, p in enumerate(mechanism.parameters)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, Lacking, Number, figure, words
+from ppmcal.controllers.export import Exported, NotExpressed, Number
 from ppmcal.controllers.linuxcnc import (
     GenhexkinsSetting,
     LinuxcncDrive,
@@ -20,7 +20,7 @@ from ppmcal.controllers.linuxcnc import (
     reached,
     rounded,
 )
-from ppmcal.controllers.linuxcnc_fit import EXACT, best, grid, missed, within
+from ppmcal.controllers.linuxcnc_fit import EXACT, best, grid, predicted_errors, within
 from ppmcal.controllers.linuxcnc_hal import (
     STRUTS,
     HexapodGeometry,
@@ -77,19 +77,19 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
                 f"each axis and {np.degrees(turn):.0f} deg from home") if poses is None else (
         _given(mechanism, poses))
     over = _taken(drive, (before, new), over, old)
-    was, after = (missed(drive, setting, over.pose) for setting in (before, new))
+    was, after = (predicted_errors(drive, setting, over.pose) for setting in (before, new))
     ini = tuple(joint.rounded() for joint in joints(drive, new))
     lacks = tuple(_lacks(mechanism, drive, around))
     notes = (*over.notes, *_notes(drive, new, unit, poses is not None and _lateral(drive) != []))
     head = "\n".join([
-        f"{mechanism.name}: error if the model is exact {words(figure(after))}, before "
-        f"{words(figure(was))}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
+        f"{mechanism.name}: error if the model is exact {after.words()}, before "
+        f"{was.words()}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
         *(f"Note: {note}." for note in notes)])
     return Exported(
         "linuxcnc", "LinuxCNC", _files(drive, new.geometry, ini, unit, head),
         f"genhexkins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
-        tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, figure(was),
-        figure(after), lacks, notes, tuple(_advice(ini, unit)),
+        tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, was,
+        after, lacks, notes, tuple(_advice(ini, unit)),
         {"length_unit": unit, "poses": len(over.pose)}, pose_vector(over.pose))
 
 
@@ -212,7 +212,7 @@ def _lateral(drive: LinuxcncDrive) -> list[int]:
     return [int(n) for n in np.flatnonzero(shown > EXACT)]
 
 
-def _lacks(mechanism: Mechanism, drive: LinuxcncDrive, around: Array) -> Iterator[Lacking]:
+def _lacks(mechanism: Mechanism, drive: LinuxcncDrive, around: Array) -> Iterator[NotExpressed]:
     """Yield what genhexkins has no number for, each with the cost of that alone."""
     for strut in _lateral(drive):
         limb = mechanism.limbs[strut]
@@ -221,13 +221,13 @@ def _lacks(mechanism: Mechanism, drive: LinuxcncDrive, around: Array) -> Iterato
         alone = drive_of(_only(mechanism, used), drive.unit)
         pose = around[within(alone.mechanism, around)]
         found = best(alone, drawn(alone), pose) if len(pose) >= ENOUGH else None
-        yield Lacking(
+        yield NotExpressed(
             f"joints 2 and 3 of {limb.name} stand {drive.legs.beside[strut] * 1e3:.4g} mm beside "
             "the driven line", tuple(mechanism.names[p] for p in used),
-            None if found is None else figure(missed(alone, found, pose)))
+            None if found is None else predicted_errors(alone, found, pose))
     for effect in mechanism.effects:
-        yield Lacking(f"effect {effect.kind.name}, which the figures above do not hold either",
-                      tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+        yield NotExpressed(f"effect {effect.kind.name}, which the figures above do not hold either",
+                           tuple(mechanism.names[p] for p in effect.parameters.values()), None)
 
 
 def _only(mechanism: Mechanism, used: list[int]) -> Mechanism:
