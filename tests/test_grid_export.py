@@ -260,7 +260,7 @@ def test_lists_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
 def test_bad_options_and_machines_are_refused(tmp_path: Path) -> None:
     path = edited(tmp_path)
     run = ppmcal("export", "grid", path, "--old", path, cwd=tmp_path, expect=2)
-    assert "--old" in run.err and "drawing" in run.err
+    assert "--old" in run.err and "nominal geometry" in run.err
     assert "Did you mean 'grid'?" in ppmcal("export", "gird", path, cwd=tmp_path, expect=2).err
     path = edited(tmp_path, limits={"leg1": [200, 700], "leg2": [200, 700]})
     run = ppmcal("export", "grid", path, cwd=tmp_path, expect=2)

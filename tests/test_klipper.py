@@ -307,7 +307,7 @@ def test_single_radii_heights_and_turns_are_expressed(tmp_path: Path) -> None:
     assert found.exact and found.after.max < 2e-8 and found.new.angles[2] == 90.0
     words = " ".join(found.notes)
     assert "turned by" in words and "middle of the towers" in words and "heights" in words
-    assert np.degrees(found.after.turn) == pytest.approx(-10, abs=1.0)
+    assert np.degrees(found.after.removed.turn) == pytest.approx(-10, abs=1.0)
 
 
 def test_a_changed_drive_ratio_is_told_as_rotation_distance(tmp_path: Path) -> None:

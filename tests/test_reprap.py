@@ -325,7 +325,7 @@ def test_the_tilt_of_the_bed_would_add_next_to_nothing(tmp_path: Path) -> None:
     def left(p: np.ndarray) -> np.ndarray:
         delta = Delta(p[0], tuple(p[1:4]), 0.0, (p[4], p[5], 0.0), tuple(p[6:9]), tuple(p[9:]))
         at = reached(drive, delta, points)
-        laid_by = error_summary(at, points)
+        laid_by = error_summary(at, points).removed
         flat = np.exp(1j * laid_by.turn) * (at[:, 0] + 1j * at[:, 1]) + complex(*laid_by.shift)
         return (np.stack([flat.real, flat.imag, at[:, 2]], axis=-1) - points).ravel() * 1e3
 

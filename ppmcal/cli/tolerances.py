@@ -69,7 +69,7 @@ class Job:
     seed: int
 
 
-def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> ToleranceResult:
+def solve(mechanism: Mechanism, job: Job, progress: Callable[[str], None]) -> ToleranceResult:
     """Return tolerances, and the machines simulated with those of ``job.method``."""
     machine = geometry_only(mechanism).nominal()
     found = sources(machine)
@@ -87,16 +87,16 @@ def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> Tolera
     tau = allocate(machine, found, tasks, demand, unit, weight, exponent, given, job.seed)
     chosen = tau[job.method]
     free = tuple(s.parameter for s in found)
-    drawing = _with_tolerances(machine, free, chosen.tau)
-    recipe = _recipe(drawing, job, instrument, demand)
-    fleet = Fleet(drawing, free, chosen.drawn, tasks, recipe)
-    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, tell)
+    nominal = _with_tolerances(machine, free, chosen.tau)
+    setup = _measurement_setup(nominal, job, instrument, demand)
+    fleet = Fleet(nominal, free, chosen.drawn, tasks, setup)
+    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, progress)
     home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
     index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
     return ToleranceResult(machine, found, demand, tau, job.method, fleet, judged,
                   check(fleet, judged.built),
                   None if demand.position is None else demand.position / float(index),
-                  _expected(recipe, tasks), tuple(notes))
+                  _expected(setup, tasks), tuple(notes))
 
 
 def _demand(machine: Mechanism, job: Job) -> Demand:
@@ -177,7 +177,7 @@ def _costs(machine: Mechanism, found: tuple[Source, ...], unit: Array) -> tuple[
 
 
 def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> Mechanism:
-    """Return the drawing with these tolerances; errors that are not felt are left fixed."""
+    """Return the machine with these tolerances; errors without effect are left fixed."""
     parameters = list(machine.parameters)
     for p, t in zip(free, tau.tolist(), strict=True):
         if np.isfinite(t) and t > 0.0:
@@ -186,24 +186,24 @@ def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> M
     return replace(machine, parameters=tuple(parameters), free=kept)
 
 
-def _expected(recipe: MeasurementSetup, tasks: Poses) -> float | None:
+def _expected(setup: MeasurementSetup, tasks: Poses) -> float | None:
     """Return the rms error after calibration that the linear model expects, m."""
-    short = recipe.mechanism.conditions > len(recipe.mechanism.actuators)
-    if short or (tasks.tool != recipe.instrument.target.value).any():
+    short = setup.mechanism.conditions > len(setup.mechanism.actuators)
+    if short or (tasks.tool != setup.instrument.target.value).any():
         return None
-    expected = predicted(recipe, tasks.q, pose_vector(tasks.motor))
+    expected = predicted(setup, tasks.q, pose_vector(tasks.motor))
     return float(np.sqrt(np.mean(expected**2)))
 
 
-def _recipe(drawing: Mechanism, job: Job, instrument: Instrument | None, demand: Demand
+def _measurement_setup(nominal: Mechanism, job: Job, instrument: Instrument | None, demand: Demand
             ) -> MeasurementSetup:
     if instrument is None:
-        instrument = default_instrument(drawing)
-        sigma = OF_ACCURACY * (demand.position or drawing.length_scale * (demand.rotation or 0.0))
+        instrument = default_instrument(nominal)
+        sigma = OF_ACCURACY * (demand.position or nominal.length_scale * (demand.rotation or 0.0))
         instrument = replace(instrument, sigma_position=sigma,
-                             sigma_rotation=sigma / drawing.length_scale)
-    measured = evenly(drawing, region_of(drawing), job.measure, job.seed + 2)
-    return MeasurementSetup(drawing, instrument, measured.q, measured.pose)
+                             sigma_rotation=sigma / nominal.length_scale)
+    measured = evenly(nominal, region_of(nominal), job.measure, job.seed + 2)
+    return MeasurementSetup(nominal, instrument, measured.q, measured.pose)
 
 
 @click.command("tolerances")
@@ -251,8 +251,8 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     machine = read_mechanism(mech)
     job = Job(accuracy, rotation, share, method, poses, instrument, measure, machines, metric,
               tool, cores, dask, seed or 0)
-    with console.progress("Simulating machines") as tell:
-        result = solve(machine, job, tell)
+    with console.progress("Simulating machines") as progress:
+        result = solve(machine, job, progress)
     inputs = [*machine.inputs, *(str(p) for p in (poses, instrument) if p)]
     record = TolerancesRecord.of(result, machine, provenance(inputs, command_line(), job.seed))
     with Output(out) as output:

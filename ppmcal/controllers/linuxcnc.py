@@ -57,7 +57,7 @@ class Legs:
 
 @dataclass(frozen=True, eq=False)
 class LinuxcncDrive:
-    """A machine without effects, its limbs, those of its drawing, and the controller's unit, m."""
+    """A machine without effects, its limbs, its nominal ones, and the controller's unit, m."""
 
     mechanism: Mechanism
     legs: Legs

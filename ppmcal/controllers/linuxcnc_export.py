@@ -94,7 +94,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
 
 
 def _unit(mechanism: Mechanism, present: HexapodGeometry | None, old: Path | None) -> str:
-    """Return ``mm`` or ``in``: in which unit the present points are as large as the drawing's.
+    """Return ``mm`` or ``in``: in which unit the present points are as large as nominal.
 
     Without present points, the inch if the mechanism file is in inches.
 
@@ -103,16 +103,16 @@ def _unit(mechanism: Mechanism, present: HexapodGeometry | None, old: Path | Non
     """
     if present is None:
         return "in" if mechanism.units.length == "in" else "mm"
-    drawing = drive_of(mechanism.nominal(), 1.0).legs
-    size = _spread(drawing.base) + _spread(drawing.platform)
+    nominal = drive_of(mechanism.nominal(), 1.0).legs
+    size = _spread(nominal.base) + _spread(nominal.platform)
     held = _spread(np.array(present.base)) + _spread(np.array(present.platform))
     for unit in ("mm", "in"):
         if size / APART < held * LENGTHS[unit] < size * APART:
             there = np.hstack([present.base, present.platform]) * LENGTHS[unit]
-            here = np.hstack([drawing.base, drawing.platform])
+            here = np.hstack([nominal.base, nominal.platform])
             _same_order(mechanism, np.linalg.norm(there[:, None] - here, axis=-1), old)
             return unit
-    raise BadInput(f"its points are spread by {held:.4g}, the drawing's by {size * 1e3:.4g} mm",
+    raise BadInput(f"its points are spread by {held:.4g}, nominal ones by {size * 1e3:.4g} mm",
                    str(old), "Give the HAL file of this machine, in mm or inch")
 
 

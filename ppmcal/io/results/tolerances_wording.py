@@ -51,7 +51,7 @@ def _in_specification(y: StageYield, length: str) -> str:
 
 
 def _calibrated(r: ToleranceResult) -> list[str]:
-    setup, units = r.fleet.recipe, r.machine.units
+    setup, units = r.fleet.setup, r.machine.units
     if setup is None or not np.isfinite(setup.instrument.sigma_position):
         return []
     length = units.factor("length")
