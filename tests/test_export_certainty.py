@@ -15,7 +15,7 @@ from commands import ppmcal
 
 from ppmcal.calibration.compensation import compensate, station_of
 from ppmcal.controllers.export import exporter
-from ppmcal.controllers.model_uncertainty import certainty
+from ppmcal.controllers.model_uncertainty import pose_uncertainty
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.knowledge import read_knowledge
@@ -98,7 +98,7 @@ def test_several_frames_are_none(model: Path) -> None:
     poses = exporter("grid").export(mechanism, None, None).poses
     (name, registration), = mechanism.registrations.items()
     two = replace(mechanism, registrations={name: registration, "other": registration})
-    own, base = (certainty(m, poses, model) for m in (mechanism, two))
+    own, base = (pose_uncertainty(m, poses, model) for m in (mechanism, two))
     assert (own.frame, base.frame) == (name, "base")
     assert own.position is not None
     assert base.position is not None

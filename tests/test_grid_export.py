@@ -20,7 +20,7 @@ from ppmcal.controllers.pose_grid import (
     corrected,
     default_grid,
     interpolated,
-    nearest,
+    nearest_rotations,
 )
 from ppmcal.io import read_mechanism, write_mechanism
 from ppmcal.io.folder import RECORD
@@ -315,7 +315,7 @@ def test_what_is_linear_in_each_coordinate_is_exact(count: int, seed: int) -> No
 def test_the_nearer_rotation_vector_is_the_same_turn(turn: list[float], by: list[float]) -> None:
     to = np.concatenate([np.zeros(3), turn])[None]
     short = Rotation.from_rotvec(np.add(turn, by)).as_rotvec()
-    found = nearest(np.concatenate([np.ones(3), short])[None], to)[0, 3:]
+    found = nearest_rotations(np.concatenate([np.ones(3), short])[None], to)[0, 3:]
     same = Rotation.from_rotvec(found) * Rotation.from_rotvec(short).inv()
     assert same.magnitude() < 1e-7
     assert np.linalg.norm(found - turn) <= np.linalg.norm(short - turn) + 1e-12

@@ -54,7 +54,7 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     from dataclasses import replace
 
     from ppmcal.controllers.export import exporter, record_of
-    from ppmcal.controllers.model_uncertainty import KNOWLEDGE, certainty
+    from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
     from ppmcal.io import Output, provenance, read_mechanism
 
     console = Console(quiet, as_json)
@@ -62,8 +62,8 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     mechanism = read_mechanism(model)
     with console.progress("Fitting"):
         exported = writer.export(mechanism, old, poses)
-        exported = replace(exported, certainty=certainty(mechanism, exported.poses, model))
-    known = model.with_name(KNOWLEDGE) if exported.certainty.frame else None
+        exported = replace(exported, uncertainty=pose_uncertainty(mechanism, exported.poses, model))
+    known = model.with_name(KNOWLEDGE) if exported.uncertainty.frame else None
     inputs = [*mechanism.inputs, *(str(p) for p in (old, poses, known) if p is not None)]
     record = record_of(exported, mechanism.name, provenance(inputs, command_line(), None))
     with Output(out) as output:

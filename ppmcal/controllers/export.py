@@ -10,7 +10,7 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from ppmcal.controllers.model_uncertainty import UNKNOWN, Certainty
+from ppmcal.controllers.model_uncertainty import UNKNOWN, PoseUncertainty
 from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.errors import unknown
 from ppmcal.io.results.design import Provenance
@@ -61,8 +61,8 @@ class Exported:
         before, after: errors of the machine driven by the controller's arithmetic with each, if
             the model is exact: ``after`` is what the format cannot express.
         poses: of the platform at which these are, base frame (N, 6), nan where open.
-        certainty: how well the model itself is known there.
-        lacks: what cannot be expressed; notes: what was done to express the rest.
+        uncertainty: how well the model itself is known there.
+        not_expressed: what cannot be expressed; notes: what was done to express the rest.
         advice: sentences on how to bring the numbers into the controller.
         extra: more for export.json.
     """
@@ -75,17 +75,17 @@ class Exported:
     over: str
     before: ErrorSummary
     after: ErrorSummary
-    lacks: tuple[NotExpressed, ...] = ()
+    not_expressed: tuple[NotExpressed, ...] = ()
     notes: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     poses: Array | None = None
-    certainty: Certainty = UNKNOWN
+    uncertainty: PoseUncertainty = UNKNOWN
 
     @property
     def predicted(self) -> ErrorSummary | None:
         """The error to expect with the new numbers: what they lack, and what the model lacks."""
-        own = self.certainty
+        own = self.uncertainty
         if own.position is None:
             return None
         turn = None if self.after.rotation_rms is None or own.rotation is None else float(
@@ -133,14 +133,14 @@ def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> E
         number_units={n.name: n.unit for n in exported.numbers},
         title=exported.title, said=exported.said, over=exported.over,
         predicted=PredictedErrors(
-            format=exported.after.rms_entry(), model=exported.certainty.entry(),
+            format=exported.after.rms_entry(), model=exported.uncertainty.entry(),
             after=(CommandErrors(rms=None, unit="mm") if predicted is None
                    else predicted.rms_entry())),
-        exact=not exported.lacks, read_back=True,
+        exact=not exported.not_expressed, read_back=True,
         gain=Gain(before=exported.before.entry(), after=exported.after.entry()),
         not_expressed=tuple(
             NotExpressedEntry(what=lack.what, parameters=lack.parameters,
                               cost=None if lack.cost is None else lack.cost.entry())
-            for lack in exported.lacks),
+            for lack in exported.not_expressed),
         notes=exported.notes, advice=exported.advice, files=tuple(exported.files),
         **exported.extra, provenance=Provenance(**provenance))

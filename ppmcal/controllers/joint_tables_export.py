@@ -43,7 +43,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         "joints", "joint table", _files(tables),
         "the tables hold what each joint does by itself", tuple(_numbers(mechanism, tables)),
         f"{len(plan.q) // 2} poses of a box about home, each come to in two directions",
-        predicted_errors(mechanism, plan), after, tuple(_lacks(mechanism, tables, plan)),
+        predicted_errors(mechanism, plan), after, tuple(_not_expressed(mechanism, tables, plan)),
         tuple(_notes(mechanism, tables)), tuple(_advice(tables)),
         {"type": 0, "seed": SEED, "rows": after.count,
          "tables": {t.actuator: {"file": file_name(t), "points": len(t.table.nominal),
@@ -82,7 +82,7 @@ def _numbers(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Itera
         yield Number(f"{own.actuator} points", None, float(len(n)), "")
 
 
-def _lacks(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], plan: TrialCommands
+def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], plan: TrialCommands
            ) -> Iterator[NotExpressed]:
     """Yield what tables of single joints cannot hold."""
     names = mechanism.names

@@ -50,7 +50,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
               for key, value in after.items()),
         f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
         "mm, where on the bed a print lies aside",
-        found.before, found.after, found.lacks, found.notes, tuple(advice),
+        found.before, found.after, found.not_expressed, found.notes, tuple(advice),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
         np.pad(found.points, ((0, 0), (0, 3))))
@@ -62,7 +62,7 @@ def _comment(found: Export[DeltaGeometry], name: str) -> str:
              "Paste above the #*# lines of printer.cfg, below the sections of the same names (the",
              "later value wins). Where #*# lines name the same keys, put the numbers there: they",
              "win over all others."]
-    return "\n".join([*lines, *(f"Cannot be expressed: {lack.what}." for lack in found.lacks),
+    return "\n".join([*lines, *(f"Cannot be expressed: {one.what}." for one in found.not_expressed),
                       *(f"Note: {note}." for note in found.notes)])
 
 

@@ -18,9 +18,9 @@ from ppmcal.controllers.export import NotExpressed
 from ppmcal.controllers.klipper import (
     MM,
     KlipperDrive,
-    drawn,
+    delta_geometry,
     drive_of,
-    follows,
+    platform_jacobian,
     reached,
     travel,
     triple,
@@ -75,7 +75,7 @@ class Export(Generic[Numbers]):
         new, old: what is written, and what it is compared with.
         before, after: errors of the machine driven with each.
         points: the commands compared (N, 3), m; radius: of their disc, m.
-        lacks: what cannot be expressed; notes: what was done to express the rest.
+        not_expressed: what cannot be expressed; notes: what was done to express the rest.
     """
 
     new: Numbers
@@ -84,13 +84,13 @@ class Export(Generic[Numbers]):
     after: ErrorSummary
     points: Array
     radius: float
-    lacks: tuple[NotExpressed, ...]
+    not_expressed: tuple[NotExpressed, ...]
     notes: tuple[str, ...]
 
     @property
     def exact(self) -> bool:
         """Whether the numbers hold all of the geometry."""
-        return not self.lacks
+        return not self.not_expressed
 
 
 def project(mechanism: Mechanism, old: DeltaGeometry | None = None, terms: KlipperTerms = KLIPPER
@@ -100,12 +100,12 @@ def project(mechanism: Mechanism, old: DeltaGeometry | None = None, terms: Klipp
     ``terms``: words of another firmware whose numbers are these in other conventions.
     """
     drive = drive_of(mechanism)
-    start = drawn(drive)
+    start = delta_geometry(drive)
     points = grid(drive, start)
     new = _best(drive, start, points).rounded()
     if old is None:
         first = drive_of(mechanism.nominal())
-        old = _best(first, drawn(first), points)
+        old = _best(first, delta_geometry(first), points)
     both = points[np.isfinite(reached(drive, old, points)).all(axis=1)]
     if len(both) < ENOUGH:
         raise NoResult("with the old configuration the machine reaches next to nothing of the "
@@ -113,7 +113,7 @@ def project(mechanism: Mechanism, old: DeltaGeometry | None = None, terms: Klipp
                        f"Check that --old is this printer's, and its {terms.endstops}")
     removed = _aligned(reached(drive, new, both), both)[1]
     return Export(new, old, predicted_errors(drive, old, both), predicted_errors(drive, new, both),
-                  both, DISC * start.radius * MM, tuple(_lacks(mechanism, points, terms)),
+                  both, DISC * start.radius * MM, tuple(_not_expressed(mechanism, points, terms)),
                   tuple(_notes(drive, removed, terms)))
 
 
@@ -178,7 +178,7 @@ def _best(drive: KlipperDrive, start: DeltaGeometry, points: Array) -> DeltaGeom
 
     def slopes(p: Array) -> Array:
         at, here = reached(drive, geometry(p), points), travel(geometry(p), points)
-        moves = follows(drive, geometry(p), points)
+        moves = platform_jacobian(drive, geometry(p), points)
         columns = []
         for step in np.diag(np.full(len(p), STEP)):
             ends = []
@@ -226,11 +226,12 @@ def _group(slot: str) -> str:
     return slot if slot == "ratio" else ""
 
 
-def _lacks(mechanism: Mechanism, points: Array, terms: KlipperTerms) -> Iterator[NotExpressed]:
+def _not_expressed(mechanism: Mechanism, points: Array, terms: KlipperTerms
+                   ) -> Iterator[NotExpressed]:
     """Yield what Klipper has no number for, each with the cost of that alone."""
     for i, name, words, used in _groups(mechanism, terms):
         alone = drive_of(_only(mechanism, i, name, used))
-        start = drawn(alone)
+        start = delta_geometry(alone)
         fits = points[np.isfinite(reached(alone, start, points)).all(axis=1)]
         cost = None if len(fits) < ENOUGH else predicted_errors(
             alone, _best(alone, start, fits), fits)

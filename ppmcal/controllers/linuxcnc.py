@@ -158,7 +158,8 @@ def drive_of(mechanism: Mechanism, unit: float) -> LinuxcncDrive:
     return LinuxcncDrive(own, legs_of(own), legs_of(own.nominal()), unit)
 
 
-def drawn(drive: LinuxcncDrive, geometry: HexapodGeometry | None = None) -> GenhexkinsSetting:
+def genhexkins_setting(drive: LinuxcncDrive, geometry: HexapodGeometry | None = None
+                       ) -> GenhexkinsSetting:
     """Return the setting as read off the machine; exact where no joint stands beside its line.
 
     ``geometry``: in the pins that are not points, what stays as it is.

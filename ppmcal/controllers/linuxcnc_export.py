@@ -14,8 +14,8 @@ from ppmcal.controllers.linuxcnc import (
     GenhexkinsSetting,
     LinuxcncDrive,
     commands,
-    drawn,
     drive_of,
+    genhexkins_setting,
     joints,
     reached,
     rounded,
@@ -68,8 +68,8 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     if len(around) < ENOUGH:
         raise NoResult("the machine takes next to no pose around home within its limits",
                        mechanism.source, "Check `home` and `limits`")
-    new = rounded(best(drive, drawn(drive, present), around))
-    old_pins = drawn(drive_of(mechanism.nominal(), drive.unit)).geometry
+    new = rounded(best(drive, genhexkins_setting(drive, present), around))
+    old_pins = genhexkins_setting(drive_of(mechanism.nominal(), drive.unit)).geometry
     before = GenhexkinsSetting(
         old_pins if present is None else present, np.ones(STRUTS), np.zeros(STRUTS)
     )
@@ -79,7 +79,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     over = _taken(drive, (before, new), over, old)
     was, after = (predicted_errors(drive, setting, over.pose) for setting in (before, new))
     ini = tuple(joint.rounded() for joint in joints(drive, new))
-    lacks = tuple(_lacks(mechanism, drive, around))
+    lacks = tuple(_not_expressed(mechanism, drive, around))
     notes = (*over.notes, *_notes(drive, new, unit, poses is not None and _lateral(drive) != []))
     head = "\n".join([
         f"{mechanism.name}: error if the model is exact {after.words()}, before "
@@ -212,7 +212,8 @@ def _lateral(drive: LinuxcncDrive) -> list[int]:
     return [int(n) for n in np.flatnonzero(shown > EXACT)]
 
 
-def _lacks(mechanism: Mechanism, drive: LinuxcncDrive, around: Array) -> Iterator[NotExpressed]:
+def _not_expressed(mechanism: Mechanism, drive: LinuxcncDrive, around: Array
+                   ) -> Iterator[NotExpressed]:
     """Yield what genhexkins has no number for, each with the cost of that alone."""
     for strut in _lateral(drive):
         limb = mechanism.limbs[strut]
@@ -220,7 +221,7 @@ def _lacks(mechanism: Mechanism, drive: LinuxcncDrive, around: Array) -> Iterato
                 if slot.startswith(("joint2.", "joint3.")) and mechanism.values[p]]
         alone = drive_of(_only(mechanism, used), drive.unit)
         pose = around[within(alone.mechanism, around)]
-        found = best(alone, drawn(alone), pose) if len(pose) >= ENOUGH else None
+        found = best(alone, genhexkins_setting(alone), pose) if len(pose) >= ENOUGH else None
         yield NotExpressed(
             f"joints 2 and 3 of {limb.name} stand {drive.legs.beside[strut] * 1e3:.4g} mm beside "
             "the driven line", tuple(mechanism.names[p] for p in used),

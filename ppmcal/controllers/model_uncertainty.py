@@ -19,7 +19,7 @@ KNOWLEDGE = "identification.json"
 
 
 @dataclass(frozen=True)
-class Certainty:
+class PoseUncertainty:
     """The model's own standard deviation, root mean square over poses; None where unknown.
 
     ``position`` m, ``rotation`` rad (None too where nothing turns); ``frame``: of which data set,
@@ -38,10 +38,10 @@ class Certainty:
                                 **rotation_rms(self.rotation))
 
 
-UNKNOWN = Certainty(None, None, "", f"{KNOWLEDGE} is not beside the model")
+UNKNOWN = PoseUncertainty(None, None, "", f"{KNOWLEDGE} is not beside the model")
 
 
-def certainty(mechanism: Mechanism, poses: Array | None, model: Path) -> Certainty:
+def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> PoseUncertainty:
     """Return how well the file ``model`` is known at platform poses (N, 6), base frame.
 
     In the measuring frame of the model's only data set, as ``compensate`` takes it; with none or
@@ -60,6 +60,7 @@ def certainty(mechanism: Mechanism, poses: Array | None, model: Path) -> Certain
                                      knowledge, name, rest_columns(mechanism, len(poses)))
     seen = np.isfinite(position)
     if not seen.any():
-        return Certainty(None, None, name or "base", "no pose has an uncertainty")
+        return PoseUncertainty(None, None, name or "base", "no pose has an uncertainty")
     turns = mechanism.motion != "translational"
-    return Certainty(rms(position[seen]), rms(rotation[seen]) if turns else None, name or "base")
+    return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None,
+                           name or "base")

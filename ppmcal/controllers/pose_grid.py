@@ -100,7 +100,7 @@ def corrected(mechanism: Mechanism, wanted: Array) -> Corrected:
     """Return the corrected commands of wanted platform poses (N, 6), nan where open."""
     found = compensate(mechanism, wanted, None, columns=rest_columns(mechanism, len(wanted)))
     reason = list(found.reason)
-    command = nearest(found.command, found.seen)
+    command = nearest_rotations(found.command, found.seen)
     for n in np.flatnonzero(finite_rows(found.q) & ~finite_rows(command)):
         reason[n] = "the nominal geometry has no pose at these joint values"
     good = np.array([not r for r in reason], dtype=np.bool_)
@@ -109,7 +109,7 @@ def corrected(mechanism: Mechanism, wanted: Array) -> Corrected:
                      dict(Counter(r.partition(":")[0] for r in reason if r)))
 
 
-def nearest(vector: Array, to: Array) -> Array:
+def nearest_rotations(vector: Array, to: Array) -> Array:
     """Return poses (N, 6) with the rotation vector of the same turn that is nearer to ``to``."""
     out = vector.copy()
     angle = np.linalg.norm(out[:, 3:], axis=1, keepdims=True)

@@ -56,7 +56,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         f"{count} poses with the commands that bring the machine there", (),
         f"the {after.count} poses themselves, none in between" if grid is None else
         f"{after.count} random poses between those of the grid, commands interpolated linearly",
-        before, after, tuple(_lacks(mechanism, found, grid is None)),
+        before, after, tuple(_not_expressed(mechanism, found, grid is None)),
         tuple(_notes(mechanism, grid, found, further)), (_advice(mechanism, grid),),
         _extra(mechanism, grid, found), found.wanted[found.good])
 
@@ -80,7 +80,7 @@ def _text(mechanism: Mechanism, found: Corrected) -> str:
     return text
 
 
-def _lacks(mechanism: Mechanism, found: Corrected, asked: bool) -> Iterator[NotExpressed]:
+def _not_expressed(mechanism: Mechanism, found: Corrected, asked: bool) -> Iterator[NotExpressed]:
     """Yield poses asked for that have no command, and effects that a table holds at rest only."""
     missing = len(found.good) - int(found.good.sum())
     if asked and missing:

@@ -104,7 +104,7 @@ def project(mechanism: Mechanism, old: Delta | None = None) -> Export[Delta]:
     both = np.isfinite(at_old).all(axis=1) & np.isfinite(at_new).all(axis=1)
     points = found.points[both]
     return Export(new, old, error_summary(at_old[both], points),
-                  error_summary(at_new[both], points), points, found.radius, found.lacks,
+                  error_summary(at_new[both], points), points, found.radius, found.not_expressed,
                   found.notes)
 
 
@@ -128,11 +128,11 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     return Exported(
         "reprap", "RepRapFirmware", {LINES: text},
         "RepRapFirmware's numbers hold "
-        + ("most of the geometry, fitted" if found.lacks else "all of the geometry"),
+        + ("most of the geometry, fitted" if found.not_expressed else "all of the geometry"),
         tuple(_numbers(found)),
         f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
         "mm, where on the bed a print lies aside",
-        found.before, found.after, found.lacks, notes, tuple(_advice(present, found)),
+        found.before, found.after, found.not_expressed, notes, tuple(_advice(present, found)),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
         np.pad(found.points, ((0, 0), (0, 3))))
@@ -195,5 +195,5 @@ def _comment(found: Export[Delta], notes: tuple[str, ...], name: str) -> str:
              "with 3 decimals. A0 B0 is meant: X, Y, Z of M666 hold the tilt of the bed."]
     if found.new.bed is None:
         lines.append("B, the printable radius, stays as it is: no --old said it.")
-    return "\n".join([*lines, *(f"Cannot be expressed: {lack.what}." for lack in found.lacks),
+    return "\n".join([*lines, *(f"Cannot be expressed: {one.what}." for one in found.not_expressed),
                       *(f"Note: {note}." for note in notes)])
