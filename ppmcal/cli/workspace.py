@@ -108,14 +108,14 @@ def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
 def _show(console: Console, found: Workspace, rows: list[ModeRow]) -> None:
     """Say everything, with the tables that belong to it."""
     from ppmcal.io.results.workspace_tables import left_table, modes_table
-    from ppmcal.io.results.workspace_wording import modes, reach, singular
+    from ppmcal.io.results.workspace_wording import assembly_modes, reach, singularities
 
     for sentence in reach(found):
         console.say(sentence)
     if found.table.status.count("ok") < len(found.table.status):
         left = left_table(found)
         console.table(plain_table(left.columns, left.rows[:SHOWN], (1,)))
-    for sentence in [*singular(found), *modes(found, rows)]:
+    for sentence in [*singularities(found), *assembly_modes(found, rows)]:
         console.say(sentence)
     table = modes_table(found, rows)
     if table is not None:

@@ -11,20 +11,16 @@ from :class:`ppmcal.controllers.joint_tables_file.Triplets`, in the controller's
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ppmcal.controllers.joint_tables_file import DIGITS, MOST, Triplets, correction
-from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
-from ppmcal.controllers.pose_grid import at_rest, completed_poses, default_grid, refuse_open
+from ppmcal.controllers.pose_grid import at_rest, refuse_open
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
-from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.units import LENGTHS
@@ -82,8 +78,6 @@ COARSE = 1e-6
 SAMPLES = 8001
 ROUNDS = 100
 SETTLED = 1e-14
-MOST_TRIED = 500
-"""Poses of the grid at which tables are tried, each in two directions."""
 JOINT_SLOTS = ("offset", "ratio")
 
 
@@ -269,38 +263,3 @@ def table_command(table: Triplets, factor: float, q: Array, way: Array) -> Array
     """Return what the motor is commanded (n,) for joint values ``q`` (n,), SI."""
     x = q / factor
     return (x + correction(table, x, way)) * factor
-
-
-@dataclass(frozen=True, eq=False)
-class TrialCommands:
-    """Commands to try tables with.
-
-    ``asked``: commanded poses (N, 6), nan where open; ``q``: nominal joint values for them
-    (N, k); ``way``: direction in which each joint comes (N, k).
-    """
-
-    asked: Array
-    q: Array
-    way: Array
-
-
-def trial_commands(mechanism: Mechanism, seed: int) -> TrialCommands:
-    """Return the poses of the default grid, thinned, each with drawn and opposite directions."""
-    poses = default_grid(mechanism).poses(mechanism)
-    rng = np.random.default_rng(seed)
-    if len(poses) > MOST_TRIED:
-        poses = poses[np.sort(rng.choice(len(poses), MOST_TRIED, replace=False))]
-    q = inverse_partial(Model(mechanism.nominal()), poses).q
-    way = rng.choice([-1.0, 1.0], q.shape)
-    return TrialCommands(np.tile(poses, (2, 1)), np.tile(q, (2, 1)), np.concatenate([way, -way]))
-
-
-def predicted_errors(mechanism: Mechanism, plan: TrialCommands,
-                     tables: Sequence[CorrectionTable] = ()) -> ErrorSummary:
-    """Return how far the machine, driven with tables or without, is from what was asked."""
-    q = plan.q.copy()
-    for a, own in enumerate(tables):
-        q[:, a] = table_command(own.table, own.factor, q[:, a], plan.way[:, a])
-    rows = replace(at_rest(mechanism, len(q)), approach=plan.way)
-    return pose_errors(mechanism, reach(Model(mechanism), q, rows).pose,
-                       pose_motor(completed_poses(mechanism, plan.asked)))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +11,25 @@ import numpy as np
 from ppmcal.controllers.export import Exported, NotExpressed, Number
 from ppmcal.controllers.joint_tables import (
     CorrectionTable,
-    TrialCommands,
     drives_of_unequal_limbs,
     joint_effects,
     joint_parameters,
     joint_tables,
-    predicted_errors,
-    trial_commands,
+    table_command,
 )
 from ppmcal.controllers.joint_tables_file import MOST, format_triplets, parse_triplets
+from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
+from ppmcal.controllers.pose_grid import at_rest, completed_poses, default_grid
 from ppmcal.errors import BadInput, NoResult
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 SEED = 1
+MOST_TRIED = 500
+"""Poses of the grid at which tables are tried, each in two directions."""
 INSTRUMENT = ("sensor_scale", "tilt")
 """Effects of what measured the machine; nothing of them is sent to it."""
 
@@ -37,18 +43,18 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         raise BadInput("joint tables go along the joints, not over poses", "--poses",
                        "Leave it out, or export `grid`")
     tables = joint_tables(mechanism)
-    plan = trial_commands(mechanism, SEED)
-    after = predicted_errors(mechanism, plan, tables)
+    trial = trial_commands(mechanism, SEED)
+    after = predicted_errors(mechanism, trial, tables)
     return Exported(
         "joints", "joint table", _files(tables),
         "the tables hold what each joint does by itself", tuple(_numbers(mechanism, tables)),
-        f"{len(plan.q) // 2} poses of a box about home, each come to in two directions",
-        predicted_errors(mechanism, plan), after, tuple(_not_expressed(mechanism, tables, plan)),
+        f"{len(trial.q) // 2} poses of a box about home, each come to in two directions",
+        predicted_errors(mechanism, trial), after, tuple(_not_expressed(mechanism, tables, trial)),
         tuple(_notes(mechanism, tables)), tuple(_advice(tables)),
         {"type": 0, "seed": SEED, "rows": after.count,
          "tables": {t.actuator: {"file": file_name(t), "points": len(t.table.nominal),
                                  "unit": t.unit, "interpolation_error": t.error}
-                    for t in tables}}, plan.asked)
+                    for t in tables}}, trial.asked)
 
 
 def file_name(table: CorrectionTable) -> str:
@@ -82,7 +88,7 @@ def _numbers(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Itera
         yield Number(f"{own.actuator} points", None, float(len(n)), "")
 
 
-def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], plan: TrialCommands
+def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], trial: TrialCommands
            ) -> Iterator[NotExpressed]:
     """Yield what tables of single joints cannot hold."""
     names = mechanism.names
@@ -90,10 +96,10 @@ def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], pl
     if changed:
         yield NotExpressed(f"the geometry beside the joints, {len(changed)} changed numbers",
                            tuple(names[p] for p in changed),
-                           predicted_errors(geometry_alone(mechanism), plan))
+                           predicted_errors(geometry_alone(mechanism), trial))
     shared, short = drives_of_unequal_limbs(mechanism), [t for t in tables if t.coarse]
     if shared or short:
-        cost = predicted_errors(joints_alone(mechanism), plan, tables)
+        cost = predicted_errors(joints_alone(mechanism), trial, tables)
         if shared:
             yield NotExpressed(
                 f"limbs on one drive, {', '.join(shared)}, with joint errors of their own: the "
@@ -173,3 +179,38 @@ def _advice(tables: tuple[CorrectionTable, ...]) -> Iterator[str]:
            "twice after switching on.")
     yield ("Where the directions differ the joint makes a jump on reversal: leave the step "
            "generator or drive 1.5 to 2 times MAX_ACCELERATION.")
+
+
+@dataclass(frozen=True, eq=False)
+class TrialCommands:
+    """Commands to try tables with.
+
+    ``asked``: commanded poses (N, 6), nan where open; ``q``: nominal joint values for them
+    (N, k); ``way``: direction in which each joint comes (N, k).
+    """
+
+    asked: Array
+    q: Array
+    way: Array
+
+
+def trial_commands(mechanism: Mechanism, seed: int) -> TrialCommands:
+    """Return the poses of the default grid, thinned, each with drawn and opposite directions."""
+    poses = default_grid(mechanism).poses(mechanism)
+    rng = np.random.default_rng(seed)
+    if len(poses) > MOST_TRIED:
+        poses = poses[np.sort(rng.choice(len(poses), MOST_TRIED, replace=False))]
+    q = inverse_partial(Model(mechanism.nominal()), poses).q
+    way = rng.choice([-1.0, 1.0], q.shape)
+    return TrialCommands(np.tile(poses, (2, 1)), np.tile(q, (2, 1)), np.concatenate([way, -way]))
+
+
+def predicted_errors(mechanism: Mechanism, trial: TrialCommands,
+                     tables: Sequence[CorrectionTable] = ()) -> ErrorSummary:
+    """Return how far the machine, driven with tables or without, is from what was asked."""
+    q = trial.q.copy()
+    for a, own in enumerate(tables):
+        q[:, a] = table_command(own.table, own.factor, q[:, a], trial.way[:, a])
+    rows = replace(at_rest(mechanism, len(q)), approach=trial.way)
+    return pose_errors(mechanism, reach(Model(mechanism), q, rows).pose,
+                       pose_motor(completed_poses(mechanism, trial.asked)))

@@ -49,9 +49,9 @@ class CommandErrors(Part):
         out = []
         for part in (self, self.rotation):
             if part is not None:
-                known = ((fixed(part.rms, part.unit), "rms"), (fixed(part.max, part.unit),
+                values = ((fixed(part.rms, part.unit), "rms"), (fixed(part.max, part.unit),
                                                                "at most"))
-                shown = [f"{value} {part.unit} {word}" for value, word in known if value]
+                shown = [f"{value} {part.unit} {word}" for value, word in values if value]
                 out += [", ".join(shown)] if shown else []
         return "; ".join(out)
 
@@ -83,11 +83,11 @@ class PredictedErrors(Part):
 
     def sentence(self) -> str:
         """Return what is left with the new numbers, empty where the file does not say."""
-        if not known(self.format.rms):
+        if not is_known(self.format.rms):
             return ""
         text = (f"What the format cannot express: {self.format.rms_words()} rms; the model's own "
                 "uncertainty: ")
-        if not (known(self.model.rms) and known(self.after.rms)):
+        if not (is_known(self.model.rms) and is_known(self.after.rms)):
             return f"{text}unknown, as {self.model.reason or 'the file does not say it'}."
         base = self.model.frame in ("", "base")
         where = "the base frame" if base else f"the frame of {self.model.frame}"
@@ -165,7 +165,7 @@ class ExportRecord(Record):
         return out
 
 
-def known(value: float | None) -> bool:
+def is_known(value: float | None) -> bool:
     """Whether there is a finite number."""
     return value is not None and math.isfinite(value)
 

@@ -19,7 +19,7 @@ SHOWN = 6
 
 def sentences(plan: Plan, wanted: float | None, notes: Sequence[str]) -> list[str]:
     """Return the result in sentences, the most important first."""
-    return [measurements(plan), accuracy(plan), *_reached(plan, wanted), pays(plan),
+    return [measurements(plan), accuracy(plan), *_reached(plan, wanted), diminishing_returns(plan),
             observability(plan), *effects(plan), *settings(plan), route(plan), instrument(plan),
             candidates(plan), *_undetermined(plan), *_open_ended(plan), *notes]
 
@@ -90,7 +90,7 @@ def accuracy(plan: Plan) -> str:
     """Return how exact the machine will then be, and how many random poses would do as much."""
     own = next((p, r) for n, p, r in plan.best if n == len(plan.rows))
     count = len(plan.rows)
-    text = (f"The calibrated machine is then known to {_figures(plan, *own)} (one standard "
+    text = (f"The calibrated machine is then known to {_accuracy_words(plan, *own)} (one standard "
             f"deviation, rms over {plan.tasks} task poses, in the instrument's frame)")
     other = (float(plan.random.position[count - 1]), float(plan.random.rotation[count - 1]))
     if not np.isfinite(other[0]):
@@ -98,10 +98,10 @@ def accuracy(plan: Plan) -> str:
     twice = reaching(plan.random.position, own[0])
     much = f"{twice} random ones do as well" if twice else (
         f"more than {len(plan.random.position)} random ones would be needed to do as well")
-    return f"{text}; {count} random ones give {_figures(plan, *other)}, {much}."
+    return f"{text}; {count} random ones give {_accuracy_words(plan, *other)}, {much}."
 
 
-def pays(plan: Plan) -> str:
+def diminishing_returns(plan: Plan) -> str:
     """Return from how many on one more hardly helps."""
     fewest = f" Fewer than {plan.least} leave something open." if plan.least > 1 else ""
     if plan.pays:
@@ -216,7 +216,7 @@ def _open_ended(plan: Plan) -> list[str]:
             "bound the poses there; look whether the machine can go to them."]
 
 
-def _figures(plan: Plan, position: float, rotation: float) -> str:
+def _accuracy_words(plan: Plan, position: float, rotation: float) -> str:
     units = plan.mechanism.units
     text = f"{position / units.factor('length'):.3g} {units.length}"
     if any(c >= 3 for c in plan.mechanism.dof):

@@ -152,7 +152,6 @@ class SensitivityRecord(Record):
         """Return the record of an analysis of ``mechanism`` over a grid, or over poses."""
         units, status = found.mechanism.units, found.table.status
         length = units.factor("length")
-        together = ErrorsTogether.of(found)
         return cls(
             format=cls.FORMAT, name=found.mechanism.name,
             said=(*sentences(found, grid), *geometry_note(mechanism)),
@@ -164,7 +163,7 @@ class SensitivityRecord(Record):
             groups={by: tuple(GroupShare(group=g, share_position=p, share_rotation=r)
                               for g, p, r in shares(found, by))
                     for by in ("limb", "slot", "kind", "quantity")},
-            together=together,
+            together=ErrorsTogether.of(found),
             linear_to=LinearLimit(value=linear_limit(found), relative=LINEAR_WITHIN,
                                   unit=size_unit(found)),
             tables=(share_table(found, "limb"), share_table(found, "slot"),

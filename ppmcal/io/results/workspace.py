@@ -23,7 +23,7 @@ from ppmcal.io.results.workspace_tables import (
     size_unit,
     size_word,
 )
-from ppmcal.io.results.workspace_wording import findings, modes, reach, singular
+from ppmcal.io.results.workspace_wording import assembly_modes, findings, reach, singularities
 from ppmcal.model.mechanism import POSE_COORDINATES
 
 MEANING = {
@@ -171,7 +171,7 @@ class WorkspaceRecord(Record):
             singular=SingularSet(searched=found.searched, points=len(found.singular),
                                  nearest_to_home=SingularPose.of(found)),
             modes=tuple(ModeCount.of(r) for r in rows),
-            said=(*reach(found), *singular(found), *modes(found, rows)),
+            said=(*reach(found), *singularities(found), *assembly_modes(found, rows)),
             findings=tuple(findings(found, rows)),
             pictures={f"map_{m.name}.png": m.title for m in drawn(found)},
             tables=tuple(t for t in (left_table(found), modes_table(found, rows)) if t),

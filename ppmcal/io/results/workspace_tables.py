@@ -39,20 +39,18 @@ class ModeRow:
 
 def maps(found: Workspace) -> list[Map]:
     """Return the columns of map.csv, values wherever there are joint values."""
-    q, shape = found.quality, found.grid.shape
-    factor, unit = distance_unit(found)
+    q, units, far = found.quality, found.mechanism.units, found.distance_quantity
     columns = (
-        ("condition", "smallest singular value of A", "", found.table.condition),
-        ("condition_relative", "smallest singular value of A, home = 1", "",
+        ("condition", "smallest singular value of A", "1", found.table.condition),
+        ("condition_relative", "smallest singular value of A, home = 1", "1",
          found.table.condition / found.home.condition[0]),
-        ("dexterity", "dexterity, from joint rates to platform: 1 is isotropic", "", q.dexterity),
-        ("dexterity_legs", "how evenly the legs hold the platform: 1 is isotropic", "", q.legs),
-        ("singularity_distance", "distance to the nearest singularity", unit,
-         found.distance / factor),
-        ("grid_end", "distance to the end of the grid", unit, found.edge / factor),
-        ("determinant", "det A, home = 1", "", q.determinant / found.home.determinant[0]))
-    return [Map(name, title, in_unit, values.reshape(shape))
-            for name, title, in_unit, values in columns]
+        ("dexterity", "dexterity, from joint rates to platform: 1 is isotropic", "1", q.dexterity),
+        ("dexterity_legs", "how evenly the legs hold the platform: 1 is isotropic", "1", q.legs),
+        ("singularity_distance", "distance to the nearest singularity", far, found.distance),
+        ("grid_end", "distance to the end of the grid", far, found.edge),
+        ("determinant", "det A, home = 1", "1", q.determinant / found.home.determinant[0]))
+    return [Map.of(units, name, title, quantity, values.reshape(found.grid.shape))
+            for name, title, quantity, values in columns]
 
 
 def drawn(found: Workspace) -> list[Map]:

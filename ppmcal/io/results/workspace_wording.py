@@ -40,7 +40,7 @@ def reach(found: Workspace) -> list[str]:
     return out
 
 
-def singular(found: Workspace) -> list[str]:
+def singularities(found: Workspace) -> list[str]:
     """Return where the singularity nearest to home is."""
     if not found.searched:
         return ["Singularities are looked for on grids of at most three coordinates."]
@@ -69,7 +69,7 @@ def singular(found: Workspace) -> list[str]:
     return out
 
 
-def modes(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
+def assembly_modes(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
     """Return how many assembly modes home's joint values have."""
     known = [r.modes for r in rows if r.modes is not None and not r.row]
     if not known:
