@@ -143,7 +143,7 @@ def test_any_key_may_be_missing_null_or_unknown(tmp_path: Path, kind: type[Recor
     (WorkspaceRecord, '{"modes": [{"count": 1.5}]}', "modes[0].count: should be a whole number"),
     (TolerancesRecord, '{"yield": [{"share": "all"}]}', "yield[0].share: should be a number"),
     (ExportRecord, '{"gain": {"before": {"rms": true}}}', "gain.before.rms: should be a number"),
-    (ExportRecord, '{"format": "ppmcal/export/2"}', "is not a export.json"),
+    (ExportRecord, '{"format": "ppmcal/export/2"}', "export.json of this version of ppmcal"),
 ])
 def test_a_value_of_another_kind_is_refused(tmp_path: Path, kind: type[Record], text: str,
                                             place: str) -> None:

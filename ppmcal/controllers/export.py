@@ -13,7 +13,6 @@ import numpy as np
 from ppmcal.controllers.model_uncertainty import UNKNOWN, PoseUncertainty
 from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.errors import unknown
-from ppmcal.io.results.design import Provenance
 from ppmcal.io.results.export import (
     CommandErrors,
     ExportRecord,
@@ -21,6 +20,7 @@ from ppmcal.io.results.export import (
     NotExpressedEntry,
     PredictedErrors,
 )
+from ppmcal.io.results.record import Provenance
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator
 from pydantic_core import PydanticCustomError
 
-from ppmcal.io.results.record import Part, Shown, Text, Whole
+from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -36,17 +36,6 @@ class Quantity(Part):
 
     value: Shown | None = None
     unit: Text = ""
-
-
-class Provenance(Part):
-    """Where a result comes from: versions, the command, its seed, SHA-256 of every input."""
-
-    version: Text = ""
-    inputs: Mapping[str, Text] = Field(default_factory=dict)
-    command: Text = ""
-    seed: Whole | None = None
-    numpy: Text = ""
-    python: Text = ""
 
 
 def geometry_note(mechanism: Mechanism) -> list[str]:

@@ -9,8 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from ppmcal.io.results.design import Provenance
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 
 NO_GAIN = 1e-6
 """Further than this the new numbers are worse than the old ones, mm."""

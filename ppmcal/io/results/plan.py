@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self
 
 from ppmcal.design.plan.result import Plan
 from ppmcal.io import csv_text
-from ppmcal.io.results.design import Provenance, ShownTable
+from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.plan_tables import (
     accuracy_picture,
     accuracy_rows,
@@ -17,7 +17,7 @@ from ppmcal.io.results.plan_tables import (
     pose_table,
 )
 from ppmcal.io.results.plan_wording import findings, sentences
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole, table_text
 
 PICTURE = "accuracy.png"
 CAPTION = ("Standard deviation of the calibrated machine's position at the tasks against the "

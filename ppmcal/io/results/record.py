@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -24,16 +25,29 @@ from pydantic import (
     ValidationInfo,
     model_validator,
 )
+from pydantic_core import PydanticCustomError
 
 from ppmcal.errors import BadInput
 from ppmcal.io.json import AGAIN, LARGEST, MAX_DEPTH_MEND, read_text
 from ppmcal.io.output import csv_text, json_text, plain
 from ppmcal.units import Units
 
+_READ = "read"
+"""The context in which data come out of JSON, as they are."""
+
 Shown = Annotated[float, Field(strict=True)]
 """A number that is only shown: of any size."""
-Finite = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
-"""A number that later commands calculate with: :data:`LARGEST` at most."""
+
+
+def _bounded(value: float, info: ValidationInfo) -> float:
+    if info.context == _READ and not abs(value) <= LARGEST:
+        raise PydanticCustomError("too_large", "too large")
+    return value
+
+
+Finite = Annotated[float, Field(strict=True, json_schema_extra={
+    "minimum": -LARGEST, "maximum": LARGEST}), AfterValidator(_bounded)]
+"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""
 Text = InstanceOf[str]
 """A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
 Whole = Annotated[int, Field(strict=True)]
@@ -45,10 +59,7 @@ _KINDS = {"float_type": "a number", "int_type": "a whole number",
           "mapping_type": "an object",
           "list_type": "a list", "tuple_type": "a list", "model_type": "an object",
           "model_attributes_type": "an object",
-          "less_than_equal": f"a number, {LARGEST:g} at most",
-          "greater_than_equal": f"a number, {LARGEST:g} at most"}
-_READ = "read"
-"""The context in which data come out of JSON, as they are."""
+          "too_large": f"a number, {LARGEST:g} at most"}
 
 
 class Part(BaseModel):
@@ -81,6 +92,33 @@ def _parts(value: Any) -> Any:
     if isinstance(value, list | tuple) and value and not isinstance(value[0], float | int):
         return [_parts(v) for v in value]
     return plain(value)
+
+
+class Provenance(Part):
+    """Where results come from: version, SHA-256 of each input, command, seed."""
+
+    version: Text = ""
+    inputs: Mapping[Text, Text] = Field(default_factory=dict)
+    command: Text = ""
+    seed: Whole | None = None
+    numpy: Text = ""
+    python: Text = ""
+
+
+class UnitNames(Part):
+    """The units of a file."""
+
+    length: Text = ""
+    angle: Text = ""
+
+    @classmethod
+    def of(cls, units: Units) -> UnitNames:
+        """Return the names of units."""
+        return cls(length=units.length, angle=units.angle)
+
+    def of_quantity(self, quantity: str) -> str:
+        """Return the unit of ``length`` or ``angle``, empty where the file does not say."""
+        return self.angle if quantity == "angle" else self.length
 
 
 class Record(Part):
@@ -136,7 +174,7 @@ class Record(Part):
         except ValidationError as error:
             raise _refusal(error, path, mend) from None
         if found.format not in ("", cls.FORMAT):
-            raise BadInput(f"is not a {cls.FILE} of this version of ppmcal", str(path), mend)
+            raise BadInput(f"is no {cls.FILE} of this version of ppmcal", str(path), mend)
         return found
 
 

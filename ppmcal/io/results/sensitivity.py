@@ -8,10 +8,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.sensitivity import Sensitivity
-from ppmcal.io.results.design import Provenance, Quantity, ShownTable, geometry_note
+from ppmcal.io.results.design import Quantity, ShownTable, geometry_note
 from ppmcal.io.results.record import (
     Flag,
     Part,
+    Provenance,
     Record,
     Shown,
     Text,

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ppmcal.design.stiffness import Principal
-from ppmcal.io.results.design import Provenance, ShownTable
-from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.stiffness_tables import (
     Load,
     StiffnessStudy,

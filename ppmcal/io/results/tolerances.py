@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Self
 
 from pydantic import ConfigDict, Field
 
-from ppmcal.io.results.design import Provenance, ShownTable, geometry_note
-from ppmcal.io.results.record import Part, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.design import ShownTable, geometry_note
+from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
 from ppmcal.io.results.tolerance_tables import (
     StageYield,
     ToleranceResult,
