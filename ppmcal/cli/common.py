@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from ppmcal.wording import number as number
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -154,17 +156,6 @@ def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
     for row in rows:
         table.add_row(*row)
     return table
-
-
-def number(value: float | None, digits: int = 4) -> str:
-    """Return a number for people, ``-`` for none."""
-    return "-" if value is None else f"{value:.{digits}g}"
-
-
-def effects_words(mechanism: Mechanism) -> list[str]:
-    """Return that an analysis of geometry leaves the file's effects out, if it has any."""
-    kinds = ", ".join(dict.fromkeys(e.kind.name for e in mechanism.effects))
-    return [f"Geometry only: the file's effects ({kinds}) are left out."] if kinds else []
 
 
 def input_columns(path: Path) -> tuple[tuple[str, ...], list[Any]]:

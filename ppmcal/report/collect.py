@@ -12,14 +12,15 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.json import NUMBER, TEXT, read_json
 from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.export import ExportRecord
 from ppmcal.linalg import Array
 from ppmcal.report.comparison import COMPARISON
 from ppmcal.report.comparison import WORDS as COMPARE_WORDS
-from ppmcal.report.controllers import EXPORT
 from ppmcal.report.design_records import DESIGN_FILES, designed
 from ppmcal.report.identifiability import TOLD
 from ppmcal.report.records import (
     Columns,
+    ControllerExport,
     Diagnosed,
     Identified,
     Other,
@@ -147,7 +148,7 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
         out.append(("compared", Other(name, "compare", record("comparison.json", COMPARISON),
                                       rows)))
     if has("export.json"):
-        out.append(("exported", Other(name, "export", record("export.json", EXPORT))))
+        out.append(("exported", ControllerExport(name, ExportRecord.read(folder / "export.json"))))
     return out
 
 

@@ -8,7 +8,6 @@ from typing import Any
 from ppmcal.calibration.noise import FAILED_NOISE, OVERSTATED
 from ppmcal.io.results.diagnosis_wording import verdict as diagnosis_verdict
 from ppmcal.report import comparison as compare_section
-from ppmcal.report import controllers as export_section
 from ppmcal.report.format import count, listed, number, probability, sig, whole, with_unit
 from ppmcal.report.identifiability import moved_zeros
 from ppmcal.report.records import ComparedMachines, Identified, ReportData, ResidualRows
@@ -117,8 +116,8 @@ def attention(data: ReportData) -> list[tuple[str, str]]:
     for other in data.compared:
         out += [(other.folder, t) for t in compare_section.attention(other.record)]
         out += [(other.folder, finding_text(f)) for f in other.record.get("findings") or ()]
-    for other in data.exported:
-        out += [(other.folder, t) for t in export_section.attention(other.record)]
+    for exported in data.exported:
+        out += [(exported.folder, t) for t in exported.record.attention()]
     for c in data.comparisons:
         out += [(c.identified, t) for t in _of_truth(c)]
     return list(dict.fromkeys(out))

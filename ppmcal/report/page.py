@@ -66,8 +66,7 @@ def title(data: ReportData) -> str:
     names = list(dict.fromkeys(i.name for i in data.identified))
     if names:
         return f"Calibration report: {', '.join(names)}"
-    names = list(dict.fromkeys(str(d.record["name"]) for d in data.designed
-                               if d.record.get("name")))
+    names = list(dict.fromkeys(d.record.name for d in data.designed if d.record.name))
     return f"Error analysis: {', '.join(names)}" if names else "ppmcal report"
 
 
@@ -147,9 +146,9 @@ def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
     out += [(f"{d.folder}: diagnose", d.record.entries()) for d in data.diagnosed]
     out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record)
             for r in (*data.compensated, *data.kinematics)]
-    out += [(f"{d.folder}: {d.kind}", d.record) for d in data.designed]
-    out += [(f"{o.folder}: {o.kind}", o.record)
-            for o in (*data.others, *data.compared, *data.exported)]
+    out += [(f"{d.folder}: {d.kind}", d.record.entries()) for d in data.designed]
+    out += [(f"{o.folder}: {o.kind}", o.record) for o in (*data.others, *data.compared)]
+    out += [(f"{e.folder}: export", e.record.entries()) for e in data.exported]
     out += [(f"{s.folder}: simulate", s.truth or {}) for s in data.simulated]
     return out
 
@@ -204,13 +203,14 @@ def to_json(data: ReportData) -> dict[str, Any]:
                         for s in data.simulated],
         "others": [{"folder": o.folder, "kind": o.kind, "record": o.record,
                     "rows": o.table.size if o.table is not None else None} for o in data.others],
-        "designs": [{"folder": d.folder, "kind": d.kind, "record": d.record, "rows": d.rows,
+        "designs": [{"folder": d.folder, "kind": d.kind, "record": d.record.entries(),
+                     "rows": d.rows,
                      "pictures": [{"file": p.file, "caption": p.caption, "size": p.size,
                                    "problem": p.problem} for p in d.pictures]}
                     for d in data.designed],
         "comparisons": [{"folder": o.folder, "comparison": o.record, "parameters": parameters(o)}
                         for o in data.compared],
-        "exports": [{"folder": o.folder, "export": o.record} for o in data.exported],
+        "exports": [{"folder": o.folder, "export": o.record.entries()} for o in data.exported],
         "truth_against_identified": [_comparison(c) for c in data.comparisons],
     }
     return {k: plain(v) for k, v in out.items()}

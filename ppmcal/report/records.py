@@ -9,9 +9,17 @@ from typing import Any
 import numpy as np
 
 from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.export import ExportRecord
+from ppmcal.io.results.plan import PlanRecord
+from ppmcal.io.results.sensitivity import SensitivityRecord
+from ppmcal.io.results.stiffness import StiffnessRecord
+from ppmcal.io.results.tolerances import TolerancesRecord
+from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.linalg import Array
 
 Record = Mapping[str, Any]
+DesignRecord = (SensitivityRecord | TolerancesRecord | StiffnessRecord | WorkspaceRecord
+                | PlanRecord)
 
 
 @dataclass(frozen=True)
@@ -111,12 +119,20 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class Other:
-    """Any further output: check, compare, export, a table without its record."""
+    """Any further output: check, compare, a table without its record."""
 
     folder: str
     kind: str
     record: Record
     table: Columns | None = None
+
+
+@dataclass(frozen=True)
+class ControllerExport:
+    """Output of ``export``."""
+
+    folder: str
+    record: ExportRecord
 
 
 @dataclass(frozen=True)
@@ -136,14 +152,14 @@ class Designed:
 
     Attributes:
         folder: where it was found; kind: the command.
-        record: its JSON as it is, empty if it was not there.
+        record: its JSON, empty if it was not there.
         rows: rows of each of its tables, by file.
         pictures: those that the record lists.
     """
 
     folder: str
     kind: str
-    record: Record
+    record: DesignRecord
     rows: Mapping[str, int]
     pictures: tuple[Picture, ...] = ()
 
@@ -190,5 +206,5 @@ class ReportData:
     others: tuple[Other, ...] = ()
     designed: tuple[Designed, ...] = ()
     compared: tuple[Other, ...] = ()
-    exported: tuple[Other, ...] = ()
+    exported: tuple[ControllerExport, ...] = ()
     comparisons: tuple[ComparedMachines, ...] = field(default=())

@@ -55,7 +55,7 @@ Flag = Annotated[bool, Field(strict=True)]
 
 _KINDS = {"float_type": "a number", "int_type": "a whole number",
           "int_from_float": "a whole number", "is_instance_of": "text",
-          "bool_type": "true or false", "dict_type": "an object",
+          "bool_type": "true or false", "cell_type": "a number or text", "dict_type": "an object",
           "mapping_type": "an object",
           "list_type": "a list", "tuple_type": "a list", "model_type": "an object",
           "model_attributes_type": "an object",
@@ -65,7 +65,7 @@ _KINDS = {"float_type": "a number", "int_type": "a whole number",
 class Part(BaseModel):
     """A part of a record: plain data, nothing but what JSON can hold; nan and inf are None."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    model_config = ConfigDict(frozen=True, extra="allow")
 
     @model_validator(mode="before")
     @classmethod
@@ -174,7 +174,7 @@ class Record(Part):
         except ValidationError as error:
             raise _refusal(error, path, mend) from None
         if found.format not in ("", cls.FORMAT):
-            raise BadInput(f"is not a {cls.FILE} of this version of ppmcal", str(path), mend)
+            raise BadInput(f"is no {cls.FILE} of this version of ppmcal", str(path), mend)
         return found
 
 
@@ -203,8 +203,13 @@ class Column:
     quantity: str = ""
 
 
+def in_units(columns: Sequence[Column], units: Units) -> dict[str, Any]:
+    """Return name -> values of columns in the file's units, converted here and nowhere else."""
+    return {c.name: c.values / units.factor(c.quantity) if c.quantity else c.values
+            for c in columns}
+
+
 def table_text(columns: Sequence[Column], units: Units) -> str:
-    """Return a CSV of columns, each turned into the file's units here and nowhere else."""
-    return csv_text([c.name for c in columns],
-                    [c.values / units.factor(c.quantity) if c.quantity else c.values
-                     for c in columns])
+    """Return a CSV of columns in the file's units."""
+    shown = in_units(columns, units)
+    return csv_text(list(shown), list(shown.values()))
