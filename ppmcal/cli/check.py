@@ -19,7 +19,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     from ppmcal.calibration.check import check
     from ppmcal.cli.common import load
     from ppmcal.io import unit_findings
-    from ppmcal.io.results.identifiability import entry, sentences
+    from ppmcal.io.results.identifiability import IdentifiabilitySummary
 
     console = Console(quiet, as_json)
     mechanism, datasets = load(mech, data, ())
@@ -45,9 +45,10 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
         console.say(f"Not seen at all: {', '.join(result.unseen)}.")
     if result.redundant:
         console.say(f"Not told apart from others: {', '.join(result.redundant)}.")
-    if result.identifiability is not None:
-        for sentence in sentences(result.identifiability, mechanism):
-            console.say(sentence)
+    identifiability = None if result.identifiability is None else IdentifiabilitySummary.of(
+        result.identifiability, mechanism)
+    for sentence in identifiability.sentences() if identifiability else ():
+        console.say(sentence)
     console.warn(result.findings)
     if not result.findings:
         console.say("No findings.")
@@ -71,9 +72,8 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
             "columns": result.columns,
             "unseen": list(result.unseen),
             "redundant": list(result.redundant),
-            "untold": None
-            if result.identifiability is None
-            else entry(result.identifiability, mechanism),
+            "identifiability": None if identifiability is None else
+            identifiability.model_dump(exclude_unset=True),
         }
     )
     leave(bool(result.findings))

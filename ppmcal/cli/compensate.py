@@ -50,9 +50,9 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     from ppmcal.calibration.compensation import compensate
     from ppmcal.calibration.model_averaging import Targets, averaged
     from ppmcal.io import Output, provenance, read_mechanism, read_poses
+    from ppmcal.io.results.commands import command_files
     from ppmcal.io.results.knowledge import read_knowledge
     from ppmcal.io.results.other_models import read_other_models
-    from ppmcal.io.results.tables import command_files
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(model)
@@ -77,9 +77,9 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     header, columns = input_columns(targets)
     inputs = [*mechanism.inputs, str(targets), *([str(path)] if known else []), *more]
     source = provenance(inputs, command_line(), None)
+    files, record = command_files(mechanism, result, header, columns, source, notes)
     with Output(out) as output:
-        for file, text in command_files(mechanism, result, header, columns, source,
-                                        notes).items():
+        for file, text in files.items():
             output.add(file, text)
     refused = [(n + 1, r) for n, (s, r) in enumerate(zip(result.status, result.reason, strict=True))
                if s != "ok"]
@@ -95,8 +95,7 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
                     f"{', with what they leave unexplained' * _unexplained(known)}.")
     console.warn_rows(notes, [f"row {n} refused: {r}" for n, r in refused])
     finish(out, list(output.files), console)
-    console.summary({"format": "ppmcal/commands/1", "rows": total, "refused": len(refused),
-                     "notes": notes, "provenance": source})
+    console.summary(record.summary())
     leave(bool(refused))
 
 

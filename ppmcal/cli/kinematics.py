@@ -23,7 +23,7 @@ from ppmcal.wording import counted
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ppmcal.io.results.tables import Shown
+    from ppmcal.io.results.kinematics import PoseFormat
     from ppmcal.kinematics.tables import KinematicsTable
     from ppmcal.model.dataset import Conditions
     from ppmcal.model.mechanism import Mechanism
@@ -67,7 +67,7 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     ppmcal kinematics velocity 3-RPR.yaml moves.csv --tool 30,-15
     """
     from ppmcal.io import Output, provenance, read_mechanism
-    from ppmcal.io.results.tables import LOCKED, kinematics_files
+    from ppmcal.io.results.kinematics import LOCKED, kinematics_files
     from ppmcal.io.rotations import check_convention
 
     console = Console(quiet, as_json)
@@ -126,9 +126,9 @@ def _point(tool: str | None, mechanism: Mechanism) -> NDArray[Any] | None:
 
 
 def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: KinematicsTable,
-           rows: Conditions) -> Shown:
+           rows: Conditions) -> PoseFormat:
     """Return how the results are to be written."""
-    from ppmcal.io.results.tables import Shown
+    from ppmcal.io.results.kinematics import PoseFormat
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.tables import tool_poses
 
@@ -137,7 +137,8 @@ def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: Kin
         pose = _as_measured(mechanism, dataset, result, rows)
     elif asked.tool is not None:
         pose = tool_poses(Model(mechanism), result.pose, asked.tool)
-    return Shown(asked.tool, pose, asked.rotation, asked.method if asked.which == "forward" else "")
+    return PoseFormat(asked.tool, pose, asked.rotation,
+                      asked.method if asked.which == "forward" else "")
 
 
 def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:

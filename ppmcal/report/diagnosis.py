@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from ppmcal.io.results.record import UnitNames
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_wording import (
     actuators,
@@ -20,7 +21,7 @@ from ppmcal.report.diagnosis_wording import (
 from ppmcal.report.format import count, number, probability, sig
 from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
-from ppmcal.report.records import Diagnosed, Identified
+from ppmcal.report.records import Diagnosed
 from ppmcal.report.residual_figures import residual_figures
 from ppmcal.report.svg_bars import BarPicture
 from ppmcal.wording import where
@@ -34,7 +35,7 @@ def diagnosis_section(d: Diagnosed) -> str:
     out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r), _story(r),
            _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
     if d.residuals is not None:
-        drawings = residual_figures(Identified(d.folder, r, (), d.residuals))
+        drawings = residual_figures(d.residuals, UnitNames.model_validate(r.get("units") or {}))
         out.append(f'<div class="plots">{"".join(drawings)}</div>' if drawings else "")
     return "".join(out)
 

@@ -17,8 +17,8 @@ from ppmcal.diagnosis.residual_series import Series
 from ppmcal.diagnosis.result import Diagnosis, NamedEffect
 from ppmcal.io import csv_text, json_text, write_mechanism
 from ppmcal.io.measurement_columns import ZERO_CELSIUS
-from ppmcal.io.results.identification import residuals_csv
-from ppmcal.io.results.identification import summary as identification_summary
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_tables import residuals_csv
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
@@ -80,8 +80,8 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: Mapping[str,
         "effects.csv": effects_csv(result),
         "residuals.csv": residuals_csv(fit, before, result.identification.after),
         "diagnosis.json": json_text(record),
-        "identification.json": json_text(identification_summary(
-            result.identification, provenance, "prior", True)),
+        "identification.json": IdentificationRecord.of(result.identification, provenance,
+                                                       "prior").text(),
     }
     for name, other in other_files(result):
         what = (f"diagnosed by ppmcal: {other.effect} in place of {other.instead}" if other.effect
