@@ -12,8 +12,8 @@ from commands import ppmcal
 from numpy.typing import NDArray
 from test_compare import drawn, machine
 from test_compare import session as poses
+from test_identifiability import joints_at, printer, touches
 from test_instruments import data_of, truth
-from test_untold import joints_at, printer, touches
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.homing_shift import HomingShift

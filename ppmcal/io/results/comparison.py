@@ -78,7 +78,10 @@ class PlatformDifference(Part):
 
 
 class ComparisonRecord(Record):
-    """comparison.json, in the units of the new machine's file; chi2, degrees and p are bare."""
+    """comparison.json, in the units of the new machine's file.
+
+    ``chi2``, its ``degrees`` and ``p_value``, and ``p_left`` of what is not explained, are bare.
+    """
 
     FILE: ClassVar[str] = "comparison.json"
     FORMAT: ClassVar[str] = "ppmcal/comparison/1"

@@ -54,7 +54,10 @@ class ChangedEstimate(Part):
 
 
 class HomingShiftEntry(Part):
-    """A joint's homing offset in one session against the others; ``unit`` empty: bare."""
+    """A joint's homing offset in one session against the others; an empty ``unit`` is a bare joint.
+
+    ``p_value``: of such a shift by chance.
+    """
 
     session: Text = ""
     actuator: Text = ""

@@ -26,7 +26,7 @@ EXACT = 0.9995
 
 
 class CollinearPair(Part):
-    """Two kinds of slot that are correlated, limb by limb or all limbs alike."""
+    """Two kinds of slot that are correlated (bare), limb by limb or all limbs alike."""
 
     a: Text = ""
     b: Text = ""
@@ -119,7 +119,10 @@ class IdentifiabilitySummary(Part):
 
 
 class FlatShape(Part):
-    """Rms of the residuals of touches, ``unit``: the part smooth over the flat, and the scatter."""
+    """Rms of the residuals of touches, ``unit``: the part smooth over the flat, and the scatter.
+
+    ``degree`` of the polynomial and ``p_value`` of a shape as strong by chance are bare.
+    """
 
     dataset: Text = ""
     smooth: Finite | None = None

@@ -119,7 +119,7 @@ class NoiseCheck(Part):
 
 
 class CorrelatedPair(Part):
-    """Two parameters whose errors are strongly correlated."""
+    """Two parameters whose errors are strongly correlated; ``value`` is bare."""
 
     a: Text = ""
     b: Text = ""
@@ -135,7 +135,7 @@ class ExcludedRow(Part):
 
 
 class RegistrationEntry(Part):
-    """Frame (6: length, then angle), target (3, length), target rotation (3, angle)."""
+    """Frame (6: length, then angle), target (3, length), rotation (3, angle), in file units."""
 
     frame: Numbers = ()
     target: Numbers = ()
