@@ -18,13 +18,12 @@ import pytest
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import Combination, NoiseCheck, ParameterEstimate
+from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.io.results.record import Provenance, UnitNames
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
-from ppmcal.report.format import NBSP, probability, sig, to_sigma
-from ppmcal.report.headlines import noise_verdict
-from ppmcal.report.identification import combination
+from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.records import Identified, Simulated
 from ppmcal.report.residuals import envelope, spread
 from ppmcal.report.svg import Axis, span
@@ -287,7 +286,7 @@ def test_page_says_it_all_with_units(everything: list[Path]) -> None:
     for piece in (f"from 0.512{NBSP}mm to 0.00612{NBSP}mm", f"is 0.00655{NBSP}mm on poses",
                   "11 of 12 measurements", "agrees with the stated noise (ratio 1.02",
                   "1 of 12 rows left out", "1 parameter more than 3 tolerances",
-                  "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.500 × leg2.offset",
+                  "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.5 × leg2.offset",
                   "m.yaml: units: odd unit", "at rz 0", "10.4934 … 10.5090", "10.5012",
                   "Error vectors in the plane, after", "ppmcal identify m.yaml"):
         assert piece in text, piece
@@ -507,4 +506,6 @@ def test_noise_verdicts() -> None:
     assert "smaller" in noise_verdict(NoiseCheck(sigma_ratio=0.2, chi2_p=1.0))[0]
     assert "agrees" in noise_verdict(NoiseCheck(sigma_ratio=1.0, chi2_p=0.4))[0]
     assert noise_verdict(NoiseCheck()) == ("", True)
+    assert typeset("p = 1.2e-09, -0.5*a - b +- 2 chi-squared of leg-1") == (
+        "p = 1.2·10⁻⁹, −0.5 × a − b ± 2 χ² of leg-1")
     assert combination(Combination(name="a")) == "nothing: no effect on these measurements"

@@ -50,7 +50,7 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     from ppmcal.calibration.compensation import compensate
     from ppmcal.calibration.model_averaging import Targets, averaged
     from ppmcal.io import Output, provenance, read_mechanism, read_poses
-    from ppmcal.io.results.commands import command_files
+    from ppmcal.io.results.commands import accepted_sentence, command_files
     from ppmcal.io.results.knowledge import read_knowledge
     from ppmcal.io.results.other_models import read_other_models
 
@@ -85,8 +85,8 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
                if s != "ok"]
     total = len(result.status)
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
-    console.say(f"{mechanism.name}: {total - len(refused)} of {total} targets have commands, in "
-                f"the frame of {name or 'the base'}.")
+    console.say(f"{mechanism.name}: {accepted_sentence(total - len(refused), total)}, in the "
+                f"frame of {name or 'the base'}.")
     before, after = (None if e is None else e / factor for e in _rms_errors(result))
     if before is not None:
         console.say(f"Predicted position error: {number(before)} {unit} rms with uncorrected "

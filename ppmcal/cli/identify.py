@@ -75,8 +75,9 @@ def _show_errors(record: IdentificationRecord, console: Console) -> None:
 
 
 def _show_noise(n: NoiseCheck, console: Console) -> None:
-    console.say(f"Noise: residuals are {number(n.sigma_ratio, 3)} times the stated noise "
-                f"(p = {number(n.chi2_p, 2)})."
+    from ppmcal.io.results.identification_wording import noise_verdict
+
+    console.say(f"Noise: {noise_verdict(n)[0]}."
                 + (f" Repeats scatter {n.repeat_ratio:.3g} times." if n.repeat_ratio else ""))
     if len(n.by_dataset) > 1:
         console.say("By file: " + ", ".join(f"{name} {number(r, 3)}"

@@ -67,7 +67,7 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     ppmcal kinematics velocity 3-RPR.yaml moves.csv --tool 30,-15
     """
     from ppmcal.io import Output, provenance, read_mechanism
-    from ppmcal.io.results.kinematics import LOCKED, kinematics_files
+    from ppmcal.io.results.kinematics import LOCKED, kinematics_files, solved_sentence
     from ppmcal.io.rotations import check_convention
 
     console = Console(quiet, as_json)
@@ -89,8 +89,8 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
             output.add(name, text)
     bad = [(n + 1, s, r) for n, (s, r) in enumerate(zip(result.status, result.reason, strict=True))
            if s != "ok"]
-    console.say(f"{mechanism.name}: {which} kinematics of {counted(len(result.status), 'row')}, "
-                f"{len(result.status) - len(bad)} ok.")
+    solved = solved_sentence(len(result.status) - len(bad), len(result.status))
+    console.say(f"{mechanism.name}: {which} kinematics, {solved}.")
     if locked:
         console.say(f"{counted(locked, 'row')}: {LOCKED}.")
     console.warn_rows(mechanism.findings, [f"row {n}: {s}: {r}" for n, s, r in bad])

@@ -87,6 +87,8 @@ def listed(names: Sequence[str], most: int = 6) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a sentence of the console as the page writes it: ±, χ², powers of ten."""
+    """Return a sentence of the console as the page writes it: ±, ×, −, χ², powers of ten."""
     text = re.sub(r"(\d)e([-+]\d+)", lambda m: f"{m[1]}·10{str(int(m[2])).translate(_SUPER)}", text)
+    text = re.sub(r"(\d)\*", r"\1 × ", text)
+    text = re.sub(r"(^| )-(?= |\d)", r"\1−", text)
     return text.replace("+- ", "± ").replace("chi-squared", "χ²")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ppmcal.calibration.noise import FAILED_NOISE, OVERSTATED
-from ppmcal.io.results.identification_parts import NoiseCheck, ResidualSummary, Summaries
+from ppmcal.io.results.identification_parts import ResidualSummary, Summaries
+from ppmcal.io.results.identification_wording import noise_verdict
 from ppmcal.report import comparison as compare_section
 from ppmcal.report import controllers as export_section
 from ppmcal.report.diagnosis_wording import verdict_of
-from ppmcal.report.format import count, listed, probability, sig, typeset, whole, with_unit
+from ppmcal.report.format import count, listed, typeset, whole, with_unit
 from ppmcal.report.records import ComparedMachines, Identified, ReportData, ResidualRows
 
 
@@ -24,24 +24,6 @@ def main_kind(one: Identified) -> str:
     """Return the kind of error to head the page with: position if there is one."""
     kinds = ("position", "rotation", *one.record.residual.after)
     return next((k for k in kinds if figure(one, "after", k).rms is not None), "")
-
-
-def noise_verdict(noise: NoiseCheck) -> tuple[str, bool]:
-    """Return what the residuals say about the stated noise, and whether that is fine."""
-    ratio, p = noise.sigma_ratio, noise.chi2_p
-    if ratio is None and p is None:
-        return "", True
-    tail = probability(p)
-    if ratio is not None:
-        tail = f"ratio {sig(ratio)}" + (f", {tail}" if tail else "")
-    high = ratio is None or ratio > 1.0
-    if (p is not None and p < FAILED_NOISE and high) or (p is None and (ratio or 0.0) > 1.3):
-        return ("what remains is larger than the stated noise explains "
-                f"({tail}): something is missing in the model, or sigma is too small"), False
-    if ratio is not None and (ratio < 0.7 or (p is not None and p > 1.0 - FAILED_NOISE)):
-        return (f"what remains is smaller than the stated noise ({tail}): "
-                "sigma looks too large"), ratio >= OVERSTATED
-    return f"what remains agrees with the stated noise ({tail})", True
 
 
 def headline(one: Identified) -> list[str]:
@@ -66,7 +48,7 @@ def headline(one: Identified) -> list[str]:
     out = [first + "."]
     verdict, _ = noise_verdict(one.record.noise)
     if verdict:
-        out.append(verdict[0].upper() + verdict[1:] + ".")
+        out.append(typeset(verdict[0].upper() + verdict[1:] + "."))
     return out
 
 
@@ -112,7 +94,7 @@ def _of_identified(one: Identified) -> list[str]:
         if record.excluded:
             out.append(f"{count(len(record.excluded), 'row')} left out of the fit")
         verdict, fine = noise_verdict(record.noise)
-        out += [] if fine else [verdict]
+        out += [] if fine else [typeset(verdict)]
     if record.converged is False and not any("converged" in t for t in out):
         out.append("the fit had not converged")
     far = [p.name for p in record.parameters if (p.tolerances or 0.0) > 3.0]

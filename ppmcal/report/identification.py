@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import (
-    Combination,
-    ExcludedRow,
-    NoiseCheck,
-    ParameterEstimate,
-)
+from ppmcal.io.results.identification_parts import ExcludedRow, NoiseCheck, ParameterEstimate
+from ppmcal.io.results.identification_wording import combination
 from ppmcal.report.format import (
     NBSP,
     count,
@@ -19,6 +15,7 @@ from ppmcal.report.format import (
     probability,
     sig,
     to_sigma,
+    typeset,
     whole,
     with_unit,
 )
@@ -155,7 +152,7 @@ def _row(p: ParameterEstimate) -> list[Cell]:
 
 def redundant(r: IdentificationRecord) -> str:
     """Return the unidentifiable combinations, one line for each redundant quantity."""
-    rows = [[dotted(c.name or "?"), words(combination(c), "wrap")] for c in r.redundant]
+    rows = [[dotted(c.name or "?"), words(typeset(combination(c)), "wrap")] for c in r.redundant]
     if not rows:
         return ""
     note = ("A change of the quantity and this change of the others act alike: only their "
@@ -163,18 +160,6 @@ def redundant(r: IdentificationRecord) -> str:
             "prior splits it by the tolerances. Coefficients are in the file's units.")
     return ("<h3>Unidentifiable combinations</h3>"
             + table("", ["one unit of", "acts like"], rows) + paragraph(note, "note"))
-
-
-def combination(entry: Combination) -> str:
-    """Return what acts like one unit of a redundant quantity."""
-    terms = sorted(((k, v) for k, v in entry.depends_on.items() if v), key=lambda t: -abs(t[1]))
-    if not terms:
-        return "nothing: no effect on these measurements"
-    shown = "".join(
-        (" − " if v < 0 else " + " if i else "") + ("" if abs(abs(v) - 1) < 5e-4 else
-                                                    f"{sig(abs(v))} × ") + k
-        for i, (k, v) in enumerate(terms[:6])).strip()
-    return shown + (f" and {count(len(terms) - 6, 'smaller part')}" if len(terms) > 6 else "")
 
 
 def correlations(r: IdentificationRecord) -> str:

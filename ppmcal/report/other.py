@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.io.results.commands import accepted_sentence
+from ppmcal.io.results.kinematics import solved_sentence
 from ppmcal.report.format import count, sig, to_sigma, whole
 from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import (
@@ -35,8 +37,7 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> str:
         return "".join([*out, scalars(rows.record.entries())])
     good = np.ones(t.size, dtype=bool)
     good[list(rows.flagged)] = False
-    done = whole(int(good.sum()))
-    out.append(paragraph(f"{done} of {count(t.size, 'target')} can be commanded."))
+    out.append(paragraph(f"{accepted_sentence(int(good.sum()), t.size)}."))
     stats = []
     for kind, quantity in (("position", "length"), ("rotation", "angle")):
         for stage in ("before", "after"):
@@ -103,7 +104,7 @@ def kinematics_section(rows: ResidualRows) -> str:
     """Return how many rows were solved, and those that were not."""
     size = rows.table.size if rows.table is not None else 0
     done = size - len(rows.flagged)
-    text = f"{whole(done)} of {count(size, 'row')} solved. " if size else ""
+    text = f"{solved_sentence(done, size)}. " if size else ""
     text += f"From {rows.folder}."
     return "<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record.entries()) + refused(rows)
 

@@ -11,6 +11,7 @@ from ppmcal.calibration.compensation import Compensation
 from ppmcal.io.results.record import Column, Provenance, Record, Text, Whole, table_text
 from ppmcal.io.results.tables import filled_columns, joint_columns, pose_columns, unit_map
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import counted
 
 ERRORS = (("error_position_before", "position_before"), ("error_position_after", "position_after"),
           ("error_rotation_before", "rotation_before"), ("error_rotation_after", "rotation_after"),
@@ -70,3 +71,8 @@ def command_files(mechanism: Mechanism, result: Compensation, header: Sequence[s
     found = command_columns(mechanism, result, header, columns)
     record = CommandsRecord.of(mechanism, result, [c.name for c in found], provenance, notes)
     return {"commands.csv": table_text(found, mechanism.units), record.FILE: record.text()}, record
+
+
+def accepted_sentence(accepted: int, targets: int) -> str:
+    """Return how many targets have commands."""
+    return f"{accepted} of {counted(targets, 'target')} can be commanded"

@@ -18,6 +18,7 @@ from ppmcal.kinematics.rotations import to_euler, to_quaternion
 from ppmcal.kinematics.tables import KinematicsTable
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import counted
 
 LOCKED = "gimbal lock: only euler_1 and euler_3 together are known, euler_3 is set to 0"
 
@@ -117,3 +118,8 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
     record = KinematicsRecord.of(mechanism, table, which, form, list(together), provenance)
     return ({"kinematics.csv": csv_text(list(together), list(together.values())),
              record.FILE: record.text()}, int(locked.sum()))
+
+
+def solved_sentence(solved: int, rows: int) -> str:
+    """Return how many rows were solved."""
+    return f"{solved} of {counted(rows, 'row')} solved"
