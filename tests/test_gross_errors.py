@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from commands import ppmcal
 from scipy.spatial.transform import Rotation
-from test_identify import Options, identify, read_mechanism, read_scenario, report, run
+from test_identify import FitOptions, identify, read_mechanism, read_scenario, report, run
 
 from ppmcal.calibration import fit as fitting
 from ppmcal.calibration.misreading import misfit
@@ -221,7 +221,7 @@ def test_a_sigma_a_thousand_times_too_large_is_a_finding(tmp_path: Path) -> None
 
 def test_the_right_sigma_is_no_finding(tmp_path: Path) -> None:
     fit = identify(problem(session(tmp_path)))
-    assert not report(fit, Options(), 0.0, 0).noise.overstated
+    assert not report(fit, FitOptions(), 0.0, 0).noise.overstated
 
 
 # --- cross-validation and the damped scheme -------------------------------------------------------
@@ -233,8 +233,8 @@ def test_cross_validation_is_made_without_outliers() -> None:
     inside = total = 0
     for seed in range(1, 5):
         made = run(mechanism, scenario, seed)
-        fit = identify(made.problem, Options("gcv"))
-        found = report(fit, Options("gcv"), 0.0, 0)
+        fit = identify(made.problem, FitOptions("gcv"))
+        found = report(fit, FitOptions("gcv"), 0.0, 0)
         assert not found.noise.failed
         away = [abs(e.value - t) / e.sigma for e, t in
                 zip(found.estimates, made.truth.g, strict=True) if e.sigma]

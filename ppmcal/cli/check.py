@@ -44,7 +44,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     if result.unseen:
         console.say(f"Not seen at all: {', '.join(result.unseen)}.")
     if result.redundant:
-        console.say(f"Not told apart from others: {', '.join(result.redundant)}.")
+        console.say(f"Redundant with others: {', '.join(result.redundant)}.")
     identifiability = None if result.identifiability is None else IdentifiabilitySummary.of(
         result.identifiability, mechanism)
     for sentence in identifiability.sentences() if identifiability else ():
