@@ -97,7 +97,8 @@ def test_null_is_a_missing_key_and_other_kinds_are_refused(kind: type[Record], t
                                                            ) -> None:
     path = tmp_path / kind.FILE
     path.write_text(json.dumps(dict.fromkeys(kind.model_fields) | {"unheard_of": 1}))
-    assert kind.read(path) == kind()
+    found, empty = kind.read(path), kind()
+    assert all(getattr(found, key) == getattr(empty, key) for key in kind.model_fields)
     for key in kind.model_fields:
         path.write_text(json.dumps({key: [[[3]]]}))
         with pytest.raises(BadInput, match=rf"{kind.FILE}: {key}.*should be"):

@@ -17,8 +17,11 @@ from commands import ppmcal
 from test_report import cells, read
 
 from ppmcal.errors import BadInput
+from ppmcal.io.results.comparison import ComparisonRecord, platform_sentence, verdict_sentence
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.format import sig, to_sigma
+from ppmcal.report.format import sig, to_sigma, typeset
 
 ROOT = Path(__file__).parents[1]
 LATER = {"identification.json": ("identifiability", "gross_errors", "flats"),
@@ -191,6 +194,26 @@ def test_what_is_not_told_in_the_words_of_the_console(folders: Path, tmp_path: P
     lines = re.findall(r"<li>(.*?)</li>", block)
     assert [t.split(" ")[0] for t in lines][:2] == ["Scale:", "length"]
     assert all(t.replace("±", "+-") in said for t in lines)
+
+
+def test_console_and_report_say_one_sentence(folders: Path, tmp_path: Path) -> None:
+    run = ppmcal("compare", "idA", "idB", "--out", tmp_path / "c", cwd=folders, expect=1)
+    found = ComparisonRecord.read(tmp_path / "c" / "comparison.json")
+    _, text = page(tmp_path / "c")
+    for sentence in (verdict_sentence(found), platform_sentence(found)):
+        assert sentence and sentence in " ".join(run.out.split())
+        assert typeset(sentence) in text
+    run = ppmcal("identify", "3-RPR.yaml", "A/measurements.csv", "--out", tmp_path / "i",
+                 cwd=folders, expect=0)
+    fit = IdentificationRecord.read(tmp_path / "i" / "identification.json")
+    verdict, fine = noise_verdict(fit.noise)
+    assert fine and verdict in " ".join(run.out.split())
+    html, text = page(tmp_path / "i")
+    assert typeset(verdict[1:]) in text
+    shown = html.partition("Unidentifiable combinations</h3>")[2].partition("</table>")[0]
+    rows = re.findall(r'<tr><th scope="row">(.*?)</th><td class="wrap">(.*?)</td></tr>', shown)
+    assert [re.sub("<wbr>", "", name) for name, _ in rows] == [c.name for c in fit.redundant]
+    assert [t for _, t in rows] == [typeset(combination(c)) for c in fit.redundant]
 
 
 def test_rows_that_do_not_belong(folders: Path) -> None:
