@@ -110,14 +110,14 @@ def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
 
 
 def _read(path: Path, mend: str) -> IdentificationRecord:
-    record = IdentificationRecord.read(path)
+    record = IdentificationRecord.read(path, mend)
     if record.format != IdentificationRecord.FORMAT:
         raise _no_such(path, mend)
     return record
 
 
 def _no_such(path: Path, mend: str) -> BadInput:
-    return BadInput("is not an identification.json of this version of ppmcal", str(path), mend)
+    return BadInput("is no identification.json of this version of ppmcal", str(path), mend)
 
 
 def _units(record: IdentificationRecord, path: Path) -> Units:

@@ -174,7 +174,7 @@ class Record(Part):
         except ValidationError as error:
             raise _refusal(error, path, mend) from None
         if found.format not in ("", cls.FORMAT):
-            raise BadInput(f"is not a {cls.FILE} of this version of ppmcal", str(path), mend)
+            raise BadInput(f"is no {cls.FILE} of this version of ppmcal", str(path), mend)
         return found
 
 
