@@ -178,4 +178,4 @@ def test_console_and_report_say_the_same_of_an_export(tmp_path: Path) -> None:
         "the new Klipper numbers are worse than the old ones over this workspace"]
     sentence = record.predicted.sentence()
     assert sentence.startswith("What the format cannot express: 1 mm rms")
-    assert sentence.replace("'", "&#x27;") in export_section(ControllerExport("o", record))
+    assert sentence.replace("'", "&#39;") in export_section(ControllerExport("o", record))

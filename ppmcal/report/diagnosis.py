@@ -19,7 +19,7 @@ from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
 from ppmcal.report.format import number, probability, sig
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
-from ppmcal.report.records import Diagnosed, Identified
+from ppmcal.report.records import Diagnosed
 from ppmcal.report.residual_figures import residual_figures
 from ppmcal.report.svg_bars import BarPicture
 from ppmcal.wording import where
@@ -31,7 +31,7 @@ def diagnosis_section(d: Diagnosed) -> str:
     out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r), _pictures(r),
            _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
     if d.residuals is not None:
-        drawings = residual_figures(Identified(d.folder, r.entries(), (), d.residuals))
+        drawings = residual_figures(d.residuals, r.units)
         out.append(f'<div class="plots">{"".join(drawings)}</div>' if drawings else "")
     return "".join(out)
 

@@ -10,10 +10,11 @@ import numpy as np
 from ppmcal.calibration.validation import residuals
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.result import Candidate, Diagnosis
-from ppmcal.io import json_text, write_mechanism
+from ppmcal.io import write_mechanism
 from ppmcal.io.measurement_columns import ZERO_CELSIUS
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.identification import residuals_csv, summary
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_tables import residuals_csv
 from ppmcal.io.results.other_models import other_files
 from ppmcal.io.results.record import Column, table_text
 from ppmcal.io.results.tables import joint_columns
@@ -34,7 +35,7 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRec
         "effects.csv": effects_csv(result),
         "residuals.csv": residuals_csv(fit, before, found.after),
         record.FILE: record.text(),
-        "identification.json": json_text(summary(found, provenance, "prior", True)),
+        "identification.json": IdentificationRecord.of(found, provenance, "prior").text(),
     }
     for name, other in other_files(result):
         what = (f"diagnosed by ppmcal: {other.effect} in place of {other.instead}" if other.effect
