@@ -330,7 +330,7 @@ FOREIGN = '''"""An effect that a user's own package adds: a joint that sags with
 
 import numpy as np
 
-from ppmcal.effects.kind import EffectKind, EffectParameter, Worked, fixed_list, linear
+from ppmcal.model.effects.kind import EffectKind, EffectParameter, Worked, fixed_list, linear
 
 
 def terms(setting, on, values):
@@ -374,7 +374,7 @@ def test_a_kind_of_another_package(tmp_path: Path) -> None:
 
 def test_a_name_that_is_taken(tmp_path: Path) -> None:
     """Two kinds of one name are refused when they are registered."""
-    code = ("from ppmcal.effects import effect_kinds, register\n"
+    code = ("from ppmcal.model.effects import effect_kinds, register\n"
             "register(effect_kinds()['lag'])\n")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
                           timeout=60, check=False)

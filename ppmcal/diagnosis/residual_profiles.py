@@ -44,7 +44,7 @@ class ProfileErrors:
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What N rows depend on, SI: see :class:`ppmcal.effects.Setting`; nan where not recorded.
+    """What N rows depend on, SI: see :class:`ppmcal.model.effects.Setting`; nan where not recorded.
 
     ``pose`` (N, 6) of the platform; ``point`` (N, 3) as measured; ``temperature`` deg C.
     """

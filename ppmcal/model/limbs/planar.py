@@ -39,6 +39,13 @@ register(LimbKind(
     closes_when="|B - A - u d(alpha)| = length", source="[PPM] section 3.1"))
 
 register(LimbKind(
+    "(R)PR", True, BASE_PLANE,
+    base=Chain((_BASE, joint(1), turn(U), joint(2, "x"))),
+    middle=Chain((slide("lateral", "y", 0.0), joint(3))),
+    platform=_PLATFORM, actuator="angle", branch="branch",
+    closes_when="n(u).(B-A) = lateral", source="[PPM] section 3.1"))
+
+register(LimbKind(
     "P(R)R", True, BASE_PLANE,
     base=Chain((_BASE, turn("base.angle"), joint(1, "x"))),
     middle=Chain((joint(2), turn(U), slide("length", "x"), joint(3))),
