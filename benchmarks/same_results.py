@@ -24,8 +24,8 @@ import yaml
 
 MACHINES = ("3-RPR", "6-UPS", "delta-linear")
 RELATIVE, TINY = 1e-7, 1e-12
-TIMED = ("seconds", "elapsed", "date", "time_of_run", "version")
-"""Keys whose values are no results."""
+NO_RESULTS = ("provenance",)
+"""Keys whose values are no results: where and by which version they were made."""
 
 
 def steps(root):
@@ -70,6 +70,10 @@ def steps(root):
     return [[str(word) for word in line] for line in lines]
 
 
+ROOT = "checkout.txt"
+"""The file of an output folder that says where the checkout was."""
+
+
 def numbered(value):
     """Return a text as the number that it is, or as it is."""
     try:
@@ -90,18 +94,22 @@ def leaves(value, place=()):
         yield place, value
 
 
-def read(path, renamed):
-    """Return a result file as a mapping from place to value; None for a kind without values."""
+def read(path, root, renamed):
+    """Return a result file as a mapping from place to value; None for a kind without values.
+
+    Paths in the checkout ``root`` are as if it stood in the working directory.
+    """
     if path.suffix == ".csv":
-        with path.open(newline="") as handle:
-            rows = [{renamed.get(k, k): numbered(v) for k, v in row.items() if k is not None}
-                    for row in csv.DictReader(handle)]
+        lines = path.read_text().replace(root, ".").splitlines()
+        rows = [{renamed.get(k, k): numbered(v) for k, v in row.items() if k is not None}
+                for row in csv.DictReader(lines)]
         return dict(leaves(rows))
     if path.suffix not in (".json", ".yaml"):
         return None
-    loaded = (json.loads if path.suffix == ".json" else yaml.safe_load)(path.read_text())
+    text = path.read_text().replace(root, ".")
+    loaded = (json.loads if path.suffix == ".json" else yaml.safe_load)(text)
     return {tuple(renamed.get(p, p) for p in place): value for place, value in leaves(loaded)
-            if not any(p in TIMED for p in place)}
+            if not any(p in NO_RESULTS for p in place)}
 
 
 def same(one, two):
@@ -115,12 +123,13 @@ def same(one, two):
 
 def differences(before, after, renamed):
     """Yield a line for everything that two folders do not have in common."""
+    roots = [(f / ROOT).read_text() for f in (before, after)]
     files = {p.relative_to(f) for f in (before, after) for p in f.rglob("*") if p.is_file()}
-    for name in sorted(f for f in files if f.name != ".ppmcal.json"):
+    for name in sorted(f for f in files if f.name not in (".ppmcal.json", ROOT)):
         if not ((before / name).exists() and (after / name).exists()):
             yield f"{name}: only {'before' if (before / name).exists() else 'after'}"
             continue
-        old, new = read(before / name, renamed), read(after / name, {})
+        old, new = read(before / name, roots[0], renamed), read(after / name, roots[1], {})
         if old is None or new is None:
             continue
         for place in [*old, *(p for p in new if p not in old)]:
@@ -142,6 +151,7 @@ def run(out):
     """Run every command on the samples, into the folder OUT."""
     out.mkdir(parents=True, exist_ok=False)
     root = Path(__file__).resolve().parents[1]
+    (out / ROOT).write_text(str(root))
     for line in steps(root):
         start = time.perf_counter()
         ran = subprocess.run([sys.executable, "-m", "ppmcal", *line], cwd=out, text=True,

@@ -101,11 +101,11 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
 def _known_kinds(kinds: tuple[str, ...]) -> None:
     if kinds:
         from ppmcal.errors import unknown
-        from ppmcal.model.effects import effect_kinds
+        from ppmcal.model.effects import GEOMETRY, effect_kinds
 
         for kind in kinds:
-            if kind != "geometry" and kind not in effect_kinds():
-                raise unknown("effect", kind, [*effect_kinds(), "geometry"], "--kind")
+            if kind != GEOMETRY and kind not in effect_kinds():
+                raise unknown("effect", kind, [*effect_kinds(), GEOMETRY], "--kind")
 
 
 def tell(result: Diagnosis, console: Console) -> None:

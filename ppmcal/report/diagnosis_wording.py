@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from ppmcal.model.effects import GEOMETRY
 from ppmcal.report.format import count, listed, number, sig, to_sigma, whole, with_unit
 from ppmcal.wording import shorter, where
 
@@ -62,7 +63,7 @@ def together(record: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the named effects, those of one kind and with the same alternatives as one."""
     out: dict[tuple[Any, ...], dict[str, Any]] = {}
     for e in record.get("effects") or []:
-        own = list(e.get("parameters") or {}) if e.get("kind") == "geometry" else []
+        own = list(e.get("parameters") or {}) if e.get("kind") == GEOMETRY else []
         key = (e.get("kind"), *own, "|", *map(str, e.get("alternatives_on") or []))
         if key in out:
             on = [*(out[key].get("on") or []), *(e.get("on") or [])]
@@ -100,7 +101,7 @@ def effect_name(record: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
     """Return ``backlash on leg2, leg5``."""
     place = where(entry.get("on") or [], actuators(record))
     kind = str(entry.get("kind") or "?")
-    own = list(entry.get("parameters") or {}) if kind == "geometry" else []
+    own = list(entry.get("parameters") or {}) if kind == GEOMETRY else []
     kind = " ".join([kind, *own])
     return f"{kind} on {place}" if place else kind
 

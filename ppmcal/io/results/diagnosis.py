@@ -21,6 +21,7 @@ from ppmcal.io.results.identification import residuals_csv
 from ppmcal.io.results.identification import summary as identification_summary
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.linalg import Array
+from ppmcal.model.effects import GEOMETRY
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.units import Units
 
@@ -179,7 +180,7 @@ def parameter_entries(result: Diagnosis, effect: NamedEffect) -> dict[str, dict[
     for name in effect.parameters:
         e = values[name]
         f = units.factor(e.quantity)
-        geometry = effect.kind == "geometry"
+        geometry = effect.kind == GEOMETRY
         short = name if geometry else name.rsplit(".", 1)[1]
         known = e.sigma is not None and np.isfinite(e.sigma)
         out[short] = {"value": (e.error if geometry else e.value) / f,
