@@ -255,7 +255,8 @@ class _Kinds(Collector):
         """Return the values of a kind's nonlinear parameters that are tried, fitted ones first."""
         data = ScanRange(self._stroke(), np.unique(self.system.group).size)
         tried = {s.name: s.scan(data) for s in kind.parameters(self.motion) if s.scan is not None}
-        grid = [dict(zip(tried, values, strict=True)) for values in product(*tried.values())]
+        grid = [dict(zip(tried, map(float, values), strict=True))
+                for values in product(*tried.values())]
         if tried:
             grid = self._fitted(kind, tried) + grid
         known = np.isfinite(self.system.parts[0].setting.stroke).all()

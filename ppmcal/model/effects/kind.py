@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.errors import unknown
 from ppmcal.linalg import Bools
 from ppmcal.model.effects.inputs import BY_NEED, TRAVEL, EffectInput
 from ppmcal.model.effects.setting import Setting, Shift, total
+from ppmcal.model.registry import Registry
 
 GEOMETRY = "geometry"
 """In the place of a kind: an error of slots, which is no effect but the machine itself."""
@@ -151,6 +151,15 @@ class EffectKind:
     under_weight: bool = False
     doubt: str = ""
 
+    def __post_init__(self) -> None:
+        """Refuse a name or a column that means something else, or nothing (ValueError)."""
+        if self.name == GEOMETRY:
+            raise ValueError(f"effect '{GEOMETRY}' is an error of slots already")
+        strange = [n for n in self.needs if n not in BY_NEED]
+        if strange:
+            raise ValueError(f"effect '{self.name}' needs {', '.join(strange)}; "
+                             f"columns are {', '.join(BY_NEED)}")
+
     @property
     def input(self) -> EffectInput:
         """What its residuals are drawn against."""
@@ -186,32 +195,5 @@ def linear(values: Mapping[str, float], by: Mapping[str, Shift]) -> Terms:
     return Terms(total([s.times(values[p]) for p, s in by.items() if values[p] != 0.0]), by)
 
 
-_KINDS: dict[str, EffectKind] = {}
-
-
-def register(kind: EffectKind) -> EffectKind:
-    """Add a kind to the registry; its name must be new, its columns known."""
-    if kind.name in (*_KINDS, GEOMETRY):
-        raise ValueError(f"effect kind '{kind.name}' is registered twice")
-    strange = [n for n in kind.needs if n not in BY_NEED]
-    if strange:
-        raise ValueError(f"effect kind '{kind.name}' needs {', '.join(strange)}; "
-                         f"columns are {', '.join(BY_NEED)}")
-    _KINDS[kind.name] = kind
-    return kind
-
-
-def effect_kinds() -> dict[str, EffectKind]:
-    """Return all registered kinds by name."""
-    return dict(_KINDS)
-
-
-def find_effect(name: str, where: str = "") -> EffectKind:
-    """Return the kind called ``name``.
-
-    Raises:
-        BadInput: unknown name; lists the valid ones and the nearest match.
-    """
-    if name not in _KINDS:
-        raise unknown("effect", name, _KINDS, where)
-    return _KINDS[name]
+_REGISTRY: Registry[EffectKind] = Registry("effect", "ppmcal.effects")
+register, effect_kinds, find_effect = _REGISTRY.register, _REGISTRY.kinds, _REGISTRY.find

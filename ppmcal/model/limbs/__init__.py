@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from importlib.metadata import entry_points
 
 from ppmcal.model.limbs.kind import ClosureSurface, LimbKind, Surface, find_kind, kinds, register
 
 for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
-for _entry in entry_points(group="ppmcal.limbs"):
-    register(_entry.load())
 
 __all__ = ["ClosureSurface", "LimbKind", "Surface", "find_kind", "kinds", "register"]
