@@ -51,11 +51,7 @@ class Registry(Generic[T]):
         return dict(self._kinds)
 
     def find(self, name: str, where: str = "") -> T:
-        """Return the kind called ``name``.
-
-        Raises:
-            BadInput: unknown name; lists the valid ones and the nearest match.
-        """
+        """Return the kind called ``name``; BadInput where there is none."""
         kinds = self.kinds()
         if name not in kinds:
             raise unknown(self._sort, name, kinds, where)
