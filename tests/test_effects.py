@@ -245,14 +245,14 @@ def test_traits_fit_together(kind: str) -> None:
     assert shape == (rows, parts) if parts else shape in ((rows,), (rows, k))
 
 
-@pytest.mark.parametrize(("name", "needs", "words"), [
-    ("damp", ("humidity",), "needs humidity; columns are dir, vel, load"),
-    ("geometry", (), "an error of slots already")])
-def test_a_kind_that_nothing_can_feed(name: str, needs: tuple[str, ...], words: str) -> None:
-    """An unknown column, or the name of the geometry, is refused where the kind is made."""
-    plain = effect_kinds()["gain"]
+@pytest.mark.parametrize(("change", "words"), [
+    ({"needs": ("humidity",)}, "needs humidity; columns are dir, vel, load"),
+    ({"name": "geometry"}, "an error of slots already"),
+    ({"period": "gain"}, "the period 'gain' is no parameter with a scan")])
+def test_a_kind_that_makes_no_sense(change: dict[str, Any], words: str) -> None:
+    """An unknown column, the name of the geometry, a period that no search tries."""
     with pytest.raises(ValueError, match=words):
-        replace(plain, name=name, needs=needs)
+        replace(effect_kinds()["gain"], **change)
 
 
 WORKED = [  # kind, parameters, setting, what the contract's table says

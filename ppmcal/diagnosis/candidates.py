@@ -68,6 +68,15 @@ def start_values(kind: EffectKind, motion: str) -> dict[str, float]:
             else 0.0 for s in kind.parameters(motion)}
 
 
+def usual_range(spec: EffectParameter, stroke: float) -> tuple[float, float]:
+    """Return the range of a parameter's coefficient in machines, SI; ``stroke``: the longest."""
+    low, high = spec.usual
+    if spec.reciprocal:
+        return 1.0 / high, 1.0 / low if low > 0.0 else np.inf
+    scale = stroke if spec.of_stroke else 1.0
+    return scale * low, scale * high
+
+
 def _sign(spec: EffectParameter) -> float:
     """Return the sign of d/d(1/k) at k = 1 against d/dk, for what is linear in 1/k."""
     return -1.0 if spec.reciprocal else 1.0
@@ -132,7 +141,7 @@ class _Kinds(Collector):
             return
         low = tuple(_lowest(s) for s in specs)
         high = tuple(s.high for s in specs)
-        usual = tuple(self._usual(s) for s in specs)
+        usual = tuple(usual_range(s, self._stroke()) for s in specs)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
         searched = len(constants) - len(strokes)
@@ -157,36 +166,15 @@ class _Kinds(Collector):
                 self.add(np.sum([self.columns[c] for c in cs], axis=0))
                 for cs in zip(*own.values(), strict=True))
             on_names = tuple(self.actuators[a] for a in own)
-            self.forms.append(
-                Hypothesis(
-                    kind.name,
-                    on_names,
-                    True,
-                    names,
-                    low,
-                    high,
-                    where,
-                    usual,
-                    shown,
-                    searched=searched,
-                    turns=turns,
-                    strokes=strokes,
-                )
-            )
+            self.forms.append(Hypothesis(
+                kind.name, on_names, True, names, low, high, where, usual, shown,
+                searched=searched, turns=turns, strokes=strokes))
             self.forms.append(Hypothesis(
                 kind.name, on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
                 shown,
                 searched=searched, turns=turns, strokes=strokes))
-
-    def _usual(self, spec: EffectParameter) -> tuple[float, float]:
-        """Return the range of a parameter's coefficient in machines, SI."""
-        low, high = spec.usual
-        if spec.reciprocal:
-            return 1.0 / high, 1.0 / low
-        scale = self._stroke() if spec.of_stroke else 1.0
-        return scale * low, scale * high
 
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:

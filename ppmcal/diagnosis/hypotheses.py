@@ -22,7 +22,7 @@ class Hypothesis:
         on: actuator names, empty for the whole machine.
         shared: one value for all of ``on``, else one for each.
         names: parameters by column; with one value for each actuator ``leg1:width``.
-        constants: parameters that are not linear: period, direction.
+        constants: values of parameters that are not linear, and ends of the stroke.
         slot: the frozen parameter's name, for ``geometry``.
         anonymous: a shape without a cause; it takes part so that no kind has to imitate
             it, and is never named.

@@ -152,13 +152,17 @@ class EffectKind:
     doubt: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse a name or a column that means something else, or nothing (ValueError)."""
+        """Refuse a name, column or period that means something else, or nothing (ValueError)."""
         if self.name == GEOMETRY:
             raise ValueError(f"effect '{GEOMETRY}' is an error of slots already")
         strange = [n for n in self.needs if n not in BY_NEED]
         if strange:
             raise ValueError(f"effect '{self.name}' needs {', '.join(strange)}; "
                              f"columns are {', '.join(BY_NEED)}")
+        if self.period and any(self.period not in [s.name for s in self.parameters(m) if s.scan]
+                               for m in self.motions):
+            raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
+                             "with a scan")
 
     @property
     def input(self) -> EffectInput:
