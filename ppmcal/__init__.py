@@ -26,22 +26,26 @@ if TYPE_CHECKING:
     from ppmcal.api.compare import compare
     from ppmcal.api.compensate import compensate
     from ppmcal.api.diagnose import diagnose
+    from ppmcal.api.export import export
     from ppmcal.api.identify import identify
+    from ppmcal.api.import_ import import_config
     from ppmcal.api.inputs import load, read_data, shipped
     from ppmcal.api.kinematics import forward, inverse, velocity
+    from ppmcal.api.plan import plan
+    from ppmcal.api.report import make_report
     from ppmcal.api.schema import schema
+    from ppmcal.api.sensitivity import sensitivity
     from ppmcal.api.simulate import simulate
+    from ppmcal.api.stiffness import stiffness
+    from ppmcal.api.tolerances import tolerances
+    from ppmcal.api.workspace import workspace
     from ppmcal.errors import BadInput, NoResult, PpmcalError
 
-_HOME = {
-    "BadInput": "errors", "NoResult": "errors", "PpmcalError": "errors",
-    "load": "api.inputs", "read_data": "api.inputs", "shipped": "api.inputs",
-    "check": "api.check", "compare": "api.compare", "compensate": "api.compensate",
-    "diagnose": "api.diagnose", "identify": "api.identify", "simulate": "api.simulate",
-    "schema": "api.schema",
-    "forward": "api.kinematics", "inverse": "api.kinematics",
-    "velocity": "api.kinematics",
-}
+_HOME = {"BadInput": "errors", "NoResult": "errors", "PpmcalError": "errors",
+         "load": "api.inputs", "read_data": "api.inputs", "shipped": "api.inputs",
+         "forward": "api.kinematics", "inverse": "api.kinematics", "velocity": "api.kinematics",
+         "import_config": "api.import_", "make_report": "api.report"}
+"""Where names are that are not in the module of ``api`` that is called like them."""
 
 __all__ = [
     "BadInput",
@@ -51,25 +55,33 @@ __all__ = [
     "compare",
     "compensate",
     "diagnose",
+    "export",
     "forward",
     "identify",
+    "import_config",
     "inverse",
     "load",
+    "make_report",
+    "plan",
     "read_data",
     "schema",
+    "sensitivity",
     "shipped",
     "simulate",
+    "stiffness",
+    "tolerances",
     "velocity",
+    "workspace",
 ]
 
 
 def __getattr__(name: str) -> Any:
     """Load the module that holds ``name`` on first use."""
-    if name not in _HOME:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
 
-    return getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    return getattr(importlib.import_module(f"{__name__}.{_HOME.get(name, f'api.{name}')}"), name)
 
 
 def __dir__() -> list[str]:

@@ -9,6 +9,7 @@ from commands import ppmcal
 from jsonschema import Draft202012Validator
 
 import ppmcal as face
+from ppmcal.api.schema import RESULTS
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.json_schema import FILES, file_schema
@@ -101,6 +102,24 @@ def test_the_command_prints_what_the_function_returns():
     assert json.loads(run.out) == face.schema("scenario")
     assert json.loads(ppmcal("schema", "comparison", expect=0).out) == face.schema("comparison")
     assert "Did you mean 'scenario'?" in ppmcal("schema", "scenari", expect=2).err
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_every_result_has_a_schema(name):
+    schema = face.schema(name)
+    Draft202012Validator.check_schema(schema)
+    assert schema["properties"]["format"] and schema["description"]
+
+
+def test_what_is_written_is_right_by_its_schema():
+    sample = ROOT / "sample_data"
+    fit = face.identify(sample / "hexapod.yaml", sample / "measurements.csv")
+    for result, name in ((fit, "identification"),
+                         (face.compensate(fit, sample / "targets.csv"), "commands")):
+        written = json.loads(result.files()[f"{name}.json"])
+        assert not list(Draft202012Validator(face.schema(name)).iter_errors(written))
+    wrong = {**written, "rows": "many"}
+    assert list(Draft202012Validator(face.schema("commands")).iter_errors(wrong))
 
 
 def test_init_tells_editors_where_the_schema_is(tmp_path):

@@ -85,13 +85,16 @@ class Result:
             A pandas data frame, or, where pandas is not installed, a dict from column to (N,)
             values.
         """
-        name = file or self.TABLE
-        tables = {k: v for k, v in self.files().items() if k.endswith(".csv")}
+        name, tables = file or self.TABLE, self.tables()
         if name not in tables:
             raise unknown("table", name, tables)
         content = tables[name]
         text = content if isinstance(content, str) else content.decode()
         return framed(text, name)
+
+    def tables(self) -> Mapping[str, str | bytes]:
+        """Return those of the files that are tables."""
+        return {k: v for k, v in self.files().items() if k.endswith(".csv")}
 
     def __repr__(self) -> str:
         """Return the result in a line."""
@@ -102,7 +105,7 @@ class Result:
         """Return the headline, findings and the first rows of the main table for a notebook."""
         notes = "".join(f"<li>{html.escape(f)}</li>" for f in self.findings)
         return (f"<p><b>ppmcal {self.COMMAND}</b>: {html.escape(self.headline())}</p>"
-                + (f"<ul>{notes}</ul>" if notes else "") + _table(self.files()[self.TABLE]))
+                + (f"<ul>{notes}</ul>" if notes else "") + _table(self.tables()[self.TABLE]))
 
 
 @runtime_checkable

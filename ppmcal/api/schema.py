@@ -9,7 +9,13 @@ from ppmcal.errors import unknown
 from ppmcal.io.json_schema import DIALECT, FILES, file_schema
 from ppmcal.io.results.record import Record
 
-RESULTS = {"comparison": "comparison.ComparisonRecord"}
+RESULTS = {"identification": "identification.IdentificationRecord",
+           "diagnosis": "diagnosis.DiagnosisRecord", "comparison": "comparison.ComparisonRecord",
+           "commands": "commands.CommandsRecord", "kinematics": "kinematics.KinematicsRecord",
+           "truth": "simulation.TruthRecord", "sensitivity": "sensitivity.SensitivityRecord",
+           "tolerances": "tolerances.TolerancesRecord",
+           "stiffness": "stiffness.StiffnessRecord", "workspace": "workspace.WorkspaceRecord",
+           "plan": "plan.PlanRecord", "export": "export.ExportRecord"}
 """Results by name, and the records that write and read them."""
 
 

@@ -157,11 +157,6 @@ def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
     return table
 
 
-def command_line() -> str:
-    """Return the command as it was typed, for provenance."""
-    return "ppmcal " + shlex.join(sys.argv[1:])
-
-
 def finish(out: Path, names: Sequence[str], console: Console) -> None:
     """Say where the results are."""
     console.say(f"Written to {out}: {', '.join(names)}")

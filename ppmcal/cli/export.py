@@ -11,7 +11,6 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
-    command_line,
     finish,
     json_option,
     leave,
@@ -51,30 +50,17 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     with the old and the new numbers; what the controller cannot express is listed with what
     that costs. Writes the controller's file and export.json.
     """
-    from dataclasses import replace
-
-    from ppmcal.controllers.export import exporter, record_of
-    from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
-    from ppmcal.io import Output, provenance, read_mechanism
+    from ppmcal.api.export import export
 
     console = Console(quiet, as_json)
-    writer = exporter(form)
-    mechanism = read_mechanism(model)
     with console.progress("Fitting"):
-        exported = writer.export(mechanism, old, poses)
-        exported = replace(exported, uncertainty=pose_uncertainty(mechanism, exported.poses, model))
-    known = model.with_name(KNOWLEDGE) if exported.uncertainty.frame else None
-    inputs = [*mechanism.inputs, *(str(p) for p in (old, poses, known) if p is not None)]
-    record = record_of(exported, mechanism.name, provenance(inputs, command_line(), None))
-    with Output(out) as output:
-        for name, text in {**exported.files, record.FILE: record.text()}.items():
-            output.add(name, text)
-    _show(record, console)
-    findings = record.attention()
-    console.warn(findings)
-    finish(out, list(output.files), console)
-    console.summary(record.entries())
-    leave(bool(findings))
+        result = export(form, model, old=old, poses=poses)
+    written = result.save(out)
+    _show(result.record, console)
+    console.warn(result.findings)
+    finish(out, [p.name for p in written], console)
+    console.summary(result.record.entries())
+    leave(bool(result.findings))
 
 
 def _show(record: ExportRecord, console: Console) -> None:

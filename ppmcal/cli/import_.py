@@ -9,14 +9,12 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
-    command_line,
     finish,
     json_option,
     leave,
     out_option,
     quiet_option,
 )
-from ppmcal.wording import counted
 
 
 @click.command("import")
@@ -36,26 +34,20 @@ def command(form: str, file: Path, out: Path, rods: str | None, quiet: bool, as_
     DELTA_CALIBRATE saved in it. Writes machine.yaml, heights.csv and .yaml, and distances.csv and
     .yaml where there are any.
     """
-    from ppmcal.controllers.klipper_config import find_format, read_printer
-    from ppmcal.controllers.klipper_export import files, rods_of
-    from ppmcal.io import Output, provenance
+    from ppmcal.api.import_ import import_config
 
     console = Console(quiet, as_json)
-    find_format(form)
-    printer = read_printer(file)
-    chosen = rods_of(printer, rods)
-    with Output(out) as output:
-        for name, text in files(printer, chosen).items():
-            output.add(name, text)
-    tables = [out / n for n in output.files if n.endswith(".csv")]
-    console.say(f"{file}: a delta printer with {counted(len(printer.heights), 'height')} and "
-                f"{counted(len(printer.distances), 'distance')}; rods {chosen}.")
-    console.warn(printer.findings)
-    finish(out, list(output.files), console)
+    result = import_config(form, file, rods=rods)
+    written = result.save(out)
+    tables = [p for p in written if p.suffix == ".csv"]
+    console.say(result.headline())
+    console.warn(result.findings)
+    finish(out, [p.name for p in written], console)
     if tables:
         console.say_command("Next:", ["ppmcal", "identify", out / "machine.yaml", *tables])
+    printer = result.printer
     console.summary({"format": "ppmcal/import/1", "heights": len(printer.heights),
-                     "distances": len(printer.distances), "rods": chosen,
-                     "written": list(output.files), "findings": printer.findings,
-                     "provenance": provenance([file], command_line(), None)})
-    leave(bool(printer.findings))
+                     "distances": len(printer.distances), "rods": result.rods,
+                     "written": [p.name for p in written], "findings": list(result.findings),
+                     "provenance": result.provenance})
+    leave(bool(result.findings))

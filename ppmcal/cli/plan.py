@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,6 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
-    command_line,
     finish,
     json_option,
     leave,
@@ -21,10 +19,9 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.model.mechanism import Effect
+    pass
 
 MOST_COUNT = 1000
-ABSOLUTE_ZERO = -273.15
 
 
 @click.command("plan")
@@ -59,70 +56,21 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     D-optimal for the parameters that MECH leaves free, with its tolerances as prior; ordered
     into a short path. Writes poses.csv, accuracy.csv, plan.json and accuracy.png.
     """
-    from ppmcal.design.plan.plan import PlanOptions, plan
-    from ppmcal.design.plan.settings import PlanSettings
-    from ppmcal.design.virtual_instrument import default_instrument
-    from ppmcal.errors import BadInput
-    from ppmcal.io import Output, provenance, read_mechanism, read_poses
-    from ppmcal.io.results.plan import PlanRecord
-    from ppmcal.io.sidecar import read_instrument
+    from ppmcal.api.plan import plan
 
     console = Console(quiet, as_json)
-    mechanism = read_mechanism(mech)
-    names = tuple(dict.fromkeys(k.strip() for text in kinds for k in text.split(",") if k.strip()))
-    asked = PlanSettings(names, _ends(payload, "--payload", "0,20", 0.0),
-                  _ends(temperature, "--temperature", "18,26", ABSOLUTE_ZERO, -ABSOLUTE_ZERO))
-    instrument = read_instrument(sidecar, mechanism) if sidecar else default_instrument(mechanism)
-    given = (read_poses(candidates, mechanism).poses, str(candidates)) if candidates else None
-    aims = (read_poses(tasks, mechanism).poses, str(tasks)) if tasks else None
-    if accuracy is not None and not 0.0 < accuracy < 1e12:
-        raise BadInput(f"{accuracy:g} is not the size of an error", "--accuracy",
-                       "Write one above 0")
-    wanted = None if accuracy is None else accuracy * mechanism.units.factor("length")
-    seed = 0 if seed is None else seed
     with console.progress("Planning") as show:
-        result = plan(
-            mechanism, instrument, PlanOptions(count, seed, asked), given, aims, wanted, show
-        )
-    inputs = [*mechanism.inputs, *(str(p) for p in (sidecar, tasks, candidates) if p)]
-    notes = _notes(mechanism.effects, names, result.unused)
-    record = PlanRecord.of(result, wanted, notes, provenance(inputs, command_line(), seed))
-    with Output(out) as output:
-        for name, content in record.files(result, wanted).items():
-            output.add(name, content)
-    console.say(f"{mechanism.name}:")
-    for sentence in record.said:
+        result = plan(mech, count=count, instrument=sidecar, tasks=tasks, candidates=candidates,
+                      effects=kinds, payload=payload, temperature=temperature, accuracy=accuracy,
+                      seed=seed or 0, progress=show)
+    written = result.save(out)
+    console.say(f"{result.mechanism.name}:")
+    for sentence in result.record.said:
         console.say(sentence)
-    console.warn([*mechanism.findings, *record.findings])
-    finish(out, list(output.files), console)
-    console.summary({k: v for k, v in record.entries().items()
+    console.warn([*result.mechanism.findings, *result.findings])
+    finish(out, [p.name for p in written], console)
+    console.summary({k: v for k, v in result.record.entries().items()
                      if k not in ("tables", "pictures")})
-    leave(bool(record.findings))
+    leave(bool(result.findings))
 
 
-def _notes(effects: tuple[Effect, ...], names: tuple[str, ...], unused: tuple[str, ...]
-           ) -> list[str]:
-    out = [f"--{name} is not used: nothing that is asked for depends on it." for name in unused]
-    others = sorted({e.kind.name for e in effects} - set(names))
-    if others:
-        out.append(f"The file's effects {', '.join(others)} are left out; name them with --for to "
-                   "plan for them.")
-    return out
-
-
-def _ends(text: str | None, option: str, example: str, least: float, shift: float = 0.0
-          ) -> tuple[float, float] | None:
-    """Return both ends of ``LOW,HIGH``, shifted to SI."""
-    from ppmcal.errors import BadInput
-
-    if text is None:
-        return None
-    mend = f'Write two numbers, the lower one first, for example {option} "{example}"'
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise BadInput(f"'{text}' holds what is not a number", option, mend) from None
-    if len(values) != 2 or not all(math.isfinite(v) and least <= v < 1e6 for v in values) or (
-            values[0] >= values[1]):
-        raise BadInput(f"'{text}' does not go from a lower to a higher value", option, mend)
-    return values[0] + shift, values[1] + shift

@@ -10,7 +10,6 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
-    command_line,
     finish,
     json_option,
     leave,
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ppmcal.design.sensitivity import Sensitivity
-    from ppmcal.kinematics.region import Grid
-    from ppmcal.model.mechanism import Mechanism
 
 SHOWN = 10
 
@@ -66,79 +63,21 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     Writes sensitivity.csv (the Jacobian at home, errors ranked), map.csv (amplification index,
     root sum square and worst case by pose), linearity.csv, pictures and sensitivity.json.
     """
-    from ppmcal.design.error_sources import all_components as components
-    from ppmcal.design.sensitivity import SensitivityOptions, analyse
-    from ppmcal.errors import BadInput
-    from ppmcal.io import Output, provenance, read_mechanism, read_poses
-    from ppmcal.io.grid import metric_length, read_point
-    from ppmcal.io.results.sensitivity import SensitivityRecord
+    from ppmcal.api.sensitivity import sensitivity
 
     console = Console(quiet, as_json)
-    machine = read_mechanism(mech)
-    mesh = _grid(machine, grid, poses, home_only)
-    point, rho = read_point(tool, machine), metric_length(metric, machine)
-    if not 0.0 < sigmas < 1e6:
-        raise BadInput(f"{sigmas:g} is not a number of standard deviations", "--sigmas",
-                       "Write one above 0, such as 3")
-    looked = components(machine) if all_components else machine
-    if free:
-        looked = _narrowed(looked, free)
-    wanted = mesh.poses(machine) if mesh else read_poses(poses, machine).poses if poses else None
-    inputs = [*machine.inputs, *([str(poses)] if poses else [])]
     with console.progress("Looking at errors"):
-        found = analyse(looked, SensitivityOptions(point, rho, sigmas, together,
-                                      _size(looked, together, size)), wanted)
-        record = SensitivityRecord.of(found, machine, mesh,
-                                      provenance(inputs, command_line(), None))
-        content = record.files(found, mesh, poses is not None)
-    with Output(out) as output:
-        for name, text in content.items():
-            output.add(name, text)
-    for sentence in record.said:
+        result = sensitivity(mech, poses=poses, grid=grid, home_only=home_only,
+                             all_components=all_components, free=free, tool=tool, metric=metric,
+                             sigmas=sigmas, together=together, size=size)
+        written = result.save(out)
+    for sentence in result.record.said:
         console.say(sentence)
-    console.table(_ranking(found))
-    console.warn(record.findings)
-    finish(out, list(output.files), console)
-    console.summary(record.entries())
-    leave(bool(record.findings))
-
-
-def _grid(machine: Mechanism, grid: str | None, poses: Path | None, home_only: bool
-          ) -> Grid | None:
-    from ppmcal.errors import BadInput
-    from ppmcal.io.grid import read_grid
-
-    if sum((grid is not None, poses is not None, home_only)) > 1:
-        raise BadInput("only one of --poses, --grid and --home-only can be given", "",
-                       "Leave the others out")
-    return None if poses is not None or home_only else read_grid(grid, machine)
-
-
-def _size(machine: Mechanism, together: tuple[str, ...], size: float | None) -> float | None:
-    """Return the size of errors moved together in SI."""
-    from ppmcal.errors import BadInput
-
-    if size is None:
-        return None
-    if not together:
-        raise BadInput("goes with --together", "--size", "Name the errors that are off by it")
-    if not 0.0 < abs(size) < 1e12:
-        raise BadInput(f"{size:g} is not the size of an error", "--size", "Write another number")
-    named = [p for i in machine.free for p in (machine.parameters[i],)
-             if any(p.matches(t) for t in together)]
-    return size * machine.units.factor(named[0].quantity if named else "length")
-
-
-def _narrowed(machine: Mechanism, patterns: tuple[str, ...]) -> Mechanism:
-    from dataclasses import replace
-
-    from ppmcal.errors import unknown
-    from ppmcal.model.parameters import unmatched
-
-    for pattern in unmatched(machine.parameters, patterns):
-        raise unknown("parameter", pattern, machine.names, "--free")
-    return replace(machine, free=tuple(
-        i for i, p in enumerate(machine.parameters) if any(p.matches(t) for t in patterns)))
+    console.table(_ranking(result.sensitivity))
+    console.warn(result.findings)
+    finish(out, [p.name for p in written], console)
+    console.summary(result.record.entries())
+    leave(bool(result.findings))
 
 
 def _ranking(found: Sensitivity) -> Table:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
-import numpy as np
 
 from ppmcal.cli.common import (
     FILE,
     Console,
-    command_line,
     finish,
     json_option,
     leave,
@@ -21,189 +17,9 @@ from ppmcal.cli.common import (
     quiet_option,
     seed_option,
 )
-from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
-from ppmcal.design.error_sources import Source, geometry_only, natural_units, sources, tolerances
-from ppmcal.design.monte_carlo import Fleet
-from ppmcal.design.plan.candidate_poses import evenly, region_of
-from ppmcal.design.processes import cores as all_cores
-from ppmcal.design.recalibration import MeasurementSetup, predicted
-from ppmcal.design.tolerance_allocation import Demand, allocate, check, simulate
-from ppmcal.design.virtual_instrument import Instrument, default_instrument
-from ppmcal.errors import BadInput
-from ppmcal.io import Output, provenance, read_mechanism, read_poses
-from ppmcal.io.grid import metric_length, read_point
 from ppmcal.io.results.design import ShownTable
-from ppmcal.io.results.tolerance_tables import ToleranceResult, slot_table
-from ppmcal.io.results.tolerances import TolerancesRecord
-from ppmcal.io.sidecar import read_instrument
-from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.kinematics.tables import inverse_table
-from ppmcal.linalg import Array
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.io.results.tolerance_tables import slot_table
 from ppmcal.wording import number
-
-OF_ACCURACY = 0.1
-"""Noise of the default instrument, as a part of the accuracy demanded."""
-TASKS = 30
-"""Task poses where the user gives none."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """The options as typed, file units."""
-
-    accuracy: float | None
-    rotation: float | None
-    share: float
-    method: str
-    poses: Path | None
-    instrument: Path | None
-    measure: int
-    machines: int
-    metric: float | None
-    tool: str | None
-    cores: int | None
-    dask: str | None
-    seed: int
-
-
-def solve(mechanism: Mechanism, job: Job, progress: Callable[[str], None]) -> ToleranceResult:
-    """Return tolerances, and the machines simulated with those of ``job.method``."""
-    machine = geometry_only(mechanism).nominal()
-    found = sources(machine)
-    if not found:
-        raise BadInput("no parameter is free, so there is no tolerance to find",
-                       f"{mechanism.source}: free", "Give slots a tolerance, or change `free`")
-    demand, instrument = _demand(machine, job), None
-    if job.instrument is not None:
-        instrument = read_instrument(job.instrument, machine)
-    tasks, notes = _tasks(machine, job, _tool(machine, job, instrument))
-    unit = natural_units(machine, found, metric_length(job.metric, machine))
-    weight, exponent = _costs(machine, found, unit)
-    given = tolerances(machine, found)
-    _refuse_unknown(machine, found, given, job.method)
-    tau = allocate(machine, found, tasks, demand, unit, weight, exponent, given, job.seed)
-    chosen = tau[job.method]
-    free = tuple(s.parameter for s in found)
-    nominal = _with_tolerances(machine, free, chosen.tau)
-    setup = _measurement_setup(nominal, job, instrument, demand)
-    fleet = Fleet(nominal, free, chosen.drawn, tasks, setup)
-    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, progress)
-    home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
-    index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
-    return ToleranceResult(machine, found, demand, tau, job.method, fleet, judged,
-                  check(fleet, judged.built),
-                  None if demand.position is None else demand.position / float(index),
-                  _expected(setup, tasks), tuple(notes))
-
-
-def _demand(machine: Mechanism, job: Job) -> Demand:
-    if not 0.01 <= job.share <= 0.999:
-        raise BadInput(f"{job.share:g} is not a share of machines", "--yield",
-                       "Write a number from 0.01 to 0.999")
-    if job.accuracy is None and job.rotation is None:
-        raise BadInput("no accuracy is demanded", "--accuracy",
-                       f"Write the largest allowed error, such as --accuracy 0.05 (in "
-                       f"{machine.units.length})")
-    if job.rotation is not None and machine.motion == "translational":
-        raise BadInput("this machine does not turn", "--rotation", "Leave it out")
-    for name, value in (("--accuracy", job.accuracy), ("--rotation", job.rotation)):
-        if value is not None and not 0.0 < value < 1e12:
-            raise BadInput(f"{value:g} is not the size of an error", name, "Write one above 0")
-
-    def si(value: float | None, quantity: str) -> float | None:
-        return None if value is None else value * machine.units.factor(quantity)
-
-    return Demand(si(job.accuracy, "length"), si(job.rotation, "angle"), job.share)
-
-
-def _tool(machine: Mechanism, job: Job, instrument: Instrument | None) -> Array:
-    """Return the point at which all stages are judged (3,): the tool, else what is measured."""
-    if job.tool is None:
-        return np.zeros(3) if instrument is None else instrument.target.value
-    known = machine.motion != "translational" if instrument is None else (
-        instrument.kind == "pose" and not instrument.target.fitted)
-    tool = read_point(job.tool, machine)
-    if tool.any() and not known:
-        raise BadInput("a tool point apart from what is measured is not known after a "
-                       "calibration", "--tool", "Leave it out, or use an instrument of kind "
-                       "pose whose target is known")
-    return tool
-
-
-def _tasks(machine: Mechanism, job: Job, tool: Array) -> tuple[Poses, list[str]]:
-    """Return the task poses, and which of the user's cannot be used and why."""
-    if job.poses is None:
-        chosen = evenly(machine, region_of(machine), TASKS, job.seed + 1)
-        return Poses(chosen.q, pose_motor(chosen.pose), tool), []
-    table = inverse_table(Model(machine), read_poses(job.poses, machine).poses)
-    good = np.array([s == "ok" for s in table.status], dtype=np.bool_)
-    notes = [f"{job.poses}, row {n + 1}: {table.reason[n]}; it is no task pose then"
-             for n in np.flatnonzero(~good)]
-    if not good.any():
-        raise BadInput(f"none of the {len(good)} task poses can be reached "
-                       f"({table.reason[0]})", str(job.poses), "Choose poses within limits")
-    return Poses(table.q[good], pose_motor(table.pose[good]), tool), notes
-
-
-def _refuse_unknown(machine: Mechanism, found: tuple[Source, ...], given: Array, method: str
-                    ) -> None:
-    """Refuse to draw machines with the file's tolerances where one is not known."""
-    lost = [machine.parameters[s.parameter].name for s, t in zip(found, given, strict=True)
-            if not t > 0.0]
-    if lost and method == "file":
-        raise BadInput(f"{lost[0]} has no tolerance to draw from ({len(lost)} without)",
-                       f"{machine.source}: tolerances", "Give it a finite tolerance, fix it, or "
-                       "choose another --method")
-
-
-def _costs(machine: Mechanism, found: tuple[Source, ...], unit: Array) -> tuple[Array, Array]:
-    """Return weight and exponent of each error (S,), for tolerances in SI.
-
-    Classes that the file gives: of a tolerance in file units. Others: 1 and 1, of a tolerance
-    as a length (angles by rho), in file units of length.
-    """
-    weight, exponent = np.ones(len(found)), np.ones(len(found))
-    for i, s in enumerate(found):
-        quantity = machine.parameters[s.parameter].quantity
-        per = machine.units.factor("length") * unit[i]
-        if s.tolerance_class in machine.cost:
-            weight[i], exponent[i] = machine.cost[s.tolerance_class]
-            per = machine.units.factor(quantity)
-        weight[i] *= per ** exponent[i]
-    return weight, exponent
-
-
-def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> Mechanism:
-    """Return the machine with these tolerances; errors without effect are left fixed."""
-    parameters = list(machine.parameters)
-    for p, t in zip(free, tau.tolist(), strict=True):
-        if np.isfinite(t) and t > 0.0:
-            parameters[p] = replace(parameters[p], tolerance=t)
-    kept = tuple(p for p, t in zip(free, tau.tolist(), strict=True) if np.isfinite(t) and t > 0.0)
-    return replace(machine, parameters=tuple(parameters), free=kept)
-
-
-def _expected(setup: MeasurementSetup, tasks: Poses) -> float | None:
-    """Return the rms error after calibration that the linear model expects, m."""
-    short = setup.mechanism.conditions > len(setup.mechanism.actuators)
-    if short or (tasks.tool != setup.instrument.target.value).any():
-        return None
-    expected = predicted(setup, tasks.q, pose_vector(tasks.motor))
-    return float(np.sqrt(np.mean(expected**2)))
-
-
-def _measurement_setup(nominal: Mechanism, job: Job, instrument: Instrument | None, demand: Demand
-            ) -> MeasurementSetup:
-    if instrument is None:
-        instrument = default_instrument(nominal)
-        sigma = OF_ACCURACY * (demand.position or nominal.length_scale * (demand.rotation or 0.0))
-        instrument = replace(instrument, sigma_position=sigma,
-                             sigma_rotation=sigma / nominal.length_scale)
-    measured = evenly(nominal, region_of(nominal), job.measure, job.seed + 2)
-    return MeasurementSetup(nominal, instrument, measured.q, measured.pose)
 
 
 @click.command("tolerances")
@@ -247,24 +63,22 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     Writes tolerances.csv, errors.csv, allocated.yaml (the machine with these tolerances),
     yield.png and tolerances.json.
     """
+    from ppmcal.api.tolerances import tolerances
+
     console = Console(quiet, as_json)
-    machine = read_mechanism(mech)
-    job = Job(accuracy, rotation, share, method, poses, instrument, measure, machines, metric,
-              tool, cores, dask, seed or 0)
     with console.progress("Simulating machines") as progress:
-        result = solve(machine, job, progress)
-    inputs = [*machine.inputs, *(str(p) for p in (poses, instrument) if p)]
-    record = TolerancesRecord.of(result, machine, provenance(inputs, command_line(), job.seed))
-    with Output(out) as output:
-        for name, content in record.files(result).items():
-            output.add(name, content)
-    for sentence in record.said:
+        result = tolerances(mech, accuracy=accuracy, rotation=rotation, share=share,
+                            method=method, poses=poses, instrument=instrument, measure=measure,
+                            machines=machines, metric=metric, tool=tool, cores=cores, dask=dask,
+                            seed=seed or 0, progress=progress)
+    written = result.save(out)
+    for sentence in result.record.said:
         console.say(sentence)
-    _tolerances_by_slot(console, slot_table(result))
-    console.warn(record.findings)
-    finish(out, list(output.files), console)
-    console.summary(record.entries())
-    leave(bool(record.findings))
+    _tolerances_by_slot(console, slot_table(result.found))
+    console.warn(result.findings)
+    finish(out, [p.name for p in written], console)
+    console.summary(result.record.entries())
+    leave(bool(result.findings))
 
 
 def _tolerances_by_slot(console: Console, slots: ShownTable) -> None:

@@ -10,7 +10,6 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
-    command_line,
     finish,
     json_option,
     leave,
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[Any]
 
-LEVELS = 61
 SHOWN = 10
 
 
@@ -50,59 +48,18 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     Geometry only: effects in MECH are left out. Writes map.csv, singular.csv, modes.csv,
     workspace.json and a picture of each map.
     """
-    from ppmcal.design.workspace import workspace
-    from ppmcal.io import Output, provenance, read_mechanism
-    from ppmcal.io.grid import read_grid
-    from ppmcal.io.results.workspace import WorkspaceRecord
-    from ppmcal.io.results.workspace_tables import pictures
+    from ppmcal.api.workspace import workspace
 
     console = Console(quiet, as_json)
-    seed = seed or 0
-    mechanism = read_mechanism(mech)
-    asked = read_grid(grid, mechanism, LEVELS)
-    with console.progress("Workspace") as now:
-        found = workspace(mechanism, asked)
-        now("assembly modes")
-        rows = _modes(found, joints, seed)
-        now("pictures")
-        drawn = pictures(found)
-    inputs = [*mechanism.inputs, *([str(joints)] if joints else [])]
-    record = WorkspaceRecord.of(found, rows, provenance(inputs, command_line(), seed))
-    with Output(out) as output:
-        for name, text in record.files(found, rows).items():
-            output.add(name, text)
-        for name, picture in drawn.items():
-            output.add(name, picture)
-    _show(console, found, rows)
-    console.warn([*mechanism.findings, *record.findings])
-    finish(out, list(output.files), console)
-    console.summary(record.entries())
-    leave(bool(record.findings))
-
-
-def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
-    """Return the assembly modes at home's joints, or for each row of a file."""
-    from ppmcal.design.assembly_modes import assembly_modes
-    from ppmcal.errors import BadInput, NoResult
-    from ppmcal.io import read_joints
-    from ppmcal.io.results.workspace_tables import ModeRow
-    from ppmcal.kinematics.closure import Model
-    from ppmcal.kinematics.inverse import home_state
-
-    model = Model(found.mechanism)
-    wanted = [(0, home_state(found.mechanism).q)]
-    if joints is not None:
-        table = read_joints(joints, found.mechanism)
-        wanted = [(int(n), q) for n, q in zip(table.rows, table.q, strict=True)]
-        if not wanted:
-            raise BadInput("has no rows", str(joints), "Give at least one row of joint values")
-    out = []
-    for n, q in wanted:
-        try:
-            out.append(ModeRow(n, q, assembly_modes(model, q, seed)))
-        except NoResult as refused:
-            out.append(ModeRow(n, q, None, refused.what))
-    return out
+    with console.progress("Workspace") as show:
+        result = workspace(mech, grid=grid, joints=joints, seed=seed or 0, progress=show)
+        show("pictures")
+        written = result.save(out)
+    _show(console, result.workspace, list(result.modes))
+    console.warn([*result.mechanism.findings, *result.findings])
+    finish(out, [p.name for p in written], console)
+    console.summary(result.record.entries())
+    leave(bool(result.findings))
 
 
 def _show(console: Console, found: Workspace, rows: list[ModeRow]) -> None:

@@ -1,0 +1,80 @@
+"""A machine as lines for a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+from ppmcal.api.inputs import Machine, Path_, files_of, load, source_of
+from ppmcal.api.result import Result
+from ppmcal.controllers.export import Exported, exporter, record_of
+from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
+from ppmcal.io import csv_text
+from ppmcal.io.results.export import ExportRecord
+from ppmcal.model.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExportResult(Result):
+    """A machine as a controller takes it.
+
+    Attributes:
+        mechanism: the machine.
+        exported: the controller's files, read back and found equal, and the errors left, SI.
+        record: the content of export.json.
+    """
+
+    COMMAND: ClassVar[str] = "export"
+    TABLE: ClassVar[str] = "numbers.csv"
+
+    mechanism: Mechanism
+    exported: Exported
+    record: ExportRecord
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return the controller's files and export.json."""
+        return {**self.exported.files, self.record.FILE: self.record.text()}
+
+    def tables(self) -> Mapping[str, str | bytes]:
+        """Return the controller's numbers as a table besides the files."""
+        numbers = self.exported.numbers
+        own = csv_text(["parameter", "old", "new", "unit"],
+                       [[n.name for n in numbers],
+                        [float("nan") if n.old is None else n.old for n in numbers],
+                        [n.new for n in numbers], [n.unit for n in numbers]])
+        return {**super().tables(), self.TABLE: own}
+
+    def headline(self) -> str:
+        """Return what the controller holds of the machine."""
+        return f"{self.record.name}: {self.record.said}."
+
+
+def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ | None = None
+           ) -> ExportResult:
+    """Write a machine as a controller's configuration takes it.
+
+    The file is read back, and the machine is driven through the controller's own arithmetic
+    with the old and the new numbers.
+
+    Args:
+        form: ``klipper``, ``linuxcnc``, ``reprap``, ``joints`` or ``grid``.
+        model: the identified machine, or its file.
+        old: the controller's file in use, to predict the gain against  [default: the nominal
+            values].
+        poses: CSV of wanted poses, for formats that are tables of them.
+
+    Raises:
+        BadInput: a machine that this controller does not drive, or an option without use.
+        NoResult: the file does not read back as what it was written from.
+    """
+    writer, machine = exporter(form), load(model)
+    source_file = Path(machine.source)
+    made = writer.export(machine, None if old is None else Path(old),
+                         None if poses is None else Path(poses))
+    made = replace(made, uncertainty=pose_uncertainty(machine, made.poses, source_file))
+    known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
+    source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
+    record = record_of(made, machine.name, source)
+    return ExportResult(source, tuple(record.attention()), machine, made, record)

@@ -1,0 +1,164 @@
+"""How far the tool gives way under load."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ppmcal.api.inputs import Machine, files_of, load, source_of
+from ppmcal.api.result import Result
+from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io import read_poses
+from ppmcal.io.grid import read_grid, read_point
+from ppmcal.io.results.stiffness import StiffnessRecord
+from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy
+from ppmcal.kinematics.region import Grid
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import STANDARD_GRAVITY
+from ppmcal.model.mechanism import Mechanism
+
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+LARGEST = 1e12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StiffnessResult(Result):
+    """How far the tool gives way under load, at home and over poses.
+
+    Attributes:
+        mechanism: the machine.
+        study: compliance at home and over poses, and the deflection under the load, SI.
+        record: the content of stiffness.json.
+        chosen_poses: whether poses were given in place of a grid.
+    """
+
+    COMMAND: ClassVar[str] = "stiffness"
+    TABLE: ClassVar[str] = "map.csv"
+
+    mechanism: Mechanism
+    study: StiffnessStudy
+    record: StiffnessRecord
+    chosen_poses: bool
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return map.csv, stiffness.json and, over a grid, a picture of each map."""
+        return dict(self.record.files(self.study))
+
+    @property
+    def failed(self) -> list[str]:
+        """Sentences on given poses (rows from 1) that have no answer."""
+        if not self.chosen_poses:
+            return []
+        table = self.study.found.table
+        return [f"row {n + 1}: {s}: {r}" for n, (s, r) in
+                enumerate(zip(table.status, table.reason, strict=True)) if s != "ok"]
+
+    def headline(self) -> str:
+        """Return the first sentence of what was found."""
+        return f"{self.mechanism.name}: {self.record.said[0]}"
+
+
+def stiffness(mechanism: Machine, *, grid: str | None = None, poses: Any = None,
+              load_at_tool: str | None = None, payload: float | None = None,
+              tool: str | None = None) -> StiffnessResult:
+    """Tell how far the tool of a machine gives way under load, at home and over a map.
+
+    The mechanism says how stiff bars, drives and joints are under ``stiffness``.
+
+    Args:
+        mechanism: the machine, or its file.
+        grid: coordinates of the map, such as ``x=-300:300:41,y``.
+        poses: poses instead of a grid, as a file or a table in memory.
+        load_at_tool: load at the tool point, base axes, N and N m: ``fz=-100``.
+        payload: mass at the tool point instead, kg.
+        tool: the tool point ``X,Y,Z`` in platform axes  [default: the platform's origin].
+
+    Raises:
+        BadInput: anything wrong in the files or options; a machine without springs.
+    """
+    for pair, words in (((grid, poses), "--grid or --poses"),
+                        ((load_at_tool, payload), "--load or --payload")):
+        if all(p is not None for p in pair):
+            raise BadInput(f"Give {words}, not both", "", "Leave one of them out")
+    machine = load(mechanism)
+    point = read_point(tool, machine)
+    weight = (_payload(payload, machine) if payload is not None
+              else _load(load_at_tool, machine))
+    home = stiffness_at_home(machine, point)
+    mesh, wanted, notes = _poses(grid, poses, machine)
+    found = stiffness_table(machine, wanted, point, weight.wrench if weight else None)
+    study = StiffnessStudy(machine, wanted, mesh, point, weight, home, found, tuple(notes))
+    source = source_of("stiffness", [*machine.inputs, *files_of(poses)], None)
+    record = StiffnessRecord.of(study, source)
+    return StiffnessResult(source, tuple(record.findings), machine, study, record,
+                           poses is not None)
+
+
+def _poses(grid_text: str | None, poses: Any, mechanism: Mechanism
+           ) -> tuple[Grid | None, Array, list[str]]:
+    """Return the grid, if there is one, the wanted poses (N, 6), and notes on them."""
+    if poses is not None:
+        table = read_poses(poses, mechanism)
+        unused = [c for c in (*WRENCH, "payload") if c in table.header]
+        notes = [f"Columns {', '.join(unused)} of {poses} are not used: the load is that of "
+                 "--load or --payload."] if unused else []
+        return None, table.poses, notes
+    grid = read_grid(grid_text, mechanism)
+    return grid, grid.poses(mechanism), []
+
+
+def _load(text: str | None, mechanism: Mechanism) -> Load | None:
+    """Return the load of ``fx=0,fz=-100``; refuse what does not move the platform."""
+    if text is None:
+        return None
+    mend = f"Write for example {WRENCH[mechanism.dof[-1]]}=-100"
+    moving = [WRENCH[c] for c in mechanism.dof]
+    given: dict[str, float] = {}
+    for part in (p.strip() for p in text.split(",") if p.strip()):
+        name, sign, value = (p.strip() for p in part.partition("="))
+        if not sign:
+            raise BadInput(f"'{part}' is not a component with a value", "--load", mend)
+        if name not in WRENCH:
+            raise unknown("component", name, moving, "--load")
+        if name in given:
+            raise BadInput(f"names {name} twice", "--load", "Name each component once")
+        given[name] = _number(value, "--load", mend)
+        if given[name] and name not in moving:
+            raise BadInput(f"{name} cannot be answered: in {mechanism.motion} motion the model "
+                           "bears it without giving way", "--load",
+                           f"Components that move this machine: {', '.join(moving)}")
+    wrench = np.array([given.get(name, 0.0) for name in WRENCH])
+    if not wrench.any():
+        raise BadInput("the load is zero", "--load", mend)
+    words = ", ".join(f"{n} = {v:g} {'N' if n[0] == 'f' else 'N m'}"
+                      for n, v in given.items() if v)
+    return Load(wrench, words)
+
+
+def _payload(mass: float, mechanism: Mechanism) -> Load:
+    """Return the weight of a mass; refuse one that acts across the machine's plane."""
+    if not 0.0 < mass < LARGEST:
+        raise BadInput(f"{mass:g} is not a mass", "--payload", "Write kilograms, such as 5")
+    wrench = np.zeros(6)
+    wrench[:3] = mass * STANDARD_GRAVITY * mechanism.gravity
+    across = [WRENCH[i] for i in range(6) if wrench[i] and i not in mechanism.dof]
+    if across:
+        raise BadInput(f"the weight acts along {across[0][1]}, across the plane of motion, where "
+                       "the model does not give way", "--payload",
+                       f"Change `gravity` in {mechanism.source}, or give --load")
+    return Load(wrench, f"the weight of {mass:g} kg")
+
+
+def _number(text: str, place: str, mend: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise BadInput(f"'{text.strip()}' is not a number", place, mend) from None
+    if not math.isfinite(value) or abs(value) > LARGEST:
+        raise BadInput(f"{text.strip()} is too large to be true", place, mend)
+    return value
