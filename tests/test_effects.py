@@ -22,7 +22,7 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import (
-    conditions_of,
+    environment_of,
     loads,
     missing_columns,
     shifted,
@@ -33,7 +33,7 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
-from ppmcal.model.dataset import Conditions, Dataset, conditions, unknown_conditions, ways
+from ppmcal.model.dataset import Dataset, Environment, environment, unknown_environment, ways
 from ppmcal.model.effects import EffectKind, LimbSetting, Setting, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import SI
@@ -118,10 +118,10 @@ def recorded(mechanism: Mechanism, n: int, seed: int = 3) -> dict[str, Array]:
 
 
 @cache
-def sample(mechanism: Mechanism, n: int = 4, size: float = 0.5) -> tuple[Array, Conditions]:
+def sample(mechanism: Mechanism, n: int = 4, size: float = 0.5) -> tuple[Array, Environment]:
     """Return joint values about home and conditions of the rows."""
     q, _ = spread(Model(mechanism), n, size=size)
-    return q, conditions(recorded(mechanism, n), mechanism.actuators, mechanism.gravity, q)
+    return q, environment(recorded(mechanism, n), mechanism.actuators, mechanism.gravity, q)
 
 
 @cache
@@ -427,7 +427,7 @@ def test_a_weight_pulls_struts_shut() -> None:
     """f is positive where the wrench pushes towards larger u: a weight on legs is negative."""
     legs = machine("6-UPS")
     q, pose = spread(Model(legs), 1, size=0.0)
-    rows = conditions({"payload": np.array([100.0])}, legs.actuators, legs.gravity, q)
+    rows = environment({"payload": np.array([100.0])}, legs.actuators, legs.gravity, q)
     np.testing.assert_allclose(rows.wrench[0], [0.0, 0.0, -980.665, 0.0, 0.0, 0.0], rtol=1e-15)
     f = loads(Model(legs), q, pose, rows.wrench)
     assert (f < -150.0).all()
@@ -451,7 +451,7 @@ def test_no_load_where_nothing_bears_it() -> None:
 
 # --- equilibrium --------------------------------------------------------------------------------
 
-def soft_drive(mechanism: Mechanism, rows: Conditions, q: Array, part: float) -> float:
+def soft_drive(mechanism: Mechanism, rows: Environment, q: Array, part: float) -> float:
     """Return the stiffness at which the largest load deflects by a part of the reach, or rad."""
     f = loads(Model(mechanism), q, forward(Model(mechanism), q).pose, rows.wrench)
     return float(np.nanmax(np.abs(f)) / (part * (
@@ -512,7 +512,7 @@ def test_rows_do_not_depend_on_each_other() -> None:
 def wanted_about(mechanism: Mechanism) -> Array:
     """Return wanted poses (4, 6) about home; a machine with few drives leaves some open."""
     wanted = pose_vector(bare(mechanism))
-    short = mechanism.conditions - len(mechanism.actuators)
+    short = mechanism.equations - len(mechanism.actuators)
     if short:
         wanted[:, [0, 1, 5]] = np.nan
     if mechanism.motion == "planar":
@@ -577,8 +577,8 @@ def test_the_way_back_beyond_half_a_turn(turn: float) -> None:
     wanted = np.array([[home["x"], home["y"], 0.0, 0.0, 0.0, turn]])
     drifting = acting(mechanism, {"kind": "drift", "parameters": {
         "x": 1e-6, "y": 2e-6, "rz": 1e-6}})
-    rows = conditions({"time": np.array([100.0])}, mechanism.actuators, mechanism.gravity,
-                      np.zeros((1, 3)))
+    rows = environment({"time": np.array([100.0])}, mechanism.actuators, mechanism.gravity,
+                       np.zeros((1, 3)))
     table = inverse_table(Model(drifting), wanted, rows)
     plain = inverse_table(Model(mechanism), wanted - [[1e-4, 2e-4, 0.0, 0.0, 0.0, 1e-4]])
     np.testing.assert_allclose(table.q, plain.q, rtol=0.0, atol=1e-12)
@@ -588,7 +588,7 @@ def test_what_is_not_given_is_said_row_by_row() -> None:
     mechanism = with_kind(machine("3-RPR"), "backlash")
     wanted = wanted_about(machine("3-RPR"))[:3]
     columns = {f"dir_{a}": np.array([1.0, np.nan, -1.0]) for a in mechanism.actuators}
-    rows = conditions(columns, mechanism.actuators, mechanism.gravity, np.zeros((3, 3)))
+    rows = environment(columns, mechanism.actuators, mechanism.gravity, np.zeros((3, 3)))
     table = inverse_table(Model(mechanism), wanted, rows)
     assert [s == "ok" for s in table.status] == [True, False, True]
     assert "not given" in table.reason[1]
@@ -671,7 +671,7 @@ def test_the_stroke_comes_from_the_file_the_limits_or_the_data() -> None:
                          (free, spread(Model(free), 5)[0])):
         curved = acting(mechanism, {"kind": "curvature", "parameters": {"p2": 1e-4}})
         known = Model(with_strokes(curved, q))
-        rows = unknown_conditions(*q.shape)
+        rows = unknown_environment(*q.shape)
         shift = shifted(known, rows, q, np.full((len(q), 8), np.nan)).shift
         change = np.stack([shift.slots[i, "offset"] for i in range(3)], axis=-1)
         assert change.max() == pytest.approx(1e-4, rel=1e-12)
@@ -679,7 +679,7 @@ def test_the_stroke_comes_from_the_file_the_limits_or_the_data() -> None:
             np.testing.assert_allclose(change, 1e-4, rtol=1e-12)
     given = acting(bounded, {"kind": "curvature", "parameters": {"p2": 1e-4, "low": 0.0,
                                                                  "high": 0.9}})
-    shift = shifted(Model(with_strokes(given, low[None])), unknown_conditions(1, 3),
+    shift = shifted(Model(with_strokes(given, low[None])), unknown_environment(1, 3),
                     np.array([[0.45, 0.9, 0.0]]), np.full((1, 8), np.nan)).shift
     np.testing.assert_allclose([shift.slots[i, "offset"][0] for i in range(3)],
                                [-0.5e-4, 1e-4, 1e-4], rtol=1e-12)
@@ -692,7 +692,7 @@ def test_conditions_of_columns() -> None:
     columns = {"payload": np.array([2.0, np.nan]), "fy": np.array([5.0, 5.0]),
                "mz": np.array([1.0, 1.0]), "temperature": np.array([295.15, 293.15]),
                "vel_b": np.array([0.3, -0.1])}
-    rows = conditions(columns, ["a", "b"], np.array([0.0, -0.6, -0.8]), np.zeros((2, 2)))
+    rows = environment(columns, ["a", "b"], np.array([0.0, -0.6, -0.8]), np.zeros((2, 2)))
     np.testing.assert_allclose(rows.wrench[0], [0.0, 5.0 - 2.0 * 9.80665 * 0.6,
                                                 -2.0 * 9.80665 * 0.8, 0.0, 0.0, 1.0], rtol=1e-15)
     assert np.isnan(rows.wrench[1, :3]).any()
@@ -707,7 +707,7 @@ def test_ways_of_a_sequence() -> None:
     q = np.array([[0.0, 1.0, 0.0], [1.0, 1.0, -1.0], [1.0, 0.5, -1.0], [0.5, 0.5, 2.0]])
     np.testing.assert_array_equal(ways(q), [[np.nan, np.nan, np.nan], [1.0, np.nan, -1.0],
                                             [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]])
-    rows = conditions({}, ["a", "b", "c"], np.array([0.0, 0.0, -1.0]), q, sequence=True)
+    rows = environment({}, ["a", "b", "c"], np.array([0.0, 0.0, -1.0]), q, sequence=True)
     np.testing.assert_array_equal(rows.approach, ways(q))
 
 
@@ -718,13 +718,13 @@ def test_directions_of_the_platform_become_directions_of_joints() -> None:
     q, pose = spread(model, 4)
     way = np.array([[1.0, np.nan], [-1.0, np.nan], [np.nan, 1.0], [1.0, -1.0]])
     data = Dataset.of_poses("d", q, pose_vector(pose), (1.0, 1.0), fitted=False)
-    rows = conditions_of(mechanism, replace(data, columns={"dir_x": way[:, 0],
+    rows = environment_of(mechanism, replace(data, columns={"dir_x": way[:, 0],
                                                            "dir_y": way[:, 1]}))
     step = np.zeros((4, 6))
     step[:, :2] = 1e-5 * np.nan_to_num(way)
     moved = inverse(model, pose_motor(pose_vector(pose) + step)).q
     np.testing.assert_array_equal(rows.approach, np.sign(moved - q))
-    both = conditions_of(mechanism, replace(data, columns={
+    both = environment_of(mechanism, replace(data, columns={
         "dir_x": way[:, 0], "dir_y": way[:, 1], "dir_leg2": np.array([1.0, 1.0, np.nan, 1.0])}))
     np.testing.assert_array_equal(both.approach[[0, 1, 3], 1], 1.0)
     np.testing.assert_array_equal(both.approach[:, [0, 2]], rows.approach[:, [0, 2]])
@@ -738,8 +738,8 @@ NEEDED = {"backlash": "dir_leg1", "windup": "dir_leg1", "lag": "vel_leg1", "comp
 @pytest.mark.parametrize("kind", CONTRACT)
 def test_missing_columns_are_named(kind: str) -> None:
     mechanism = machine("3-RRR-1" if kind == "eccentricity" else "3-RPR")
-    found = missing_columns(with_kind(mechanism, kind), unknown_conditions(4, 3))
+    found = missing_columns(with_kind(mechanism, kind), unknown_environment(4, 3))
     assert (found[0] if found else None) == NEEDED.get(kind)
-    rows = conditions(recorded(mechanism, 4), mechanism.actuators, mechanism.gravity,
-                      np.zeros((4, 3)))
+    rows = environment(recorded(mechanism, 4), mechanism.actuators, mechanism.gravity,
+                       np.zeros((4, 3)))
     assert not missing_columns(with_kind(mechanism, kind), rows)

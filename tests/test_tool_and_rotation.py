@@ -16,7 +16,7 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import Named, pose_motor, pose_vector
 from ppmcal.kinematics.rotations import ORDERS, euler_rates, from_euler, to_euler, to_quaternion
 from ppmcal.kinematics.tables import forward_table, inverse_table, tool_poses, velocity_table
-from ppmcal.model.dataset import conditions
+from ppmcal.model.dataset import environment
 
 TOOL = {"planar": np.array([0.031, -0.047, 0.0])}
 SPATIAL_TOOL = np.array([0.021, -0.034, -0.09])
@@ -96,8 +96,8 @@ def test_the_tool_of_a_machine_with_effects():
         {"kind": "base_compliance", "parameters": {"z_fz": 1e-3, "rx_fz": 1e-4}}])
     mechanism = machines.read_text(text)
     model = Model(mechanism)
-    load = conditions({"payload": np.array([20.0, 20.0])}, mechanism.actuators, mechanism.gravity,
-                      np.zeros((2, 6)))
+    load = environment({"payload": np.array([20.0, 20.0])}, mechanism.actuators, mechanism.gravity,
+                       np.zeros((2, 6)))
     wanted = np.tile(carried(mechanism.home[None], SPATIAL_TOOL), (2, 1))
     wanted[1] += [0.01, -0.02, 0.0, 0.05, 0.0, 0.02]
     table = inverse_table(model, wanted, load, Named(SPATIAL_TOOL))

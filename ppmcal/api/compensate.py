@@ -29,7 +29,7 @@ from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.io.results.tables import command_files
 from ppmcal.kinematics.effect_response import missing_columns
-from ppmcal.model.dataset import conditions
+from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism, Registration
 
 
@@ -168,7 +168,7 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     n = len(poses.rows)
     # in a sequence every joint's direction follows from the order
     joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
-    rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
+    rows = environment(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
     missing = missing_columns(mechanism, rows)
     if missing:
         raise BadInput(f"the model's effects depend on {', '.join(missing)}, which is not there",

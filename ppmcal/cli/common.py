@@ -224,9 +224,9 @@ def load(mech: Path, data: tuple[Path, ...], patterns: tuple[str, ...]
 def _recorded(mechanism: Mechanism, data: Dataset) -> None:
     """Refuse data without a column that the machine's effects depend on."""
     from ppmcal.errors import BadInput
-    from ppmcal.kinematics.effect_response import conditions_of, missing_columns
+    from ppmcal.kinematics.effect_response import environment_of, missing_columns
 
-    missing = missing_columns(mechanism, conditions_of(mechanism, data))
+    missing = missing_columns(mechanism, environment_of(mechanism, data))
     if missing:
         raise BadInput(f"the effects of {mechanism.source} depend on {', '.join(missing)}, which "
                        "is not there", f"{data.source}: header",

@@ -140,12 +140,12 @@ def _enough(mechanism: Mechanism, poses: PoseTable, targets: Path, sequence: boo
 
     from ppmcal.errors import BadInput
     from ppmcal.kinematics.effect_response import missing_columns
-    from ppmcal.model.dataset import conditions
+    from ppmcal.model.dataset import environment
 
     n = len(poses.rows)
     # in a sequence every joint's direction follows from the order
     joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
-    rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
+    rows = environment(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
     missing = missing_columns(mechanism, rows)
     if missing:
         raise BadInput(f"the model's effects depend on {', '.join(missing)}, which is not there",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from ppmcal.io.results.tables import Shown
     from ppmcal.kinematics.tables import KinematicsTable
-    from ppmcal.model.dataset import Conditions
+    from ppmcal.model.dataset import Environment
     from ppmcal.model.mechanism import Mechanism
 
 
@@ -126,7 +126,7 @@ def _point(tool: str | None, mechanism: Mechanism) -> NDArray[Any] | None:
 
 
 def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: KinematicsTable,
-           rows: Conditions) -> Shown:
+           rows: Environment) -> Shown:
     """Return how the results are to be written."""
     from ppmcal.io.results.tables import Shown
     from ppmcal.kinematics.closure import Model
@@ -140,7 +140,7 @@ def _shown(asked: _Asked, mechanism: Mechanism, dataset: str | None, result: Kin
     return Shown(asked.tool, pose, asked.rotation, asked.method if asked.which == "forward" else "")
 
 
-def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
+def _enough(mechanism: Mechanism, rows: Environment, table: Path) -> None:
     """Refuse a table that lacks a column which the machine's effects depend on."""
     from ppmcal.errors import BadInput
     from ppmcal.kinematics.effect_response import missing_columns
@@ -152,7 +152,7 @@ def _enough(mechanism: Mechanism, rows: Conditions, table: Path) -> None:
                        f"of {mechanism.source}")
 
 
-def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[KinematicsTable, Conditions]:
+def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[KinematicsTable, Environment]:
     import numpy as np
 
     from ppmcal.design.intersection import forward_by_intersection
@@ -161,19 +161,19 @@ def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Kinematics
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.partial_pose import Named
     from ppmcal.kinematics.tables import forward_table, inverse_table, velocity_table
-    from ppmcal.model.dataset import conditions
+    from ppmcal.model.dataset import environment
 
     model = Model(mechanism)
     if asked.which == "forward":
         joints = read_joints(table, mechanism)
-        rows = conditions(joints.conditions, mechanism.actuators, mechanism.gravity, joints.q)
+        rows = environment(joints.conditions, mechanism.actuators, mechanism.gravity, joints.q)
         _enough(mechanism, rows, table)
         found = (forward_by_intersection(model, joints.q) if asked.method == "intersection"
                  else None)
         return forward_table(model, joints.q, rows, found), rows
     poses = read_poses(table, mechanism, asked.rotation)
-    rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity,
-                      np.zeros((len(poses.rows), len(mechanism.actuators))))
+    rows = environment(poses.conditions, mechanism.actuators, mechanism.gravity,
+                       np.zeros((len(poses.rows), len(mechanism.actuators))))
     _enough(mechanism, rows, table)
     named = Named(np.zeros(3) if asked.tool is None else asked.tool, asked.rotation)
     if asked.which == "inverse":
@@ -185,7 +185,7 @@ def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Kinematics
     return velocity_table(model, poses.poses, motion, rows, named), rows
 
 
-def _as_measured(mechanism: Mechanism, dataset: str, result: KinematicsTable, rows: Conditions
+def _as_measured(mechanism: Mechanism, dataset: str, result: KinematicsTable, rows: Environment
                  ) -> NDArray[Any]:
     import numpy as np
 

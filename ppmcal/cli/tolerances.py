@@ -188,7 +188,7 @@ def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> M
 
 def _expected(recipe: MeasurementSetup, tasks: Poses) -> float | None:
     """Return the rms error after calibration that the linear model expects, m."""
-    short = recipe.mechanism.conditions > len(recipe.mechanism.actuators)
+    short = recipe.mechanism.equations > len(recipe.mechanism.actuators)
     if short or (tasks.tool != recipe.instrument.target.value).any():
         return None
     expected = predicted(recipe, tasks.q, pose_vector(tasks.motor))

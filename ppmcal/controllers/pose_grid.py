@@ -26,7 +26,7 @@ from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import base_station, inverse_partial, pose_motor, wanted_poses
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
 from ppmcal.linalg import Array, Bools, finite_rows
-from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Conditions, conditions
+from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Environment, environment
 from ppmcal.model.mechanism import Mechanism
 
 PLACES = {1: 101, 2: 31, 3: 11, 4: 7, 5: 5, 6: 5}
@@ -64,10 +64,10 @@ def rest_columns(mechanism: Mechanism, rows: int) -> dict[str, Array]:
             "time": none}
 
 
-def at_rest(mechanism: Mechanism, rows: int) -> Conditions:
+def at_rest(mechanism: Mechanism, rows: int) -> Environment:
     """Return the conditions of rows at rest."""
-    return conditions(rest_columns(mechanism, rows), mechanism.actuators, mechanism.gravity,
-                      np.zeros((rows, len(mechanism.actuators))))
+    return environment(rest_columns(mechanism, rows), mechanism.actuators, mechanism.gravity,
+                       np.zeros((rows, len(mechanism.actuators))))
 
 
 def default_grid(mechanism: Mechanism) -> Grid:
@@ -133,7 +133,7 @@ def interpolated(grid: Grid, found: Corrected, values: Array) -> Array:
     return out
 
 
-def driven(mechanism: Mechanism, commands: Array, rows: Conditions) -> Array:
+def driven(mechanism: Mechanism, commands: Array, rows: Environment) -> Array:
     """Return where commanded poses (N, 6) bring the machine, motors (N, 8).
 
     The commands go through the drawing's inverse kinematics; nan where they do not.

@@ -1,6 +1,6 @@
 """Stacked closure, pose Jacobian A, joint Jacobian Jq, errors Bg.
 
-Conditions are stacked limb by limb into d rows, as many as the pose has coordinates:
+The closure equations are stacked limb by limb into d rows, as many as the pose has coordinates:
 
     c(M, q, g) = 0,    A dpose + Jq dq + Bg dg = 0,
 
@@ -87,7 +87,7 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """The stacked conditions of N poses with their joints locked at ``q`` (N, k)."""
+    """The stacked closure equations of N poses with their joints locked at ``q`` (N, k)."""
 
     model: Model
     q: Array
@@ -129,7 +129,7 @@ class Closure:
         return self.scale * cga.inner(self.fixed, self.carried(pose))
 
     def lengths(self, pose: Array) -> Array:
-        """Return the conditions as true lengths (N, d), m: |x - C| - radius for spheres."""
+        """Return c as true lengths (N, d), m: |x - C| - radius for spheres."""
         gap = self.gaps(pose)
         r = self.radius
         return np.where(r > 0.0, np.sqrt(np.maximum(r * r + 2.0 * r * gap, 0.0)) - r, gap)
@@ -209,7 +209,7 @@ class Closure:
         place = {p: i for i, p in enumerate(wanted)}
         blocks = self.error_blocks(pose, lines)
         n = np.atleast_2d(pose).shape[0]
-        out = np.zeros((n, self.model.mechanism.conditions, len(place)))
+        out = np.zeros((n, self.model.mechanism.equations, len(place)))
         for rows, columns, block in blocks:
             out[:, rows, [place[c] for c in columns]] += block
         return out

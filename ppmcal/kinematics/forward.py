@@ -1,6 +1,6 @@
 """Forward kinematics: Newton on the stacked closure, in the assembly mode of home.
 
-The stacked conditions c(M, q) = 0 are solved for the platform motor M by Newton steps on
+The stacked closure equations c(M, q) = 0 are solved for the platform motor M by Newton steps on
 the pose matrix A. A direct solution from the start is trusted where Newton contracts
 from its first step on; elsewhere the joints are led from the start to their values in
 smaller steps, so that the assembly mode reached is the one that the machine would reach.
@@ -144,7 +144,7 @@ def moved(pose: Array, step: Array) -> Array:
     return cga.compose(cga.motor_from_rotation_vector(turn, shift), pose)
 
 
-def conditioning(closure: Closure, pose: Array) -> tuple[Array, Array]:
+def smallest_singular_value(closure: Closure, pose: Array) -> tuple[Array, Array]:
     """Return the smallest singular value of A (N,) and the sign of det A (N,).
 
     Rotation columns are divided by the machine's length scale

@@ -16,7 +16,7 @@ from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_blocks
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.rotations import euler_rates, from_euler, to_euler
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import Conditions, unknown_conditions
+from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism
 
@@ -64,7 +64,7 @@ class Named:
         return replace(base_station(actuators), target=np.asarray(self.tool, dtype=float))
 
 
-def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = None,
+def inverse_partial(model: Model, coordinates: Array, rows: Environment | None = None,
                     named: Named | None = None) -> Inverse:
     """Return joint values of poses of which only some coordinates are wanted.
 
@@ -72,7 +72,7 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
         model: the machine at its parameters.
         coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
             name all coordinates of the motion or as many as there are actuators.
-        rows: conditions that effects depend on; the joint values make up for the effects.
+        rows: environment that effects depend on; the joint values make up for the effects.
         named: what these coordinates are, default those of the platform's own frame.
 
     Returns:
@@ -83,7 +83,7 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
     found = _inverse_named(model, named, coordinates)
     if not model.mechanism.effects:
         return found
-    rows = rows or unknown_conditions(*found.q.shape)
+    rows = rows or unknown_environment(*found.q.shape)
     asked, pose = coordinates, found.pose
     for _ in range(ROUNDS):
         now = shifted(model, rows, found.q, pose)
@@ -128,7 +128,7 @@ def _inverse_named(model: Model, named: Named, coordinates: Array,
                    lacking: NDArray[np.bool_] | None = None) -> Inverse:
     """Inverse kinematics of full or partial poses, without regard to platform twists.
 
-    ``lacking`` marks rows whose conditions are not known.
+    ``lacking`` marks rows whose environment is not known.
     """
     mechanism = model.mechanism
     full, failed = wanted_poses(model, named.station(len(mechanism.actuators)), coordinates,
@@ -158,7 +158,7 @@ def wanted_poses(model: Model, station: Station, wanted: Array, euler: str = ""
     mechanism = model.mechanism
     dof = np.isin(np.arange(6), mechanism.dof)
     open_ = np.isnan(wanted) & dof
-    short = mechanism.conditions - len(mechanism.actuators)
+    short = mechanism.equations - len(mechanism.actuators)
     out = np.full_like(wanted, np.nan)
     failed = [""] * wanted.shape[0]
     for n, count in enumerate(open_.sum(axis=1)):
@@ -275,7 +275,7 @@ def named_only(mechanism: Mechanism, asked: Array) -> Array:
     Full poses lie on the identified machine's surface, not on the nominal one's.
     """
     out = asked.copy()
-    short = mechanism.conditions - len(mechanism.actuators)
+    short = mechanism.equations - len(mechanism.actuators)
     model = Model(mechanism)
     closure = model.closure(home_state(mechanism).q)
     a = closure.pose_matrix(mechanism.home[None])[0]

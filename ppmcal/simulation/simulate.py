@@ -23,7 +23,7 @@ from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.linalg import Array, Ints, finite_rows
-from ppmcal.model.dataset import Conditions, conditions
+from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.pose_patterns import commands
 from ppmcal.simulation.scenario import Scenario
@@ -159,7 +159,7 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
             _value(position, far, error[:, 0], scenario.kind), outlier)
 
 
-def _visited(model: Model, q: Array, rows: Conditions, scenario: Scenario,
+def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
              rng: np.random.Generator) -> tuple[Array, Array | None]:
     """Return the poses (N, 8) reached at joint values (N, k), and the instrument's stretch."""
     real = reach(model, q, rows)
@@ -172,7 +172,7 @@ def _visited(model: Model, q: Array, rows: Conditions, scenario: Scenario,
 
 
 def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,
-                temperature: Array | None, time: Array) -> Conditions:
+                temperature: Array | None, time: Array) -> Environment:
     columns = {"time": time}
     for a, name in enumerate(mechanism.actuators):
         columns[f"dir_{name}"], columns[f"vel_{name}"] = direction[:, a], velocity[:, a]
@@ -180,10 +180,10 @@ def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload
         columns["payload"] = payload
     if temperature is not None:
         columns["temperature"] = temperature
-    return conditions(columns, mechanism.actuators, mechanism.gravity, direction)
+    return environment(columns, mechanism.actuators, mechanism.gravity, direction)
 
 
-def _recorded(acting: Mechanism, rows: Conditions, scenario: Scenario) -> None:
+def _recorded(acting: Mechanism, rows: Environment, scenario: Scenario) -> None:
     """Refuse effects that depend on what the scenario does not set."""
     mend = {"payload": "conditions: {payload: [0, 20]}",
             "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}

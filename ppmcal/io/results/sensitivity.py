@@ -105,7 +105,7 @@ def maps(found: Sensitivity, shape: tuple[int, ...]) -> tuple[Map, ...]:
              found.over.worst_position / length),
             ("worst_rotation", f"Rotation error, worst case, {most}", deg,
              found.over.worst_rotation / angle),
-            ("condition", "Smallest singular value", "", found.table.condition)]
+            ("condition", "Smallest singular value", "", found.table.singular_value)]
     return tuple(Map(n, t, u, v.reshape(shape)) for n, t, u, v in rows
                  if turns(found) or not n.endswith("rotation"))
 

@@ -114,7 +114,7 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
     if which == "velocity":
         added |= joint_columns(mechanism, table.rate, "rate_{}")
     own = dict(zip(header, solved, strict=True))
-    added |= {"condition": table.condition, "status": list(table.status), "reason": [
+    added |= {"condition": table.singular_value, "status": list(table.status), "reason": [
         LOCKED if lock and not r else r for r, lock in zip(table.reason, locked, strict=True)]}
     # what was computed stands in place of input columns of the same name
     together = {**own, **added}

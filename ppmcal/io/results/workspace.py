@@ -46,9 +46,9 @@ def maps(found: Workspace) -> list[Map]:
     q, shape = found.quality, found.grid.shape
     factor, unit = distance_unit(found)
     columns = (
-        ("condition", "smallest singular value of A", "", found.table.condition),
+        ("condition", "smallest singular value of A", "", found.table.singular_value),
         ("condition_relative", "smallest singular value of A, home = 1", "",
-         found.table.condition / found.home.condition[0]),
+         found.table.singular_value / found.home.condition[0]),
         ("dexterity", "dexterity, from joint rates to platform: 1 is isotropic", "", q.dexterity),
         ("dexterity_legs", "how evenly the legs hold the platform: 1 is isotropic", "", q.legs),
         ("singularity_distance", "distance to the nearest singularity", unit,
