@@ -1,4 +1,4 @@
-"""Array types, and what is asked of rows everywhere: which are known, and some of them."""
+"""Linear algebra that several packages need: array types, ranges, rotations, rows in use."""
 
 from __future__ import annotations
 
@@ -34,6 +34,43 @@ def svd(matrix: Array) -> tuple[Array, Array, Array]:
 
         u, s, vt = by_qr(matrix, full_matrices=False, lapack_driver="gesvd")
     return u, s, vt
+
+
+def unit_columns(matrix: Array) -> Array:
+    """Return a matrix (m, n) with columns of length 1; empty ones stay so."""
+    norms = np.linalg.norm(matrix, axis=0)
+    return np.asarray(matrix / np.where(norms > 0.0, norms, 1.0))
+
+
+def range_basis(matrix: Array, relative: float = 0.0, least: float = 0.0) -> Array:
+    """Return an orthonormal basis (m, rank) of a matrix's columns (m, n).
+
+    Directions are left out whose singular value is at most ``relative`` of the largest, or at
+    most ``least``.
+
+    >>> range_basis(np.array([[1.0, 1.0], [1.0, 1.0]]), 1e-12).shape
+    (2, 1)
+    """
+    if not matrix.shape[1]:
+        return np.zeros((matrix.shape[0], 0))
+    u, s, _ = svd(matrix)
+    return np.asarray(u[:, (s > relative * s.max(initial=1e-300)) & (s > least)])
+
+
+def without_range(block: Array, basis: Array) -> Array:
+    """Return columns (m, c) less their part in the span of an orthonormal basis (m, r).
+
+    Twice, so that what is left is orthogonal to round-off of the columns themselves.
+    """
+    for _ in range(2):
+        block = block - basis @ (basis.T @ block)
+    return block
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """Return the proper rotation nearest to a matrix (3, 3), in the Frobenius norm (Kabsch)."""
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
 
 
 def subsample(keep: Sequence[Bools], most: int) -> list[Bools]:

@@ -21,7 +21,7 @@ from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.pose_difference import PoseDifference, pose_difference
 from ppmcal.calibration.posterior import BENT, Earlier, Posterior, of_data
 from ppmcal.errors import BadInput
-from ppmcal.linalg import Array, svd
+from ppmcal.linalg import Array, range_basis
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 CHANGED = 0.01
@@ -149,7 +149,7 @@ def compare(mechanism: Mechanism, old: Earlier, new: Now, volume: Array | None =
     inverse = np.where(np.isfinite(new.tolerance), 1.0 / new.tolerance**2, 0.0)
     spread = np.eye(rows.size) + slope @ new.covariance @ slope.T
     white = np.linalg.inv(np.linalg.cholesky(spread))
-    blind = _range(white @ slope @ new.unseen)
+    blind = range_basis(white @ slope @ new.unseen, least=BENT)
     misfit = white @ rows
     columns = -white @ (slope - slope @ new.covariance * inverse) * new.scale
     misfit, columns = (v - blind @ (blind.T @ v) for v in (misfit, columns))
@@ -163,14 +163,6 @@ def compare(mechanism: Mechanism, old: Earlier, new: Now, volume: Array | None =
         chi2, freedom, _chance(chi2, freedom), changes,
         _chance(float(left @ left), freedom - len(changes)),
         None if volume is None else pose_difference(mechanism, old, new.value, volume))
-
-
-def _range(columns: Array) -> Array:
-    """Return an orthonormal basis (n, r) of columns (n, d) that say anything."""
-    if not columns.shape[1]:
-        return columns
-    u, s, _ = svd(columns)
-    return np.asarray(u[:, s > BENT])
 
 
 def _in_units(mechanism: Mechanism, old: Earlier, new: Now, change: Change) -> Change:

@@ -15,7 +15,7 @@ from scipy.special import fdtrc
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.fit import Fit
-from ppmcal.linalg import Array, subsample, svd
+from ppmcal.linalg import Array, range_basis, subsample
 
 ENOUGH = 16
 """Fewer touches show no shape."""
@@ -62,17 +62,15 @@ def flats(fit: Fit) -> Iterator[Flat]:
 
 def _shape(name: str, at: Array, jacobian: Array, residual: Array, raw: Array) -> Flat:
     unit = float(np.median(np.abs(raw[residual != 0.0] / residual[residual != 0.0])))
-    u, s, _ = svd(jacobian)
-    basis = u[:, s > 1e-9 * s.max(initial=1e-300)]
+    basis = range_basis(jacobian, 1e-9)
     left = residual - basis @ (basis.T @ residual)
     n, taken = left.size, basis.shape[1]
     best = (n * float(left @ left) / (n - taken) ** 2, 0, np.zeros_like(left), taken)
     for degree in range(2, HIGHEST + 1):
         columns = np.linalg.qr(_monomials(at, degree))[0]
         columns = columns - basis @ (basis.T @ columns)
-        w, v, _ = svd(columns)
         # places come from the fit: what it took already would be explained by its own residuals
-        w = w[:, v > SURVIVES]
+        w = range_basis(columns, least=SURVIVES)
         freedom = taken + w.shape[1]
         if freedom > MOST_FREEDOM * n:
             break

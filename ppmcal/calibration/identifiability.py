@@ -18,7 +18,7 @@ from ppmcal.calibration.fit import Fit, directions, posterior
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.problem import Problem
 from ppmcal.kinematics.closure import Model
-from ppmcal.linalg import Array, finite_rows, svd
+from ppmcal.linalg import Array, finite_rows, range_basis, svd, unit_columns, without_range
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import is_joint_component
@@ -61,9 +61,7 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
     block = triangle[:, :geometry] * scale
     nuisance = triangle[:, geometry:]
     if nuisance.shape[1]:
-        q, size = _range(nuisance, tolerance)
-        block = block - q[:, :size] @ (q[:, :size].T @ block)
-        block = block - q[:, :size] @ (q[:, :size].T @ block)
+        block = without_range(block, range_basis(unit_columns(nuisance), tolerance))
     singular = np.zeros(0)
     if geometry:
         singular = svd(block)[1]
@@ -73,12 +71,6 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
     if size:
         combination = np.asarray(np.linalg.solve(r[:size, :size], r[:size, size:]))
     return Rank(tuple(kept), tuple(dropped), combination, r[:size, :size], singular)
-
-
-def _range(columns: Array, tolerance: float) -> tuple[Array, int]:
-    norms = np.linalg.norm(columns, axis=0)
-    u, s, _ = svd(columns / np.where(norms > 0.0, norms, 1.0))
-    return u, int(np.sum(s > tolerance * max(s[0], 1e-300))) if s.size else 0
 
 
 def pivoted(block: Array, tolerance: float) -> tuple[list[int], list[int], Array]:

@@ -11,7 +11,7 @@ from ppmcal.calibration.posterior import Earlier
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, nearest_rotation
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -55,8 +55,7 @@ def _apart(one: Array, two: Array, size: float) -> PoseDifference:
         cga.rotation_matrix(p), -1, -2) for p in (one, two))
     flat_a, flat_b = a.reshape(-1, 3), b.reshape(-1, 3)
     middle_a, middle_b = flat_a.mean(axis=0), flat_b.mean(axis=0)
-    u, _, vt = np.linalg.svd((flat_b - middle_b).T @ (flat_a - middle_a))
-    turn = vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))]) @ u.T
+    turn = nearest_rotation((flat_a - middle_a).T @ (flat_b - middle_b))
     position = np.linalg.norm((b[:, 0] - middle_b) @ turn.T + middle_a - a[:, 0], axis=1)
     both = np.swapaxes(cga.rotation_matrix(one), -1, -2) @ turn @ cga.rotation_matrix(two)
     sine = np.linalg.norm(both - np.swapaxes(both, -1, -2), axis=(-2, -1)) / np.sqrt(8.0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.linalg import Array, svd
+from ppmcal.linalg import Array, range_basis, svd, unit_columns, without_range
 from ppmcal.model.mechanism import Mechanism
 
 ROUND_OFF = 1e-9
@@ -110,11 +110,7 @@ def of_data(triangle: Array, right: Array, count: int, scale: Array) -> tuple[Ar
     nuisance = triangle[:, count:]
     block = np.concatenate([triangle[:, :count] * scale, right[:, None]], axis=1)
     if nuisance.shape[1]:
-        norms = np.linalg.norm(nuisance, axis=0)
-        u, s, _ = svd(nuisance / np.where(norms > 0.0, norms, 1.0))
-        u = u[:, s > ROUND_OFF * s.max(initial=1e-300)]
-        block = block - u @ (u.T @ block)
-        block = block - u @ (u.T @ block)
+        block = without_range(block, range_basis(unit_columns(nuisance), ROUND_OFF))
     u, s, vt = svd(block[:, :-1])
     seen = s > SEEN
     return (s[seen, None] * vt[seen]) / scale, u[:, seen].T @ block[:, -1]

@@ -15,7 +15,7 @@ from ppmcal.calibration.observation import SCALARS, rotation_residual
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.registration import Station, predict
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, finite_rows, nearest_rotation
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
@@ -305,6 +305,4 @@ def _nearest_rotation(matrix: Array, planar: bool) -> Array:
         angle = np.arctan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
         c, s = np.cos(angle), np.sin(angle)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    u, _, vt = np.linalg.svd(matrix)
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    return np.asarray(u @ flip @ vt, dtype=float)
+    return nearest_rotation(matrix)

@@ -12,7 +12,7 @@ from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identifiability import RANK_TOLERANCE
 from ppmcal.calibration.least_squares import Progress, column_scale, normal_step, qr_factor
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.linalg import Array, Bools, svd
+from ppmcal.linalg import Array, Bools, range_basis, svd, unit_columns, without_range
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording import counted
 
@@ -38,10 +38,9 @@ def gcv_scale(fit: Fit, base: Array) -> float:
     right = fit.reduced.right + block @ away
     lost = 0
     if nuisance.shape[1]:
-        u, s, _ = svd(nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300))
-        u = u[:, s > RANK_TOLERANCE * s[0]]
-        lost = u.shape[1]
-        block, right = block - u @ (u.T @ block), right - u @ (u.T @ right)
+        basis = range_basis(unit_columns(nuisance), RANK_TOLERANCE)
+        lost = basis.shape[1]
+        block, right = without_range(block, basis), without_range(right, basis)
     u, s, _ = svd(block)
     b = u.T @ right
     rest = fit.reduced.square - float(np.sum(fit.reduced.right**2)) + float(

@@ -13,10 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.response import Response
-from ppmcal.linalg import Array, Bools, Ints, svd
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.effects import Setting, Shift
 
 MOST_ROWS = 1500
@@ -177,7 +178,4 @@ def range_basis(matrix: Array, least: float = 0.0) -> Array:
 
     Directions of a singular value below ``least`` are left out.
     """
-    if matrix.shape[1] == 0:
-        return np.zeros((matrix.shape[0], 0))
-    u, s, _ = svd(matrix)
-    return np.asarray(u[:, (s > RANK * s.max(initial=1e-300)) & (s > least)])
+    return linalg.range_basis(matrix, RANK, least)

@@ -25,13 +25,6 @@ _CAPTURE = {**{f"position_{a}": a for a in "xyz"},
             **{f"orientation_{a}": f"quat_{a}" for a in "xyzw"}}
 
 
-def joint_factors(mechanism: Mechanism, length: float, angle: float) -> Array:
-    """Return the SI value of one file unit of each joint variable (k,); 1 with a ratio."""
-    unit = {"length": length, "angle": angle}
-    return np.array([1.0 if ratio else unit[q] for q, ratio in zip(
-        mechanism.actuator_quantity, mechanism.actuator_has_ratio, strict=True)])
-
-
 def known_columns(mechanism: Mechanism) -> list[str]:
     """Return every column name that a measurement file of this machine may have."""
     actuators = mechanism.actuators

@@ -15,7 +15,6 @@ from ppmcal.io.mechanism_schema import FORMAT, groups
 from ppmcal.io.pose_fields import OF_FRAME, OF_MOTION, pose_to_map
 from ppmcal.io.stiffness import stiffness_trees
 from ppmcal.io.yaml import dump_yaml, to_file
-from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.model.mechanism import Limb, Mechanism
 from ppmcal.model.parameters import Parameter, free_indices
@@ -237,17 +236,11 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
     return dump_yaml(tree, comment)
 
 
-def joint_factors(mechanism: Mechanism) -> Array:
-    """Return the SI value of one file unit of each joint variable (k,); 1 with a ratio."""
-    return np.array([1.0 if ratio else mechanism.units.factor(q) for q, ratio in zip(
-        mechanism.actuator_quantity, mechanism.actuator_has_ratio, strict=True)])
-
-
 def _home(mechanism: Mechanism) -> dict[str, Any]:
     out: dict[str, Any] = {"pose": pose_to_map(mechanism.home_pose, OF_MOTION[mechanism.motion],
                                                mechanism.units)}
     q = {name: to_file(float(v), float(f)) for name, v, f in zip(
-        mechanism.actuators, mechanism.home_q, joint_factors(mechanism), strict=True)
+        mechanism.actuators, mechanism.home_q, mechanism.joint_factors(), strict=True)
         if np.isfinite(v)}
     if q:
         out["q"] = q
@@ -256,7 +249,7 @@ def _home(mechanism: Mechanism) -> dict[str, Any]:
 
 def _limits(mechanism: Mechanism) -> dict[str, list[float]]:
     return {name: [to_file(float(v), float(f)) for v in pair] for name, pair, f in zip(
-        mechanism.actuators, mechanism.limits, joint_factors(mechanism), strict=True)
+        mechanism.actuators, mechanism.limits, mechanism.joint_factors(), strict=True)
         if np.isfinite(pair).any()}
 
 

@@ -12,7 +12,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.csv import Table, read_table
 from ppmcal.io.frames import Tabular, as_table, is_path
-from ppmcal.io.measurement_columns import further_columns, joint_factors, stacked
+from ppmcal.io.measurement_columns import further_columns, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.rotations import EULER, under_vector_names
 from ppmcal.io.schema import hint
@@ -118,16 +118,14 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
                        f"Give one column for each actuator: {', '.join(names)}."
                        f"{hint(missing[0], table.header)}")
     units = mechanism.units
-    q = stacked(table, names) * joint_factors(mechanism, units.factor("length"),
-                                              units.factor("angle"))
+    q = stacked(table, names) * mechanism.joint_factors(units)
     return JointTable(_rows(table), q, _extra(table, names), table.header,
                       _conditions(table, mechanism))
 
 
 def _conditions(table: Table, mechanism: Mechanism) -> dict[str, Array]:
     units = mechanism.units
-    return further_columns(table, mechanism, joint_factors(
-        mechanism, units.factor("length"), units.factor("angle")))
+    return further_columns(table, mechanism, mechanism.joint_factors(units))
 
 
 def twists(extra: Mapping[str, Any], mechanism: Mechanism) -> Array | None:

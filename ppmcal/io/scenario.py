@@ -11,7 +11,7 @@ import numpy as np
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.effects import with_effects
-from ppmcal.io.measurement_columns import ZERO_CELSIUS, joint_factors
+from ppmcal.io.measurement_columns import ZERO_CELSIUS
 from ppmcal.io.pose_fields import COORDINATES, pose_from_map
 from ppmcal.io.poses import read_poses
 from ppmcal.io.scenario_schema import PosesFile, ScenarioFile
@@ -48,7 +48,7 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
     turn = _given(rotation_of(file.target_rotation, units, source), f"{source}: target_rotation")
     point = point_of(file.instrument.point or "known", mechanism.motion, units, source,
                      "instrument.point")
-    joint = joint_factors(mechanism, length, angle)
+    joint = mechanism.joint_factors(units)
     warm = file.conditions.temperature
     return Scenario(
         source=source, units=units,

@@ -14,7 +14,6 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.registration import refuse_flat
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.measurement_columns import joint_factors
 from ppmcal.io.pose_fields import OF_FRAME, pose_from_map
 from ppmcal.io.schema import (
     LARGEST,
@@ -255,7 +254,7 @@ def read_instrument(path: str | os.PathLike[str], mechanism: Mechanism) -> Instr
         kind, np.nan if scalar else (sigma.position or np.nan) * length,
         (sigma.rotation or np.nan) * angle if kind == "pose" else np.nan,
         (own or np.nan) * length if scalar else np.nan,
-        actuator_noise(sigma.actuator, mechanism, joint_factors(mechanism, length, angle), source),
+        actuator_noise(sigma.actuator, mechanism, mechanism.joint_factors(units), source),
         frame, point_of(file.target, mechanism.motion, units, source),
         rotation_of(file.target_rotation, units, source))
 

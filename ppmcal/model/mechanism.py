@@ -166,6 +166,14 @@ class Mechanism:
                  for limb in reversed(self.limbs)}
         return tuple(ratio[a] for a in range(len(self.actuators)))
 
+    def joint_factors(self, units: Units | None = None) -> Array:
+        """Return the SI value of one unit of each joint variable (k,); 1 with a ratio.
+
+        ``units`` are the mechanism file's unless others are given.
+        """
+        return np.array([1.0 if bare else (units or self.units).factor(q) for q, bare in zip(
+            self.actuator_quantity, self.actuator_has_ratio, strict=True)])
+
     @cached_property
     def joint_units(self) -> tuple[tuple[float, str], ...]:
         """SI value and name of one file unit of each joint variable; 1 and "" if bare."""
