@@ -687,7 +687,7 @@ def test_the_stroke_comes_from_the_file_the_limits_or_the_data() -> None:
 
 # --- conditions ---------------------------------------------------------------------------------
 
-def test_conditions_of_columns() -> None:
+def test_environment_of_columns() -> None:
     """Payload along gravity plus the given wrench; temperature above 20 degrees Celsius."""
     columns = {"payload": np.array([2.0, np.nan]), "fy": np.array([5.0, 5.0]),
                "mz": np.array([1.0, 1.0]), "temperature": np.array([295.15, 293.15]),
