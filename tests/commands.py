@@ -55,12 +55,29 @@ def ppmcal(*args, cwd=None, expect=None):
     return run
 
 
-def ppmcal_process(*args, cwd=None, timeout=60):
-    """Run ``ppmcal args`` as a process of its own."""
+def ppmcal_process(*args, cwd=None, timeout=60, site=None, expect=None):
+    """Run ``ppmcal args`` as a process of its own; ``site``: a folder of installed packages."""
+    own = [str(site)] if site else []
+    path = os.pathsep.join([*own, *filter(None, [os.environ.get("PYTHONPATH")])])
     done = subprocess.run([*EXECUTABLE, *map(str, args)], cwd=cwd, capture_output=True, text=True,
                           timeout=timeout, check=False,
-                          env={**os.environ, "COLUMNS": "80", "NO_COLOR": "1"})
-    return Run(done.returncode, done.stdout, done.stderr)
+                          env={**os.environ, "COLUMNS": "80", "NO_COLOR": "1", "PYTHONPATH": path})
+    run = Run(done.returncode, done.stdout, done.stderr)
+    if expect is not None:
+        assert run.code == expect, f"{args}\nexit {run.code}\n{run.out}{run.err}"
+    return run
+
+
+def install(site, name, code, entries):
+    """Write a package ``name`` of one module into ``site``; ``entries``: group -> its lines."""
+    info = Path(site) / f"{name}-1.0.dist-info"
+    info.mkdir(parents=True)
+    (Path(site) / f"{name}.py").write_text(code)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("".join(
+        f"[{group}]\n" + "".join(f"{entry} = {name}:{what}\n" for entry, what in lines.items())
+        for group, lines in entries.items()))
+    return Path(site)
 
 
 def columns(path):

@@ -16,7 +16,7 @@ from ppmcal.diagnosis.hypotheses import (
     frozen_slots,
     shapes,
 )
-from ppmcal.diagnosis.linear_system import Part, System
+from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.diagnosis.selection import Search, columns_of
 from ppmcal.kinematics.effect_response import lacking, setting
 from ppmcal.linalg import Bools, finite_rows
@@ -45,7 +45,7 @@ def unrecorded_load(to: Collector) -> None:
                                   (column,)))
 
 
-def _weighed(part: Part, to: Collector) -> Setting:
+def _weighed(part: SystemPart, to: Collector) -> Setting:
     """Return the setting of a part under the weight."""
     response = part.response
     wrench = np.zeros((len(response.pose), 6))
