@@ -21,7 +21,7 @@ from ppmcal.io.results.tables import Shown, kinematics_files
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, shifted
-from ppmcal.kinematics.partial_pose import Named, pose_motor
+from ppmcal.kinematics.partial_pose import PoseConvention, pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.kinematics.tables import (
     KinematicsTable,
@@ -215,14 +215,14 @@ def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | Non
     rows = environment(poses.conditions, machine.actuators, machine.gravity,
                        np.zeros((len(poses.rows), len(machine.actuators))))
     _refuse_short(machine, rows, place_of(table, "poses"))
-    named = Named(np.zeros(3) if tool is None else tool, rotation)
+    convention = PoseConvention(np.zeros(3) if tool is None else tool, rotation)
     if which == "inverse":
-        return inverse_table(model, poses.poses, rows, named), rows
+        return inverse_table(model, poses.poses, rows, convention), rows
     motion = twists(poses.extra, machine)
     if motion is None:
         raise BadInput("no velocity columns", place_of(table, "poses"),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
-    return velocity_table(model, poses.poses, motion, rows, named), rows
+    return velocity_table(model, poses.poses, motion, rows, convention), rows
 
 
 def _refuse_short(mechanism: Mechanism, rows: Environment, source: str) -> None:

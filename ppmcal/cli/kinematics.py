@@ -159,7 +159,7 @@ def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Kinematics
     from ppmcal.errors import BadInput
     from ppmcal.io import read_joints, read_poses, twists
     from ppmcal.kinematics.closure import Model
-    from ppmcal.kinematics.partial_pose import Named
+    from ppmcal.kinematics.partial_pose import PoseConvention
     from ppmcal.kinematics.tables import forward_table, inverse_table, velocity_table
     from ppmcal.model.dataset import environment
 
@@ -175,14 +175,14 @@ def _solve(asked: _Asked, mechanism: Mechanism, table: Path) -> tuple[Kinematics
     rows = environment(poses.conditions, mechanism.actuators, mechanism.gravity,
                        np.zeros((len(poses.rows), len(mechanism.actuators))))
     _enough(mechanism, rows, table)
-    named = Named(np.zeros(3) if asked.tool is None else asked.tool, asked.rotation)
+    convention = PoseConvention(np.zeros(3) if asked.tool is None else asked.tool, asked.rotation)
     if asked.which == "inverse":
-        return inverse_table(model, poses.poses, rows, named), rows
+        return inverse_table(model, poses.poses, rows, convention), rows
     motion = twists(poses.extra, mechanism)
     if motion is None:
         raise BadInput("no velocity columns", str(table),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
-    return velocity_table(model, poses.poses, motion, rows, named), rows
+    return velocity_table(model, poses.poses, motion, rows, convention), rows
 
 
 def _as_measured(mechanism: Mechanism, dataset: str, result: KinematicsTable, rows: Environment

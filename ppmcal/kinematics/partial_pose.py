@@ -42,7 +42,7 @@ def base_station(actuators: int) -> Station:
 
 
 @dataclass(frozen=True)
-class Named:
+class PoseConvention:
     """What wanted poses of a machine's own frame name.
 
     Attributes:
@@ -65,7 +65,7 @@ class Named:
 
 
 def inverse_partial(model: Model, coordinates: Array, rows: Environment | None = None,
-                    named: Named | None = None) -> Inverse:
+                    convention: PoseConvention | None = None) -> Inverse:
     """Return joint values of poses of which only some coordinates are wanted.
 
     Args:
@@ -73,14 +73,14 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
         coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
             name all coordinates of the motion or as many as there are actuators.
         rows: environment that effects depend on; the joint values make up for the effects.
-        named: what these coordinates are, default those of the platform's own frame.
+        convention: what these coordinates are, default those of the platform's own frame.
 
     Returns:
         joint values, and the platform's own poses.
     """
     coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
-    named = named or Named()
-    found = _inverse_named(model, named, coordinates)
+    convention = convention or PoseConvention()
+    found = _inverse_named(model, convention, coordinates)
     if not model.mechanism.effects:
         return found
     rows = rows or unknown_environment(*found.q.shape)
@@ -89,8 +89,8 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
         now = shifted(model, rows, found.q, pose)
         usable = row_known(now.shift, len(asked))
         before = found.q
-        found = _inverse_named(now, named, np.where(usable[:, None], asked, np.nan), ~usable)
-        miss = _missed(model.mechanism, named, coordinates,
+        found = _inverse_named(now, convention, np.where(usable[:, None], asked, np.nan), ~usable)
+        miss = _missed(model.mechanism, convention, coordinates,
                        platform_pose(found.pose, now.shift))
         asked = asked + miss
         pose = found.pose
@@ -101,11 +101,11 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
     return Inverse(found.q, platform_pose(found.pose, now.shift), found.reason)
 
 
-def _missed(mechanism: Mechanism, named: Named, wanted: Array, real: Array) -> Array:
+def _missed(mechanism: Mechanism, convention: PoseConvention, wanted: Array, real: Array) -> Array:
     """Return wanted coordinates (N, 6) less those of real poses; 0 where left open or unknown."""
-    vector = measured_pose(named.station(len(mechanism.actuators)), real)
-    if named.euler:
-        return _miss_of_euler(wanted, vector, named.euler)
+    vector = measured_pose(convention.station(len(mechanism.actuators)), real)
+    if convention.euler:
+        return _miss_of_euler(wanted, vector, convention.euler)
     angle = np.linalg.norm(vector[:, 3:], axis=1, keepdims=True)
     # beyond half a turn the same rotation has a second vector; take the one that was asked for
     whole = np.where(angle > 0.0, 1.0 - 2.0 * np.pi / np.where(angle > 0.0, angle, 1.0), 1.0)
@@ -124,15 +124,15 @@ def _miss_of_euler(wanted: Array, vector: Array, euler: str) -> Array:
     return np.asarray(np.nan_to_num(miss), dtype=float)
 
 
-def _inverse_named(model: Model, named: Named, coordinates: Array,
+def _inverse_named(model: Model, convention: PoseConvention, coordinates: Array,
                    lacking: NDArray[np.bool_] | None = None) -> Inverse:
     """Inverse kinematics of full or partial poses, without regard to platform twists.
 
     ``lacking`` marks rows whose environment is not known.
     """
     mechanism = model.mechanism
-    full, failed = wanted_poses(model, named.station(len(mechanism.actuators)), coordinates,
-                                named.euler)
+    full, failed = wanted_poses(model, convention.station(len(mechanism.actuators)), coordinates,
+                                convention.euler)
     if lacking is not None:
         failed = [LACKING if lack else f for f, lack in zip(failed, lacking, strict=True)]
     ready = np.array([not f for f in failed], dtype=bool)

@@ -15,7 +15,13 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reach
 from ppmcal.kinematics.forward import Forward, forward, smallest_singular_value
 from ppmcal.kinematics.inverse import home_state, solve_rows
-from ppmcal.kinematics.partial_pose import LACKING, Named, inverse_partial, pose_motor, pose_vector
+from ppmcal.kinematics.partial_pose import (
+    LACKING,
+    PoseConvention,
+    inverse_partial,
+    pose_motor,
+    pose_vector,
+)
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset, Environment
@@ -47,14 +53,14 @@ class KinematicsTable:
 
 
 def inverse_table(model: Model, coordinates: Array, rows: Environment | None = None,
-                  named: Named | None = None) -> KinematicsTable:
+                  convention: PoseConvention | None = None) -> KinematicsTable:
     """Return joint values of poses (N, 6), nan = open coordinate, as a path in row order.
 
-    ``rows``: the environment that the machine's effects depend on. ``named``: which point's poses
-    they are and how their rotations are written (default: the platform origin's, as rotation
+    ``rows``: the environment that the machine's effects depend on. ``convention``: which point's
+    poses they are and how their rotations are written (default: the platform origin's, as rotation
     vectors); the poses of the table returned are the platform's own, as rotation vectors.
     """
-    found = inverse_partial(model, coordinates, rows, named)
+    found = inverse_partial(model, coordinates, rows, convention)
     status = ["ok" if r else "unreachable" for r in found.reached]
     return _judged(model, found.q, found.pose, status, list(found.reason))
 
@@ -63,7 +69,7 @@ def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
     """Return where the tool point (3,), m in platform axes, is: poses (N, 6) of platform ones."""
     out = np.full_like(pose, np.nan)
     good = finite_rows(pose)
-    out[good] = measured_pose(Named(tool).station(len(model.mechanism.actuators)),
+    out[good] = measured_pose(PoseConvention(tool).station(len(model.mechanism.actuators)),
                               pose_motor(pose[good]))
     return out
 
@@ -95,17 +101,17 @@ def velocity_table(
     coordinates: Array,
     twist: Array,
     environment: Environment | None = None,
-    named: Named | None = None,
+    convention: PoseConvention | None = None,
 ) -> KinematicsTable:
     """Return joint rates of poses moving with ``twist`` (N, 6) vx, vy, vz, wx, wy, wz.
 
     A twist + Jq rate = 0 ([IK] eq. 32 and 49). A machine with fewer actuators than pose
     coordinates takes as many velocity components as it has actuators, the others nan; they
     follow from the closure. Effects (``environment``) change the joints, not the rates. Poses and
-    velocities are those of the point that ``named`` says, as in :func:`inverse_table`; the
+    velocities are those of the point that ``convention`` says, as in :func:`inverse_table`; the
     twist's second half is the angular velocity in base axes, however rotations are written.
     """
-    table = inverse_table(model, coordinates, environment, named)
+    table = inverse_table(model, coordinates, environment, convention)
     rows = np.flatnonzero([s == "ok" for s in table.status])
     rate = np.full_like(table.q, np.nan)
     status, reason = list(table.status), list(table.reason)
@@ -114,9 +120,9 @@ def velocity_table(
         closure = model.closure(table.q[rows])
         lines = closure.lines(pose)
         a, jq = closure.pose_matrix(pose, lines), closure.joint_matrix(pose, lines)
-        if named is not None:
+        if convention is not None:
             dof = model.mechanism.dof
-            a = a @ _origin_twist(pose, named.tool)[:, dof][..., dof]
+            a = a @ _origin_twist(pose, convention.tool)[:, dof][..., dof]
         given = twist[rows][:, model.mechanism.dof]
         for pattern in np.unique(np.isnan(given), axis=0):
             mine = np.flatnonzero((np.isnan(given) == pattern).all(axis=1))
