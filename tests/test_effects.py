@@ -28,7 +28,7 @@ from ppmcal.kinematics.effect_response import (
     shifted,
     with_strokes,
 )
-from ppmcal.kinematics.equilibrium import reach, uses_load
+from ppmcal.kinematics.equilibrium import reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.registration import Station, measured_pose
@@ -127,7 +127,7 @@ def sample(mechanism: Mechanism, n: int = 4, size: float = 0.5) -> tuple[Array, 
 @cache
 def bare(mechanism: Mechanism) -> Array:
     """Return the poses of the sample without effects (4, 8)."""
-    return reach(Model(mechanism), sample(mechanism)[0]).pose
+    return reached_poses(Model(mechanism), sample(mechanism)[0]).pose
 
 
 # --- the registry -------------------------------------------------------------------------------
@@ -242,7 +242,7 @@ def test_zero_parameters_change_nothing(name: str, kind: str) -> None:
     q, rows = sample(mechanism)
     still = acting(mechanism, {"kind": kind, "parameters": nothing(mechanism, kind)})
     still = still.with_values(np.where(still.values == 1e12, 1e30, still.values))
-    found = reach(Model(still), q, rows)
+    found = reached_poses(Model(still), q, rows)
     for i in range(len(mechanism.limbs)):
         np.testing.assert_array_equal(found.model.joint_coordinate(i, q),
                                       Model(mechanism).joint_coordinate(i, q))
@@ -272,7 +272,7 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
     Positions move by much less than the reach, and by more than nothing.
     """
     q, rows = sample(plain)
-    found = reach(Model(mechanism), q, rows)
+    found = reached_poses(Model(mechanism), q, rows)
     shift = found.model.shift
     assert shift is not None
     moved = np.abs(stretched(cga.translation(found.pose), shift.stretch)
@@ -433,7 +433,7 @@ def test_a_weight_pulls_struts_shut() -> None:
     assert (f < -150.0).all()
     assert np.abs(f).max() < 980.665
     soft = Model(acting(legs, {"kind": "compliance", "parameters": {"stiffness": 1e6}}))
-    sunk = reach(soft, q, rows)
+    sunk = reached_poses(soft, q, rows)
     assert cga.translation(sunk.pose)[0, 2] < cga.translation(pose)[0, 2] - 1e-4
 
 
@@ -465,7 +465,7 @@ def test_equilibrium_of_a_very_soft_drive(name: str) -> None:
     q, rows = sample(mechanism, 5, 0.3)
     k = soft_drive(mechanism, rows, q, 0.02)
     soft = Model(acting(mechanism, {"kind": "compliance", "parameters": {"stiffness": k}}))
-    found = reach(soft, q, rows)
+    found = reached_poses(soft, q, rows)
     assert np.isfinite(found.closed).all()
     there = inverse(Model(mechanism), found.closed)
     assert there.reached.all()
@@ -480,7 +480,7 @@ def test_equilibrium_with_a_ratio() -> None:
     mechanism = full("U(P)S")
     q, rows = sample(mechanism, 4, 0.3)
     k = soft_drive(mechanism, rows, q, 0.02)
-    found = reach(Model(acting(mechanism, {"kind": "compliance", "parameters": {
+    found = reached_poses(Model(acting(mechanism, {"kind": "compliance", "parameters": {
         "stiffness": k}})), q, rows)
     there = inverse(Model(mechanism), found.closed)
     f = loads(Model(mechanism), there.q, found.closed, rows.wrench)
@@ -496,13 +496,13 @@ def test_rows_do_not_depend_on_each_other() -> None:
     mechanism = machine("6-UPS")
     q, rows = sample(mechanism, 5)
     soft = Model(acting(mechanism, {"kind": "compliance", "parameters": {"stiffness": 1e5}}))
-    alone = reach(soft, q[3:4], rows.take(np.array([3]))).pose
+    alone = reached_poses(soft, q[3:4], rows.take(np.array([3]))).pose
     wrench = rows.wrench.copy()
     wrench[0] = np.nan
     q = q.copy()
     q[1, 0] = 50.0
     q[2, 3] = np.nan
-    found = reach(soft, q, replace(rows, wrench=wrench)).pose
+    found = reached_poses(soft, q, replace(rows, wrench=wrench)).pose
     assert np.isnan(found[:3]).all()
     np.testing.assert_allclose(found[3:4], alone, rtol=0.0, atol=1e-11)
 
@@ -527,7 +527,7 @@ def test_joints_that_make_up_for_effects(name: str, kind: str) -> None:
     wanted, rows = wanted_about(plain), sample(plain)[1]
     table = inverse_table(Model(mechanism), wanted, rows)
     assert set(table.status) == {"ok"}
-    found = reach(Model(mechanism), table.q, rows)
+    found = reached_poses(Model(mechanism), table.q, rows)
     named = np.isfinite(wanted)
     got = pose_vector(found.pose)
     np.testing.assert_allclose(got[named], wanted[named], rtol=0.0, atol=1e-9 * mechanism.reach)
@@ -545,8 +545,8 @@ def test_forward_table_with_effects(name: str) -> None:
     q, rows = sample(machine(name))
     table = forward_table(Model(mechanism), q, rows)
     assert set(table.status) == {"ok"}
-    np.testing.assert_allclose(table.pose, pose_vector(reach(Model(mechanism), q, rows).pose),
-                               rtol=0.0, atol=1e-11)
+    reached = reached_poses(Model(mechanism), q, rows).pose
+    np.testing.assert_allclose(table.pose, pose_vector(reached), rtol=0.0, atol=1e-11)
 
 
 def test_the_way_back_with_soft_drives_and_all_else() -> None:
@@ -562,7 +562,7 @@ def test_the_way_back_with_soft_drives_and_all_else() -> None:
                           sizes(mechanism, n).items()}} for n in kinds))
         table = inverse_table(Model(whole), wanted, rows)
         assert set(table.status) == {"ok"}, name
-        got = pose_vector(reach(Model(whole), table.q, rows).pose)
+        got = pose_vector(reached_poses(Model(whole), table.q, rows).pose)
         named = np.isfinite(wanted)
         np.testing.assert_allclose(got[named], wanted[named], rtol=0.0,
                                    atol=1e-9 * mechanism.reach)
@@ -608,7 +608,7 @@ def test_a_machine_that_grows_evenly_keeps_its_shape(name: str) -> None:
     rows = replace(rows, temperature=np.array([15.0, -20.0, 3.0, 0.0]))
     grown = acting(mechanism, *({"kind": f"{part}_thermal", "parameters": {"expansion": 23e-6}}
                                 for part in ("leg", "base", "platform")))
-    plain, found = (pose_vector(reach(Model(m), q, rows).pose) for m in (mechanism, grown))
+    plain, found = (pose_vector(reached_poses(Model(m), q, rows).pose) for m in (mechanism, grown))
     factor = 1.0 + 23e-6 * rows.temperature
     np.testing.assert_allclose(found[:, :3], plain[:, :3] * factor[:, None], rtol=0.0,
                                atol=1e-12 * mechanism.reach)
@@ -621,13 +621,14 @@ def test_twists_of_the_platform_are_about_its_origin() -> None:
     q, rows = sample(mechanism, 3)
     plain = forward(Model(mechanism), q).pose
     values = {"x": 1e-7, "y": -2e-7, "z": 3e-7, "rx": 1e-6, "ry": 2e-6, "rz": -1e-6}
-    found = reach(Model(acting(mechanism, {"kind": "drift", "parameters": values})), q, rows)
+    drifting = acting(mechanism, {"kind": "drift", "parameters": values})
+    found = reached_poses(Model(drifting), q, rows)
     np.testing.assert_allclose(difference(found.pose, plain),
                                np.outer(rows.time, list(values.values())), rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(found.closed, plain, rtol=0.0, atol=1e-14)
     soft = acting(mechanism, {"kind": "base_compliance", "parameters": {"x_my": 1e-9,
                                                                         "rz_fz": 3e-9}})
-    moved = difference(reach(Model(soft), q, rows).pose, plain)
+    moved = difference(reached_poses(Model(soft), q, rows).pose, plain)
     np.testing.assert_allclose(moved[:, 0], 1e-9 * rows.wrench[:, 4], rtol=0.0, atol=1e-13)
     np.testing.assert_allclose(moved[:, 5], 3e-9 * rows.wrench[:, 2], rtol=0.0, atol=1e-13)
     np.testing.assert_allclose(moved[:, 1:5], 0.0, rtol=0.0, atol=1e-13)
@@ -643,7 +644,7 @@ def test_effects_add_up_and_act_where_they_are_put() -> None:
                   {"kind": "lag", "on": [a[1]], "parameters": {"tau": 1e-3}})
     assert both.names[-3:] == (f"backlash.{a[1]}.width", f"backlash.{a[1]}+{a[4]}.width",
                                f"lag.{a[1]}.tau")
-    found = reach(Model(both), q, rows).model
+    found = reached_poses(Model(both), q, rows).model
     ratio = mechanism.limbs[1].slots.values(mechanism.values)["ratio"]
     for i in range(6):
         own = Model(mechanism).joint_coordinate(i, q)
@@ -657,8 +658,8 @@ def test_limbs_that_share_a_drive_share_its_error() -> None:
     """Both rods of a pair see the same backlash: the platform stays level."""
     mechanism = delta("(P)US", 6)
     q, rows = sample(mechanism, 4)
-    found = reach(Model(acting(mechanism, {"kind": "backlash", "parameters": {"width": 1e-4}})),
-                  q, rows)
+    loose = acting(mechanism, {"kind": "backlash", "parameters": {"width": 1e-4}})
+    found = reached_poses(Model(loose), q, rows)
     same = forward(Model(mechanism), q + 0.5e-4 * rows.approach).pose
     np.testing.assert_allclose(found.pose, same, rtol=0.0, atol=1e-13)
 

@@ -27,7 +27,7 @@ from ppmcal.io import csv_text, read_mechanism, write_mechanism
 from ppmcal.io.results.tables import pose_columns
 from ppmcal.io.stiffness import joint_names
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
@@ -296,7 +296,8 @@ def test_drives_agree_with_the_effect_compliance(tmp_path: Path, name: str) -> N
     wrench = np.array([3.0, -2.0, -5.0, 0.3, 0.2, -0.4])
     pushing = environment({n: np.array([v]) for n, v in zip(WRENCH, wrench, strict=True)},
                           soft.actuators, soft.gravity, q)
-    real = machines.difference(reach(Model(soft), q, pushing).pose, pose_motor(home.pose[None]))[0]
+    pushed = reached_poses(Model(soft), q, pushing).pose
+    real = machines.difference(pushed, pose_motor(home.pose[None]))[0]
     linear = home.compliance.deflection(wrench)[0]
     assert np.abs(linear).max() > 1e-9
     np.testing.assert_allclose(real, linear, rtol=2e-4, atol=2e-4 * np.abs(linear).max())

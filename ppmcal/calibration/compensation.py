@@ -16,7 +16,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import (
     base_station,
@@ -164,7 +164,7 @@ def _uncorrected(model: Model, nominal: Model, station: Station, believed: Stati
     if nominal.mechanism.equations > len(nominal.mechanism.actuators):
         asked = named_only(nominal.mechanism, asked)
     table = inverse_table(nominal, asked)
-    real = reach(model, table.q, rows)
+    real = reached_poses(model, table.q, rows)
     return _errors(station, real.pose, pose_motor(full)), table.q
 
 
@@ -176,7 +176,7 @@ def _after(model: Model, nominal: Model, station: Station, q: Array, full: Array
     if good.any():
         asked = forward(nominal, q[good])
         command[good] = pose_vector(asked.pose)
-        real = reach(model, q[good], rows.take(good))
+        real = reached_poses(model, q[good], rows.take(good))
         position[good], rotation[good] = _errors(station, real.pose, pose_motor(full[good]))
     return command, position, rotation
 
@@ -248,7 +248,7 @@ def prediction_jacobian(model: Model, station: Station, full: Array, q: Array,
     data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
     about = knowledge.pivots.get(dataset, np.zeros(3))
     problem = Problem(mechanism, (data,), free, (about,), (rows,))
-    closed = reach(model, q, rows, pose_motor(full), q).closed
+    closed = reached_poses(model, q, rows, pose_motor(full), q).closed
     state = State(mechanism.values, (station,), (closed,))
     found = [r.jacobian for r in problem.rows(state)]
     own = {name: c for c, name in enumerate(problem.columns)}

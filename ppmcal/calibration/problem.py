@@ -26,7 +26,7 @@ from ppmcal.calibration.registration import no_pose, start_station
 from ppmcal.calibration.response import Response
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
-from ppmcal.kinematics.equilibrium import platform_pose, reach, settle
+from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
 from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import Station
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
@@ -140,7 +140,7 @@ class Problem:
         """Return a data set's poses (N, 8), of distances between two (N, 16), from home."""
         data, rows = self.datasets[index], self.environments[index]
         ends = (data.q,) if data.to_q is None else (data.q, data.to_q)
-        return np.concatenate([reach(model, q + homing, rows).closed for q in ends], axis=1)
+        return np.concatenate([reached_poses(model, q + homing, rows).closed for q in ends], axis=1)
 
     def shared(self, data: Dataset) -> int:
         """Return the index of the data set whose frame ``data`` uses."""

@@ -22,7 +22,7 @@ from ppmcal.controllers.pose_grid import at_rest, default_grid, refuse_open, tar
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
 from ppmcal.linalg import Array, Ints
@@ -299,5 +299,5 @@ def tried(mechanism: Mechanism, plan: Trial, tables: Sequence[CorrectionTable] =
     for a, own in enumerate(tables):
         q[:, a] = commanded(own.table, own.factor, q[:, a], plan.way[:, a])
     rows = replace(at_rest(mechanism, len(q)), approach=plan.way)
-    return pose_errors(mechanism, reach(Model(mechanism), q, rows).pose,
+    return pose_errors(mechanism, reached_poses(Model(mechanism), q, rows).pose,
                   pose_motor(targets(mechanism, plan.asked)))

@@ -22,7 +22,7 @@ from ppmcal.calibration.compensation import compensate
 from ppmcal.controllers.pose_errors import PoseErrors, pose_errors
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import base_station, inverse_partial, pose_motor, wanted_poses
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -141,7 +141,7 @@ def driven(mechanism: Mechanism, commands: Array, rows: Environment) -> Array:
     asked = commands.copy()
     asked[:, [c for c in mechanism.dof if c not in named(mechanism)]] = np.nan
     q = inverse_partial(Model(mechanism.nominal()), asked).q
-    return reach(Model(mechanism), q, rows).pose
+    return reached_poses(Model(mechanism), q, rows).pose
 
 
 def targets(mechanism: Mechanism, wanted: Array) -> Array:

@@ -124,15 +124,14 @@ class Closure:
         """Platform-side vectors carried to the base frame by motors ``pose`` (N, 8)."""
         return cga.move_vector(np.atleast_2d(pose)[:, None, :], self.moving)
 
-    def gaps(self, pose: Array) -> Array:
+    def misclosure(self, pose: Array) -> Array:
         """Return c (N, d), m: the inner product scaled to a length (exact where it is 0)."""
         return self.scale * cga.inner(self.fixed, self.carried(pose))
 
     def lengths(self, pose: Array) -> Array:
         """Return c as true lengths (N, d), m: |x - C| - radius for spheres."""
-        gap = self.gaps(pose)
-        r = self.radius
-        return np.where(r > 0.0, np.sqrt(np.maximum(r * r + 2.0 * r * gap, 0.0)) - r, gap)
+        c, r = self.misclosure(pose), self.radius
+        return np.where(r > 0.0, np.sqrt(np.maximum(r * r + 2.0 * r * c, 0.0)) - r, c)
 
     def lines(self, pose: Array) -> Array:
         """Return the legs' lines (N, d, 6) in base axes: unit direction, moment.

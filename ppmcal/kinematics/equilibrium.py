@@ -51,8 +51,8 @@ def platform_pose(closed: Array, shift: Shift | None) -> Array:
     return moved(closed, shift.pose)
 
 
-def reach(model: Model, q: Array, environment: Environment | None = None,
-          start: Array | None = None, start_q: Array | None = None) -> Reached:
+def reached_poses(model: Model, q: Array, environment: Environment | None = None,
+                  start: Array | None = None, start_q: Array | None = None) -> Reached:
     """Return the poses at joint values ``q`` (N, k), in equilibrium; nan where there is none.
 
     Args:

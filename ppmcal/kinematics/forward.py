@@ -22,7 +22,7 @@ CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""
 SMALLEST_STEP = 1.0 / 512.0
 CLOSED = 1e-12
-"""Closed: every gap below this part of the reach."""
+"""Closed: every misclosure below this part of the reach."""
 
 
 @dataclass(frozen=True)
@@ -116,17 +116,17 @@ def newton(closure: Closure, pose: Array, iterations: int = 25) -> tuple[Array, 
     converged = np.zeros(pose.shape[0], dtype=bool)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
-            gap = closure.gaps(pose)
+            c = closure.misclosure(pose)
             lines = closure.lines(pose)
             step = np.zeros((pose.shape[0], 6))
-            step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), gap)
+            step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), c)
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
                             np.linalg.norm(step[:, 3:], axis=1))
             sizes.append(size)
             finite = np.isfinite(size) & (size < 10.0 * reach / scale)
             step[~finite] = 0.0
             pose = moved(pose, step)
-            converged = finite & (size < 1e-11) & (np.max(np.abs(gap), axis=1) < CLOSED * reach)
+            converged = finite & (size < 1e-11) & (np.max(np.abs(c), axis=1) < CLOSED * reach)
             if (converged | ~finite).all():
                 break
     first, second = sizes[0], sizes[1] if len(sizes) > 1 else np.zeros_like(sizes[0])

@@ -245,13 +245,13 @@ def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np
         by_pose[:, 3:, 3:] = turning @ frame
         miss = np.take_along_axis(away, pick, axis=1)
         rows = np.take_along_axis(by_pose[..., mechanism.dof], pick[..., None], axis=1)
-        gap = closure.gaps(pose)
+        c = closure.misclosure(pose)
         top = np.concatenate([closure.pose_matrix(pose, lines),
                               closure.joint_matrix(pose, lines)], axis=-1)
         bottom = np.concatenate([rows, np.zeros((*rows.shape[:2], q.shape[1]))], axis=-1)
         step = -solve_rows(np.concatenate([top, bottom], axis=1),
-                           np.concatenate([gap, miss], axis=1))
-        solved = (np.max(np.abs(gap), axis=1) < 1e-12 * mechanism.reach) & (
+                           np.concatenate([c, miss], axis=1))
+        solved = (np.max(np.abs(c), axis=1) < 1e-12 * mechanism.reach) & (
             np.max(np.abs(miss), axis=1) < 1e-11)
         if solved.all() or not finite_rows(step).any():
             break

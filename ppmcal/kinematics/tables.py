@@ -12,7 +12,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import Forward, forward, smallest_singular_value
 from ppmcal.kinematics.inverse import home_state, solve_rows
 from ppmcal.kinematics.partial_pose import (
@@ -90,7 +90,7 @@ def forward_table(model: Model, q: Array, rows: Environment | None = None,
     _mark_jumps(model, q, found.pose, status, reason)
     pose = found.pose
     if model.mechanism.effects:
-        pose = reach(model, q, rows, found.pose, q).pose
+        pose = reached_poses(model, q, rows, found.pose, q).pose
         for n in np.flatnonzero(finite_rows(found.pose) & ~finite_rows(pose)):
             status[n], reason[n] = "not converged", LACKING
     return _judged(model, q, pose, status, reason)

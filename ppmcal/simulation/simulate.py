@@ -19,7 +19,7 @@ from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, with_strokes
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.linalg import Array, Ints, finite_rows
@@ -162,11 +162,11 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
 def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
              rng: np.random.Generator) -> tuple[Array, Array | None]:
     """Return the poses (N, 8) reached at joint values (N, k), and the instrument's stretch."""
-    real = reach(model, q, rows)
+    real = reached_poses(model, q, rows)
     actual = real.pose
     if np.any(scenario.sigma_actuator > 0.0):
         shaken = q + rng.normal(size=q.shape) * scenario.sigma_actuator
-        actual = reach(model, shaken, rows, start=real.closed, start_q=q).pose
+        actual = reached_poses(model, shaken, rows, start=real.closed, start_q=q).pose
     shift = real.model.shift
     return actual, shift.stretch if shift else None
 
