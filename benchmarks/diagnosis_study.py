@@ -162,7 +162,7 @@ def judge(job: Job, found: Hidden, result: Diagnosis, seconds: float) -> Outcome
     first = result.found.first
     return Outcome(
         **asdict(job), survival=min((t.survival for t in found.truth), default=1.0),
-        freedom=result.found.first.search.gram.freedom, verdict=result.verdict,
+        freedom=result.found.first.search.test.freedom, verdict=result.verdict,
         named="+".join(sorted(named)),
         alternatives="+".join(sorted({a for e in result.effects for a in e.alternatives})),
         right=int(bool(truth) and hit == truth), alone=int(truth == named), wrong=wrong,

@@ -117,7 +117,7 @@ def events(folder: Path) -> None:
         odd = [f"{n} {r:.1f} x noise" for n, r in told.noise.by_dataset.items() if r > 2.0]
         odd += [f"rod {'abc'[i]} {abs(r) / TOLERANCES['length']:.1f} tol"
                 for i, r in enumerate(rods) if abs(r) > PLAUSIBLE * TOLERANCES["length"]]
-        odd += [f"{b.dataset} row {b.row}" for b in told.blunders.rows]
+        odd += [f"{b.dataset} row {b.row}" for b in told.gross_errors.rows]
         print(f"{event['id']:22s} {len(event['heights']):2d}+{len(event['distances']):2d} "
               f"{rods[0]:+6.3f} {rods[1]:+6.3f} {rods[2]:+6.3f}   {apart[0]:7.4f} "
               f"{apart[1]:7.4f}   " + ", ".join(odd))

@@ -23,3 +23,8 @@ def shorter(label: str, total: int) -> str:
     kind, _, place = label.partition(" on ")
     names = place.split(", ") if place else []
     return f"{kind} on {where(names, total)}" if names else kind
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return a number for people, ``-`` for none."""
+    return "-" if value is None else f"{value:.{digits}g}"

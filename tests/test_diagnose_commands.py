@@ -654,4 +654,4 @@ def test_in_a_process_of_its_own(made: Callable[[str], Path], tmp_path: Path) ->
                          "--out", "p", cwd=folder)
     assert run.code == 0, run.err
     assert run.err == ""
-    assert "Nothing is missing" in run.out
+    assert "No missing effect is detectable" in run.out

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from test_identifiability import joints_at, printer, touches
 from test_instruments import data_of, truth
-from test_untold import joints_at, printer, touches
 
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem

@@ -17,7 +17,7 @@ from scipy.stats import f as fisher
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import held_out_gap as gaps
-from ppmcal.diagnosis.added_variable_test import AddedVariableTest, build_gram, log_p
+from ppmcal.diagnosis.added_variable_test import AddedVariableTest, build_test, log_p
 from ppmcal.diagnosis.adequacy import kernel_test
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Library, united
@@ -97,8 +97,8 @@ def random_case(seed: int = 0) -> tuple[Array, Array, Array, AddedVariableTest]:
     jacobian, residual = rng.normal(size=(60, 7)), rng.normal(size=60)
     columns = rng.normal(size=(60, 9)) * 10.0 ** rng.uniform(-4, 4, 9)
     basis = np.linalg.qr(jacobian)[0]
-    gram = build_gram(basis, columns, residual, 60, rng.normal(size=(60, 5)))
-    return jacobian, columns, residual, gram
+    test = build_test(basis, columns, residual, 60, rng.normal(size=(60, 5)))
+    return jacobian, columns, residual, test
 
 
 def off(basis_of: Array, values: Array) -> Array:
@@ -110,9 +110,9 @@ def off(basis_of: Array, values: Array) -> Array:
 @pytest.mark.parametrize("chosen", [[], [3], [0, 5], [8, 1, 2, 6]])
 def test_given_is_a_projection(chosen: list[int]) -> None:
     """What every pair of columns explains beyond those chosen, against QR of the whole model."""
-    jacobian, columns, residual, gram = random_case()
+    jacobian, columns, residual, test = random_case()
     model = np.concatenate([jacobian, columns[:, chosen]], axis=1)
-    found, left = gram.given(chosen), off(model, residual)
+    found, left = test.given(chosen), off(model, residual)
     assert found.square == pytest.approx(left @ left, rel=1e-10)
     assert found.freedom == 60 - 7 - len(chosen)
     others = [c for c in range(9) if c not in chosen]
@@ -129,26 +129,26 @@ def test_given_is_a_projection(chosen: list[int]) -> None:
 
 def test_given_takes_the_chosen_columns_out_of_the_others() -> None:
     """C^T M C of what is left of unit columns, for several groups at once; G itself stays."""
-    jacobian, columns, _, gram = random_case()
-    found = gram.given([0, 5])
-    assert found.gram is gram.gram
+    jacobian, columns, _, test = random_case()
+    found = test.given([0, 5])
+    assert found.gram is test.gram
     assert found.taken == (0, 5)
     left = off(np.concatenate([jacobian, columns[:, [0, 5]]], axis=1),
                columns / np.linalg.norm(columns, axis=0))
     rows, others = np.array([[1, 2], [3, 0]]), np.array([[4, 6, 8], [3, 5, 7]])
     for block, a, b in zip(found.block(rows, others), rows, others, strict=True):
         assert np.allclose(block, left[:, a].T @ left[:, b], atol=1e-12)
-    assert np.allclose(gram.block(rows, others)[0], gram.gram[np.ix_([1, 2], [4, 6, 8])])
+    assert np.allclose(test.block(rows, others)[0], test.gram[np.ix_([1, 2], [4, 6, 8])])
 
 
 @pytest.mark.parametrize("group", [[4], [0, 5], [7, 1, 3]])
 def test_explained_is_the_gain_of_a_fit(group: list[int]) -> None:
     """Against least squares with and without the columns, given another one."""
-    jacobian, columns, residual, gram = random_case(1)
+    jacobian, columns, residual, test = random_case(1)
     old = np.concatenate([jacobian, columns[:, [2]]], axis=1)
     new = np.concatenate([old, columns[:, group]], axis=1)
     gain = np.sum(off(old, residual) ** 2) - np.sum(off(new, residual) ** 2)
-    found, rank = gram.given([2]).explained(np.array([group]))
+    found, rank = test.given([2]).explained(np.array([group]))
     assert found[0] == pytest.approx(gain, rel=1e-9)
     assert rank[0] == len(group)
 
@@ -157,20 +157,20 @@ def test_columns_of_the_geometry_explain_nothing() -> None:
     jacobian, columns, residual, _ = random_case()
     rng = np.random.default_rng(1)
     inside = jacobian @ rng.normal(size=7)
-    gram = build_gram(np.linalg.qr(jacobian)[0], np.stack([inside, columns[:, 0]], axis=1),
+    test = build_test(np.linalg.qr(jacobian)[0], np.stack([inside, columns[:, 0]], axis=1),
                       residual, 60, rng.normal(size=(60, 5)))
-    found, rank = gram.explained(np.array([[0]]))
+    found, rank = test.explained(np.array([[0]]))
     assert rank[0] == 0
     assert found[0] < 1e-12
     # and a column that was chosen already has nothing left
-    again, rank = gram.given([1]).explained(np.array([[1]]))
+    again, rank = test.given([1]).explained(np.array([[1]]))
     assert rank[0] == 0
     assert again[0] < 1e-12
 
 
 def test_a_fit_is_least_squares() -> None:
-    jacobian, columns, residual, gram = random_case(2)
-    value, covariance = gram.fit([1, 4])
+    jacobian, columns, residual, test = random_case(2)
+    value, covariance = test.fit([1, 4])
     model = np.concatenate([columns[:, [1, 4]], jacobian], axis=1)
     wanted = np.linalg.lstsq(model, residual, rcond=None)[0][:2]
     assert np.allclose(value, wanted, rtol=1e-8)
@@ -179,11 +179,11 @@ def test_a_fit_is_least_squares() -> None:
 
 
 def test_extended_has_sums_of_columns() -> None:
-    jacobian, columns, residual, gram = random_case(3)
+    jacobian, columns, residual, test = random_case(3)
     weights = np.zeros((9, 2))
     weights[[0, 3], 0] = 1.0
     weights[[2, 5, 7], 1] = 1.0, -2.0, 3e-3
-    found = gram.extended(weights)
+    found = test.extended(weights)
     whole = np.concatenate([columns, columns @ weights], axis=1)
     unit = off(jacobian, whole / np.linalg.norm(whole, axis=0))
     # the sum's length is taken before the projection, as for any column
@@ -202,13 +202,13 @@ def test_extended_has_sums_of_columns() -> None:
 
 
 def test_survival_is_what_the_geometry_leaves() -> None:
-    jacobian, columns, _, gram = random_case(4)
+    jacobian, columns, _, test = random_case(4)
     for c in range(9):
         left = np.linalg.norm(off(jacobian, columns[:, c])) / np.linalg.norm(columns[:, c])
-        assert gram.survival([c]) == pytest.approx(left, rel=1e-10)
+        assert test.survival([c]) == pytest.approx(left, rel=1e-10)
     same = columns / np.linalg.norm(columns, axis=0)
     left = np.linalg.norm(off(jacobian, same[:, :3])) / np.linalg.norm(same[:, :3])
-    assert gram.survival([0, 1, 2]) == pytest.approx(left, rel=1e-10)
+    assert test.survival([0, 1, 2]) == pytest.approx(left, rel=1e-10)
 
 
 def test_survival_of_a_sum_of_columns() -> None:
@@ -216,10 +216,10 @@ def test_survival_of_a_sum_of_columns() -> None:
     rng = np.random.default_rng(5)
     jacobian, first = rng.normal(size=(60, 7)), rng.normal(size=60)
     columns = np.stack([first, first + 0.1 * rng.normal(size=60)], axis=1)
-    gram = build_gram(np.linalg.qr(jacobian)[0], columns, first, 60, rng.normal(size=(60, 5)))
+    test = build_test(np.linalg.qr(jacobian)[0], columns, first, 60, rng.normal(size=(60, 5)))
     total = columns.sum(axis=1)
     wanted = np.linalg.norm(off(jacobian, total)) / np.linalg.norm(total)
-    assert gram.extended(np.ones((2, 1))).survival([2]) == pytest.approx(wanted, rel=1e-8)
+    assert test.extended(np.ones((2, 1))).survival([2]) == pytest.approx(wanted, rel=1e-8)
 
 
 # --- a real machine -------------------------------------------------------------------------------
@@ -261,9 +261,9 @@ def test_thresholds_hold_on_fresh_noise() -> None:
     stage = stage_of("3-RPR", 3, (), 1.0, SMALL)
     search, forms = stage.search, stage.library.forms
     fresh, draws = np.random.default_rng(77), 1500
-    gram = build_gram(stage.basis, stage.columns, stage.residual, stage.system.count,
+    test = build_test(stage.basis, stage.columns, stage.residual, stage.system.count,
                       noise_of(stage, draws, fresh))
-    smallest = null_scan(gram, forms)
+    smallest = null_scan(test, forms)
     for level, limit in ((DETECT, search.detect), (NAME, search.name)):
         # both the threshold and the count are drawn
         spread = np.sqrt(level * (1.0 - level) * (1.0 / draws + 1.0 / search.smallest.size))
@@ -271,21 +271,21 @@ def test_thresholds_hold_on_fresh_noise() -> None:
     assert search.name < search.detect < np.log(DETECT)
     # the test of data and that of simulated noise are the same test
     for b in range(20):
-        data = replace(gram, right=gram.null[:, b], square=float(gram.null_square[b]))
+        data = replace(test, right=test.null[:, b], square=float(test.null_square[b]))
         assert scan(data, forms).min() == pytest.approx(smallest[b], rel=1e-9)
 
 
 def test_p_values_of_noise_are_uniform() -> None:
     """Each hypothesis alone rejects as often as it says, whatever its size."""
     stage = stage_of("3-RPR", 3, (), 1.0, SMALL)
-    gram = build_gram(stage.basis, stage.columns, stage.residual, stage.system.count,
+    test = build_test(stage.basis, stage.columns, stage.residual, stage.system.count,
                       noise_of(stage, 1000, np.random.default_rng(5)))
     forms = stage.library.forms
-    sizes = {f.size: f for f in forms if gram.survival(f.columns) > 0.01}
+    sizes = {f.size: f for f in forms if test.survival(f.columns) > 0.01}
     assert len(sizes) > 2
     for form in sizes.values():
-        square, rank = gram.explained(np.array([form.columns]), null=True)
-        p = np.exp(log_p(square[0], gram.null_square, rank[0], gram.freedom))
+        square, rank = test.explained(np.array([form.columns]), null=True)
+        p = np.exp(log_p(square[0], test.null_square, rank[0], test.freedom))
         assert abs(np.mean(p < 0.1) - 0.1) < 3.5 * np.sqrt(0.1 * 0.9 / 1000), form.label
         assert abs(np.mean(p) - 0.5) < 3.5 / np.sqrt(12 * 1000), form.label
 
@@ -491,7 +491,7 @@ def test_sensor_scale_and_gain_of_all_encoders_are_rivals() -> None:
     scale = next(i for i, f in enumerate(forms) if f.kind == "sensor_scale")
     gain = next(i for i, f in enumerate(forms) if f.kind == "gain" and f.shared and len(f.on) == 6)
     a, b = forms[scale].columns[0], forms[gain].columns[0]
-    g = stage.search.gram.gram
+    g = stage.search.test.gram
     assert abs(g[a, b]) / np.sqrt(g[a, a] * g[b, b]) > 0.995
     for one, other in ((scale, gain), (gain, scale)):
         found = {r.form.label: r for r in rivals(stage.search, (one,), one)}
@@ -534,5 +534,5 @@ def test_a_rival_on_several_actuators_names_them_all() -> None:
     assert [(f.kind, f.on) for f in stage.named] == [("gain", ("leg1", "leg3"))]
     (rival,) = rivals(stage.search, stage.chosen, stage.chosen[0])
     assert (rival.form.kind, rival.form.on) == ("curvature", ("leg1", "leg3"))
-    given = stage.search.gram.given
+    given = stage.search.test.given
     assert given(rival.form.columns).square < given(rival.form.columns[:3]).square

@@ -379,9 +379,9 @@ def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
     first, (named_one,) = told.found.first, told.effects
     # as if made later, and the first search had it last
     fewer = replace(first.search, forms=first.library.forms)
-    late = [named_one.form, *first.library.forms[:1]]
+    late = [named_one.hypothesis, *first.library.forms[:1]]
     assert diagnosing.implausible(fewer, late) is None
-    assert named_one.form.kind == "periodic"
+    assert named_one.hypothesis.kind == "periodic"
 
 
 def test_a_sigma_a_thousand_times_too_large(tmp_path: Path) -> None:

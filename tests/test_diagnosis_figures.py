@@ -1,4 +1,4 @@
-"""The story of a diagnosis: its numbers computed another way, its pictures read back."""
+"""The plot data of a diagnosis: its numbers computed another way, its pictures read back."""
 
 from __future__ import annotations
 
@@ -30,11 +30,10 @@ from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.selection import DETECT, NAME
 from ppmcal.diagnosis.stage import Stage
-from ppmcal.io.output import plain
-from ppmcal.io.results.diagnosis import summary
+from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.diagnosis_wording import power, scientific
+from ppmcal.report.diagnosis_format import power, scientific
 from ppmcal.report.figure_files import PNG_SCALE, SCALE, diagnosis_files
 from ppmcal.report.format import sig
 from ppmcal.report.records import Diagnosed
@@ -53,14 +52,18 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 @dataclass(frozen=True)
 class Case:
-    """A diagnosis, its record as in diagnosis.json, and its pictures as files."""
+    """A diagnosis, what diagnosis.json holds of it, and its pictures as files."""
 
     result: Diagnosis
-    record: Record
+    whole: DiagnosisRecord
+
+    @cached_property
+    def record(self) -> Record:
+        return dict(json.loads(self.whole.text()))
 
     @cached_property
     def files(self) -> dict[str, str | bytes]:
-        return diagnosis_files(self.record)
+        return diagnosis_files(self.whole)
 
     def drawing(self, name: str) -> ElementTree.Element:
         text = self.files[f"{name}.svg"]
@@ -68,15 +71,15 @@ class Case:
         return ElementTree.fromstring(text)
 
     @property
-    def story(self) -> Record:
-        return dict(self.record["story"])
+    def plot_data(self) -> Record:
+        return dict(self.record["plot_data"])
 
 
 def diagnosed(kinds: tuple[str, ...], eta: float, poses: int = 24) -> Case:
     made = hidden.hide("3-RPR", 3, list(kinds), eta, hidden.Options(poses=poses))
     problem = Problem(made.mechanism, (made.dataset,), made.mechanism.free)
     result = diagnose(problem, DiagnosisOptions(draws=400))
-    return Case(result, json.loads(json.dumps(plain(summary(result, {})), allow_nan=False)))
+    return Case(result, DiagnosisRecord.of(result, {}))
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +143,7 @@ def test_joint_errors(cases: Callable[[str], Case], known: Known) -> None:
     case = cases("named")
     stage = case.result.found.last
     left = 1.0 - stage.basis.shape[1] / stage.system.count
-    rows = case.story["actuators"]
+    rows = case.plot_data["actuators"]
     assert [a["name"] for a in rows] == ["leg1", "leg2", "leg3"]
     for a, entry in enumerate(rows):
         assert entry["unit"] == "mm"
@@ -157,7 +160,7 @@ def test_joint_errors(cases: Callable[[str], Case], known: Known) -> None:
 def test_errors_against_the_direction(cases: Callable[[str], Case], known: Known) -> None:
     """Means and 95 % intervals of each joint's error from each side."""
     case = cases("named")
-    series = next(s for s in case.story["series"] if s["input"] == "direction")
+    series = next(s for s in case.plot_data["series"] if s["input"] == "direction")
     assert case.record["effects"][series["effect"]]["kind"] == "backlash"
     assert series["names"] == [f"leg{i} {sign}" for i in (1, 2, 3) for sign in "−+"]
     data = case.result.identification.fit.problem.datasets[0]
@@ -177,7 +180,7 @@ def test_errors_against_the_direction(cases: Callable[[str], Case], known: Known
 
 def test_errors_against_the_temperature(cases: Callable[[str], Case], known: Known) -> None:
     case = cases("named")
-    series = next(s for s in case.story["series"] if s["input"] == "temperature")
+    series = next(s for s in case.plot_data["series"] if s["input"] == "temperature")
     assert case.record["effects"][series["effect"]]["kind"] == "leg_thermal"
     assert series["input_unit"] == "deg C"
     assert sum(series["count"]) == known.before.size
@@ -208,7 +211,7 @@ def white_ratio(fit: Fit) -> float:
 def test_gap_from_start_to_noise(cases: Callable[[str], Case]) -> None:
     """Every model of the gap fitted as such: nominal, geometry, one effect more each time."""
     case = cases("named")
-    found, steps = case.result.found, case.story["steps"]
+    found, steps = case.result.found, case.plot_data["steps"]
     assert [s["what"] for s in steps] == ["start", "geometry", "effect", "effect"]
     ratios = [s["rms_ratio"] for s in steps]
     assert ratios == sorted(ratios, reverse=True)
@@ -252,7 +255,7 @@ def f_test(stage: Stage, columns: tuple[int, ...]) -> float:
 def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
     """Sorted, the p-values those of F tests, the named ones those that are named."""
     case = cases(verdict)
-    found, ranked = case.result.found, case.story["ranking"]
+    found, ranked = case.result.found, case.plot_data["ranking"]
     values = [r["log10_p_alone"] for r in ranked]
     assert values == sorted(values)
     given = {(e["kind"], *e["on"]): e["log10_p"] for e in case.record["effects"]}
@@ -291,7 +294,7 @@ def test_thresholds(cases: Callable[[str], Case], verdict: str) -> None:
     assert noise["name_p"] < noise["detect_p"]
     for e in case.record["effects"]:
         assert e["log10_p"] < math.log10(noise["name_p"])
-    best = case.story["ranking"][0]["log10_p_alone"]
+    best = case.plot_data["ranking"][0]["log10_p_alone"]
     assert (best < math.log10(noise["detect_p"])) == (verdict != "none")
 
 
@@ -324,7 +327,7 @@ def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_words_have_room(cases: Callable[[str], Case], verdict: str) -> None:
     """No words leave a drawing or lie on other words; only long names are cut short."""
-    for drawings in pictures(cases(verdict).record).values():
+    for drawings in pictures(cases(verdict).whole).values():
         for picture in drawings:
             boxes: list[tuple[float, float, float, float, str]] = []
             for found in re.finditer(r'<text x="(\S+)" y="(\S+)" text-anchor="(\w+)"'
@@ -355,7 +358,7 @@ def test_gap_picture(cases: Callable[[str], Case]) -> None:
     case = cases("named")
     root = case.drawing("gap")
     record = case.record
-    values = [*(s["rms_ratio"] for s in case.story["steps"]),
+    values = [*(s["rms_ratio"] for s in case.plot_data["steps"]),
               record["gap"]["before"], record["gap"]["after"]]
     lengths = bars(root, ("r-before", "r-after"))
     assert len(lengths) == len(values) == 6
@@ -368,7 +371,7 @@ def test_gap_picture(cases: Callable[[str], Case]) -> None:
         place = float(re.findall(r"[\d.]+", line)[0])
         assert place - EDGE == pytest.approx(scale * math.log(2.0), abs=0.3)
     words = texts(root)
-    names = [f"+ {s['kind']} on all 3 actuators" for s in case.story["steps"][2:]]
+    names = [f"+ {s['kind']} on all 3 actuators" for s in case.plot_data["steps"][2:]]
     for text in ("machine as in its file, only frames fitted", "+ geometry identified", *names,
                  f"Check on {record['gap']['poses']} poses that no fit has seen", "1 (noise)",
                  "rms of the residuals over the noise", "geometry and what is named"):
@@ -381,7 +384,7 @@ def test_gap_picture(cases: Callable[[str], Case]) -> None:
 def test_ranking_picture(cases: Callable[[str], Case]) -> None:
     """Bars grow with the root of -log p; the outline is the p-value given the other effects."""
     case = cases("named")
-    root, ranked = case.drawing("ranking"), case.story["ranking"]
+    root, ranked = case.drawing("ranking"), case.plot_data["ranking"]
     kinds = ("r-named", "r-explained", "r-alternative", "r-other")
     lengths = bars(root, kinds)
     assert len(lengths) == len(ranked)
@@ -414,7 +417,7 @@ def test_ranking_picture(cases: Callable[[str], Case]) -> None:
 
 def test_actuators_picture(cases: Callable[[str], Case]) -> None:
     case = cases("named")
-    root, rows = case.drawing("actuators"), case.story["actuators"]
+    root, rows = case.drawing("actuators"), case.plot_data["actuators"]
     words = texts(root)
     lengths = bars(root, ("r-before", "r-after"))
     values = [a[k] for a in rows for k in ("rms_before", "rms_after")]
@@ -430,7 +433,7 @@ def test_actuators_picture(cases: Callable[[str], Case]) -> None:
 def test_inputs_picture(cases: Callable[[str], Case]) -> None:
     """A ring for each mean before, a disc for each after, axes with units."""
     case = cases("named")
-    root, series = case.drawing("inputs"), case.story["series"]
+    root, series = case.drawing("inputs"), case.plot_data["series"]
     count = sum(len(s["x"]) for s in series)
     marks = [c.get("class") for c in root.iter(f"{SVG}circle")]
     assert marks.count("ring") == marks.count("disc") == count
@@ -453,18 +456,18 @@ def test_inputs_picture(cases: Callable[[str], Case]) -> None:
 
 def section(record: Record) -> str:
     return re.sub(r"<style>.*?</style>|<[^>]*>", " ", diagnosis_section(
-        Diagnosed("d", record, None)).replace("</p>", " "))
+        Diagnosed("d", DiagnosisRecord.model_validate(record), None)).replace("</p>", " "))
 
 
-def test_story_of_nothing(cases: Callable[[str], Case]) -> None:
+def test_diagnosis_of_nothing(cases: Callable[[str], Case]) -> None:
     case = cases("none")
     text = section(case.record)
-    assert "Nothing is missing that these data could show." in text
+    assert "No missing effect is detectable in these data." in text
     assert "nothing passes them" in text
     assert "named." not in text.replace("an effect may be named", "")
-    assert [s["what"] for s in case.story["steps"]] == ["start", "geometry"]
+    assert [s["what"] for s in case.plot_data["steps"]] == ["start", "geometry"]
     # one joint against all that was recorded, by geometry alone
-    assert {s["role"] for s in case.story["series"]} == {"recorded"}
+    assert {s["role"] for s in case.plot_data["series"]} == {"recorded"}
     root = case.drawing("inputs")
     assert not [c for c in root.iter(f"{SVG}circle") if c.get("class") == "ring"]
     assert "with what is named" not in " ".join(texts(root))
@@ -472,31 +475,31 @@ def test_story_of_nothing(cases: Callable[[str], Case]) -> None:
     assert bars(case.drawing("ranking"), ("r-named", "r-alternative", "r-explained")) == []
 
 
-def test_story_of_something_unknown(cases: Callable[[str], Case]) -> None:
+def test_diagnosis_of_something_unknown(cases: Callable[[str], Case]) -> None:
     case = cases("unnamed")
     text = section(case.record)
     assert "Something is missing that ppmcal does not know." in text
     assert "what passes imitates something that has no name here" in text
     assert case.record["effects"] == []
-    assert case.story["steps"][-1]["rms_ratio"] > 1.3
-    assert all(s["before"] == s["after"] for s in case.story["series"])
+    assert case.plot_data["steps"][-1]["rms_ratio"] > 1.3
+    assert all(s["before"] == s["after"] for s in case.plot_data["series"])
     follows = case.record["remainder"]["follows"]
     assert f"What is left follows {follows}" in text
-    assert {s["role"] for s in case.story["series"]} == {"left"}
+    assert {s["role"] for s in case.plot_data["series"]} == {"left"}
     # the kink is in leg3, where the robust fit takes many rows for outliers: they are shown
-    worst = max(case.story["actuators"], key=lambda a: a["rms_before"] / a["noise"])
+    worst = max(case.plot_data["actuators"], key=lambda a: a["rms_before"] / a["noise"])
     assert worst["name"] == "leg3"
     assert worst["rms_before"] > 2.0 * worst["noise"]
-    out = case.story["left_out_rows"]
+    out = case.plot_data["left_out_rows"]
     assert out == len(case.record["excluded"]) > 4
     assert f"With {out} rows that the fit took for outliers." in text
-    assert case.story["series"][0]["on"] == ["leg3"]
-    assert case.story["series"][0]["input"] == "travel"
+    assert case.plot_data["series"][0]["on"] == ["leg3"]
+    assert case.plot_data["series"][0]["input"] == "travel"
     assert bars(case.drawing("ranking"), ("r-named", "r-alternative", "r-explained")) == []
     assert bars(case.drawing("ranking"), ("r-other",))
 
 
-def test_story_of_effects_that_look_alike(cases: Callable[[str], Case]) -> None:
+def test_diagnosis_of_effects_that_look_alike(cases: Callable[[str], Case]) -> None:
     case = cases("named-set")
     (effect,) = case.record["effects"]
     others = [a.replace("leg1, leg2, leg3", "all 3 actuators") for a in effect["alternatives_on"]]
@@ -524,19 +527,24 @@ def test_story_of_effects_that_look_alike(cases: Callable[[str], Case]) -> None:
 def test_records_cut_down_still_draw(cases: Callable[[str], Case]) -> None:
     """Older or shortened records: less is drawn, nothing fails."""
     record = cases("named").record
-    assert pictures({}) == {}
+
+    def drawn(series: list[Record]) -> set[str]:
+        return set(pictures(DiagnosisRecord.model_validate(
+            {**record, "plot_data": {"series": series}})))
+
+    assert pictures(DiagnosisRecord()) == {}
     assert section({"verdict": "none"})
     for part in ("actuators", "series", "ranking", "steps"):
-        less = {**record, "story": {k: v for k, v in record["story"].items() if k != part}}
-        assert diagnosis_files(less)
+        less = {**record, "plot_data": {k: v for k, v in record["plot_data"].items() if k != part}}
+        assert diagnosis_files(DiagnosisRecord.model_validate(less))
         assert section(less)
     for key in record:
         assert section({k: v for k, v in record.items() if k != key})
     for key in ("x", "before", "before_95", "after", "after_95"):
-        series = [{**s, key: [None] * len(s["x"])} for s in record["story"]["series"]]
-        assert "inputs" not in pictures({**record, "story": {"series": series}})
-        series = [{**s, key: s[key][:2]} for s in record["story"]["series"]]
-        assert "inputs" in pictures({**record, "story": {"series": series}})
+        series = [{**s, key: [None] * len(s["x"])} for s in record["plot_data"]["series"]]
+        assert "inputs" not in drawn(series)
+        series = [{**s, key: s[key][:2]} for s in record["plot_data"]["series"]]
+        assert "inputs" in drawn(series)
 
 
 # --- PNG ------------------------------------------------------------------------------------------
@@ -544,7 +552,7 @@ def test_records_cut_down_still_draw(cases: Callable[[str], Case]) -> None:
 
 def test_png(cases: Callable[[str], Case]) -> None:
     pytest.importorskip("resvg_py")
-    files = diagnosis_files(cases("named-set").record, png=True)
+    files = diagnosis_files(cases("named-set").whole, png=True)
     assert sorted(n for n in files if n.endswith(".png")) == sorted(
         n.replace(".svg", ".png") for n in files if n.endswith(".svg"))
     for name, drawing in files.items():

@@ -8,7 +8,8 @@ import json
 import re
 import sys
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,16 @@ import pytest
 
 from ppmcal.calibration.problem import Problem
 from ppmcal.cli.common import Console, number
-from ppmcal.cli.diagnose import tell
+from ppmcal.cli.diagnose import describe
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.verdict import findings, next_step
-from ppmcal.io.output import plain
-from ppmcal.io.results.diagnosis import effects_csv, summary
+from ppmcal.errors import BadInput
+from ppmcal.io.results import diagnosis_wording as wording
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_files import effects_csv
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.records import Diagnosed
 
@@ -42,8 +45,12 @@ class Case:
     """A diagnosis, what diagnosis.json holds of it, and the rows of effects.csv."""
 
     result: Diagnosis
-    record: Record
+    whole: DiagnosisRecord
     table: list[dict[str, str]]
+
+    @cached_property
+    def record(self) -> Record:
+        return dict(json.loads(self.whole.text()))
 
 
 @cache
@@ -58,7 +65,7 @@ def case(name: str, later: float = 0.0) -> Case:
     problem = Problem(made.mechanism, (data,), made.mechanism.free)
     result = diagnose(problem, DiagnosisOptions(draws=400))
     assert result.verdict == "named"
-    record = json.loads(json.dumps(plain(summary(result, {})), allow_nan=False))
+    record = DiagnosisRecord.of(result, {})
     return Case(result, record, list(csv.DictReader(io.StringIO(effects_csv(result)))))
 
 
@@ -80,7 +87,7 @@ def test_every_named_effect_has_its_row(name: str) -> None:
 def test_one_p_value_per_effect(name: str) -> None:
     """effects.csv, diagnosis.json and the ranking agree; what was before has its own column."""
     found = case(name)
-    ranked = {(r["kind"], *r["on"]): r for r in found.record["story"]["ranking"]
+    ranked = {(r["kind"], *r["on"]): r for r in found.record["plot_data"]["ranking"]
               if r["status"] == "named"}
     for e in found.record["effects"]:
         row = next(r for r in found.table if (r["kind"], r["on"], r["status"])
@@ -114,7 +121,7 @@ def test_groups_are_the_same_before_and_after(later: float) -> None:
 
 
 def test_next_step_agrees_with_the_findings() -> None:
-    """Nothing is settled that the held-out poses do not confirm."""
+    """More is to be measured where the held-out poses do not confirm what is named."""
     result = case("shared").result
     gap = result.gap
     assert isinstance(gap, Gap)
@@ -125,8 +132,64 @@ def test_next_step_agrees_with_the_findings() -> None:
                         LeftOut(0, 1, False, "", 0.0, 1.0), ())
         step = next_step(last, {}, "named", 0, seen).reason
         assert any("do not confirm" in f for f in said) == (not confirmed)
-        assert ("settled" in step) == confirmed
+        assert ("no further measurement is needed" in step) == confirmed
         assert ("do not confirm" in step) == (not confirmed)
+
+
+# --- the record ---------------------------------------------------------------------------------
+
+
+def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
+    """All of it; a null stands for a missing key, and what is not written is not made up."""
+    path = tmp_path / "diagnosis.json"
+    for whole in (case("each").whole, wavy().whole):
+        path.write_text(whole.text(), encoding="utf-8")
+        found = DiagnosisRecord.read(path)
+        assert found == whole
+        assert found.text() == whole.text()
+    record = {"verdict": "named", "effects": [{"kind": "drift", "on": None}], "gap": None,
+              "plot_data": {"series": [{"x": [1.0, None]}]}}
+    path.write_text(json.dumps(record), encoding="utf-8")
+    found = DiagnosisRecord.read(path)
+    assert wording.headline(found) == "The missing effect is named: drift."
+    assert found.entries() == {
+        "verdict": "named", "effects": ({"kind": "drift"},),
+        "plot_data": {"series": ({"x": (1.0, None)},)}}
+
+
+@pytest.mark.parametrize(("record", "place"), [
+    ({"effects": {}}, "effects: should be a list"),
+    ({"effects": [None]}, r"effects\[0\]"),
+    ({"effects": [{"on": [3]}]}, r"effects\[0\].on\[0\]: should be text"),
+    ({"effects": [{"parameters": {"width": {"value": "1"}}}]}, "width.value: should be a number"),
+    ({"gap": {"interval": [0.1, "x"]}}, r"gap.interval\[1\]: should be a number"),
+    ({"confirmed": 1}, "confirmed: should be true or false"),
+    ({"plot_data": {"left_out_rows": 1.5}}, "left_out_rows: should be a whole number"),
+    ({"format": "ppmcal/plan/1"}, "is not a diagnosis.json"),
+    ({"other_models": [{"odds": 1e40}]}, "odds: should be a number, 1e[+]30 at most")])
+def test_a_record_of_another_kind_is_refused(tmp_path: Path, record: Record, place: str) -> None:
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(BadInput, match=place) as refusal:
+        DiagnosisRecord.read(path)
+    assert str(path) in str(refusal.value)
+
+
+def test_the_same_sentences_on_the_console_and_in_the_report(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    found = case("each")
+    describe(found.result, found.whole, Console(False, False))
+    said = " ".join(capsys.readouterr().out.split())
+    page = " ".join(unescape(diagnosis_section(Diagnosed("d", found.whole, None))).split())
+    step = wording.next_step(found.whole)
+    for sentence in (wording.gap_closed(found.whole), wording.worst_block(found.whole)):
+        assert sentence.endswith(".")
+        assert sentence in said
+        assert sentence in page
+    assert f"Next: {step}" in said
+    assert step[1:] in page
+    # each leg with a value and a p of its own, told as one effect
+    assert "backlash on leg2, leg5: leg" in said
 
 
 # --- figures that follow from parameters ----------------------------------------------------------
@@ -142,8 +205,7 @@ def wavy() -> Case:
     result = diagnose(Problem(made.mechanism, (made.dataset,), made.mechanism.free),
                       DiagnosisOptions(draws=400, kinds=("periodic", "backlash")))
     assert [(e.kind, e.on) for e in result.effects] == [("periodic", ("leg3",))]
-    record = json.loads(json.dumps(plain(summary(result, {})), allow_nan=False))
-    return Case(result, record, [])
+    return Case(result, DiagnosisRecord.of(result, {}), [])
 
 
 def test_amplitude_and_phase_are_those_of_the_wave() -> None:
@@ -191,12 +253,12 @@ def test_uncertainty_of_amplitude_and_phase() -> None:
 
 def test_amplitude_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     """On the console, and in the report's table."""
-    tell(wavy().result, Console(False, False))
+    describe(wavy().result, wavy().whole, Console(False, False))
     said = " ".join(capsys.readouterr().out.split())
     figures = wavy().record["effects"][0]["derived"]
     assert f"amplitude {number(figures['amplitude']['value'])} +-" in said
     assert f"phase {number(figures['phase_mid_stroke']['value'])} +-" in said
     assert "at mid-stroke (" in said
-    page = diagnosis_section(Diagnosed("d", wavy().record, None))
+    page = diagnosis_section(Diagnosed("d", wavy().whole, None))
     assert re.search(r"amplitude [\d.]+ ± [\d.]+ mm; phase at mid-stroke [−-]?[\d.]+ ± [\d.]+ deg",
                      page)

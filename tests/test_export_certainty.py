@@ -15,13 +15,14 @@ from commands import ppmcal
 
 from ppmcal.calibration.compensation import compensate, station_of
 from ppmcal.controllers.export import exporter
-from ppmcal.controllers.model_uncertainty import certainty
+from ppmcal.controllers.model_uncertainty import pose_uncertainty
 from ppmcal.io import read_mechanism
+from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.report.controllers import export_section
-from ppmcal.report.records import Other
+from ppmcal.report.records import ControllerExport
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 
@@ -73,7 +74,7 @@ def test_the_models_own_uncertainty_is_in_the_prediction(model: Path, tmp_path: 
     assert told["after"]["rms"] > 1e-3
     assert f"{told['model']['rms']:.2g} mm" in said
     assert f"in the frame of {name}" in said
-    page = export_section(Other("o", "export", found))
+    page = export_section(ControllerExport("o", ExportRecord.model_validate(found)))
     assert f"in the frame of {name}" in page
     assert str(model.with_name("identification.json")) in found["provenance"]["inputs"]
 
@@ -86,7 +87,7 @@ def test_what_is_not_known_is_not_promised(model: Path, tmp_path: Path) -> None:
     assert found["predicted"]["after"]["rms"] is None
     assert found["predicted"]["model"]["rms"] is None
     assert "identification.json is not beside the model" in found["predicted"]["model"]["reason"]
-    for text in (said, export_section(Other("o", "export", found))):
+    for text in (said, export_section(ControllerExport("o", ExportRecord.model_validate(found)))):
         assert "unknown, as identification.json is not beside the model" in text
         assert "Predicted error with the new" not in text
 
@@ -97,7 +98,7 @@ def test_several_frames_are_none(model: Path) -> None:
     poses = exporter("grid").export(mechanism, None, None).poses
     (name, registration), = mechanism.registrations.items()
     two = replace(mechanism, registrations={name: registration, "other": registration})
-    own, base = (certainty(m, poses, model) for m in (mechanism, two))
+    own, base = (pose_uncertainty(m, poses, model) for m in (mechanism, two))
     assert (own.frame, base.frame) == (name, "base")
     assert own.position is not None
     assert base.position is not None

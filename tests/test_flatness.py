@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_identifiability import fitted, printer, touches
 from test_instruments import truth
-from test_untold import fitted, printer, touches
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.flatness import Flat, flats

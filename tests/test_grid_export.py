@@ -20,7 +20,7 @@ from ppmcal.controllers.pose_grid import (
     corrected,
     default_grid,
     interpolated,
-    nearest,
+    nearest_rotations,
 )
 from ppmcal.io import read_mechanism, write_mechanism
 from ppmcal.io.folder import RECORD
@@ -260,7 +260,7 @@ def test_lists_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
 def test_bad_options_and_machines_are_refused(tmp_path: Path) -> None:
     path = edited(tmp_path)
     run = ppmcal("export", "grid", path, "--old", path, cwd=tmp_path, expect=2)
-    assert "--old" in run.err and "drawing" in run.err
+    assert "--old" in run.err and "nominal geometry" in run.err
     assert "Did you mean 'grid'?" in ppmcal("export", "gird", path, cwd=tmp_path, expect=2).err
     path = edited(tmp_path, limits={"leg1": [200, 700], "leg2": [200, 700]})
     run = ppmcal("export", "grid", path, cwd=tmp_path, expect=2)
@@ -315,7 +315,7 @@ def test_what_is_linear_in_each_coordinate_is_exact(count: int, seed: int) -> No
 def test_the_nearer_rotation_vector_is_the_same_turn(turn: list[float], by: list[float]) -> None:
     to = np.concatenate([np.zeros(3), turn])[None]
     short = Rotation.from_rotvec(np.add(turn, by)).as_rotvec()
-    found = nearest(np.concatenate([np.ones(3), short])[None], to)[0, 3:]
+    found = nearest_rotations(np.concatenate([np.ones(3), short])[None], to)[0, 3:]
     same = Rotation.from_rotvec(found) * Rotation.from_rotvec(short).inv()
     assert same.magnitude() < 1e-7
     assert np.linalg.norm(found - turn) <= np.linalg.norm(short - turn) + 1e-12

@@ -200,7 +200,7 @@ def test_commands_with_heights_and_distances(tmp_path: Path) -> None:
            cwd=tmp_path, expect=0)
     alone = ppmcal("identify", "m.yaml", "a/measurements.csv", "--out", "h", cwd=tmp_path,
                    expect=0)
-    assert "Held by their tolerances" in alone.out
+    assert "Constrained by the prior" in alone.out
     ratio = {}
     for folder in "hi":
         found = json.loads((tmp_path / folder / "identification.json").read_text())

@@ -307,13 +307,14 @@ def test_single_radii_heights_and_turns_are_expressed(tmp_path: Path) -> None:
     assert found.exact and found.after.max < 2e-8 and found.new.angles[2] == 90.0
     words = " ".join(found.notes)
     assert "turned by" in words and "middle of the towers" in words and "heights" in words
-    assert np.degrees(found.after.turn) == pytest.approx(-10, abs=1.0)
+    assert np.degrees(found.after.removed.turn) == pytest.approx(-10, abs=1.0)
 
 
 def test_a_changed_drive_ratio_is_told_as_rotation_distance(tmp_path: Path) -> None:
     path = changed(tmp_path, {"c": {"ratio": {"value": 1.001, "nominal": 1.0, "tolerance": 0.01}}})
     found = project(read_mechanism(path))
-    assert "rotation_distance" in found.lacks[0].what and "1.001" in found.lacks[0].what
+    what = found.not_expressed[0].what
+    assert "rotation_distance" in what and "1.001" in what
 
 
 def test_effects_are_listed_without_a_cost(tmp_path: Path) -> None:

@@ -19,9 +19,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from ppmcal.controllers.export import Exported
-from ppmcal.controllers.linuxcnc import commands, drawn, drive_of, reached, strut_lengths
+from ppmcal.controllers.linuxcnc import (
+    commands,
+    drive_of,
+    genhexkins_setting,
+    reached,
+    strut_lengths,
+)
 from ppmcal.controllers.linuxcnc_export import export
-from ppmcal.controllers.linuxcnc_fit import best, grid, missed
+from ppmcal.controllers.linuxcnc_fit import best, grid, predicted_errors
 from ppmcal.controllers.linuxcnc_hal import (
     BASE_N,
     PLATFORM_N,
@@ -466,15 +472,15 @@ def test_the_fit_is_a_smallest_one(tmp_path: Path) -> None:
     path = changed(tmp_path, {"leg2": {"joint2": {"x": 30}}, "leg5": {"joint3": {"y": 20}}})
     drive = drive_of(read_mechanism(path), 1e-3)
     poses = grid(drive)[0]
-    found = best(drive, drawn(drive), poses)
+    found = best(drive, genhexkins_setting(drive), poses)
     scale = drive.mechanism.length_scale
 
     def cost(setting: Any) -> float:
-        m = missed(drive, setting, poses)
+        m = predicted_errors(drive, setting, poses)
         return m.rms**2 + (scale * m.rotation_rms) ** 2
 
     least = cost(found)
-    assert least < 0.01 * cost(drawn(drive))
+    assert least < 0.01 * cost(genhexkins_setting(drive))
     rng = np.random.default_rng(2)
     for size, _ in product((1e-4, 1e-3), range(12)):
         away = HexapodGeometry(*(triples(np.array(v) + rng.normal(0, size, (6, 3)))
@@ -489,7 +495,7 @@ def test_frame_errors_that_move_centres_or_nothing_are_expressed(tmp_path: Path)
                               "leg2": {"joint2": {"z": 3, "rx": 0.2}},
                               "leg3": {"joint3": {"z": -1, "rz": 5}}})
     found = exported(path)
-    assert not found.lacks and found.after.max < 1e-8 and found.before.rms > 1e-4
+    assert not found.not_expressed and found.after.max < 1e-8 and found.before.rms > 1e-4
     notes = " ".join(found.notes)
     assert "base points of leg1" in notes and "into HOME_OFFSET" in notes
     new = {n.name: (n.old, n.new) for n in found.numbers}
@@ -553,7 +559,7 @@ def test_reached_is_nowhere_where_struts_do_not_close(tmp_path: Path) -> None:
     drive = drive_of(read_mechanism(UPS), 1e-3)
     far = pose_motor(np.array([[0.0, 0.0, 2.0, 0, 0, 0]]))
     apart = HexapodGeometry(triples(np.full((6, 3), 9e5)), SIM.platform)
-    setting = drawn(drive)
+    setting = genhexkins_setting(drive)
     assert np.isnan(reached(drive, type(setting)(apart, setting.stretch, setting.shift),
                             far)).all()
     with pytest.raises(BadInput, match="six limbs"):

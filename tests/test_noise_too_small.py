@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 from functools import cache
@@ -17,8 +16,7 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import _scaled
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
-from ppmcal.io.output import plain
-from ppmcal.io.results.identification import summary
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
@@ -72,9 +70,9 @@ def test_what_is_written_says_the_same(tmp_path: Path) -> None:
     """compensate, compare and --keep read one covariance out of identification.json."""
     result = found(TIMES)
     name = result.fit.problem.datasets[0].source
-    record = summary(result, {"inputs": {name: "0" * 64}}, "prior", True)
+    record = IdentificationRecord.of(result, {"inputs": {name: "0" * 64}}, "prior")
     path = tmp_path / "identification.json"
-    path.write_text(json.dumps(plain(record)), encoding="utf-8")
+    path.write_text(record.text(), encoding="utf-8")
     count = len(result.fit.problem.free)
     sigma = np.sqrt(np.diagonal(result.covariance))[:count]
     assert np.sqrt(np.diagonal(read_knowledge(path, result.mechanism).covariance))[:count] == (

@@ -24,7 +24,8 @@ from ppmcal.design.plan.settings import SETTABLE, PlanSettings, needs, offered, 
 from ppmcal.design.virtual_instrument import default_instrument
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.plan import accuracy_table, pose_table
+from ppmcal.io.results.plan_tables import accuracy_table, pose_table
+from ppmcal.io.results.record import in_units
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
@@ -503,7 +504,7 @@ def test_files_are_in_the_machines_units():
     np.testing.assert_allclose(a["x"] / 25.4, b["x"], rtol=1e-12)
     np.testing.assert_allclose(np.radians(a["rz"]), b["rz"], rtol=1e-12)
     np.testing.assert_allclose(a["travel"], b["travel"])
-    a, b = accuracy_table(found), accuracy_table(other)
+    a, b = (in_units(accuracy_table(p), p.mechanism.units) for p in (found, other))
     np.testing.assert_allclose(a["sigma_position"] / 25.4, b["sigma_position"], rtol=1e-12)
     assert found.gain.min() > 0.0 and len(set(found.offer.pose[found.rows])) == 4
 

@@ -121,8 +121,8 @@ def test_rods_and_step_scales_of_one_bed_are_one_direction() -> None:
     event = real_priors.rostock_event(path)
     mechanism, data = real_priors.machine(event, "single", start="start", loose=True, steps=True)
     found = predict_identifiability(Problem(mechanism, data, mechanism.free), "prior")
-    assert ("length", "ratio") in [(t.one, t.other) for t in found.twins]
-    assert found.scale is not None and found.scale.held and found.scale.open
+    assert ("length", "ratio") in [(t.one, t.other) for t in found.collinear]
+    assert found.scale is not None and found.scale.prior_dominated and found.scale.open
 
 
 def test_leaning_towers_against_rods_on_touches_left_out() -> None:

@@ -16,10 +16,14 @@ import numpy as np
 import pytest
 
 from ppmcal.errors import BadInput
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_parts import Combination, NoiseCheck, ParameterEstimate
+from ppmcal.io.results.identification_wording import combination, noise_verdict
+from ppmcal.io.results.record import Provenance, UnitNames
+from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
-from ppmcal.report.format import NBSP, probability, sig, to_sigma
-from ppmcal.report.headlines import noise_verdict, redundancy
+from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.records import Identified, Simulated
 from ppmcal.report.residuals import envelope, spread
 from ppmcal.report.svg import Axis, span
@@ -93,7 +97,7 @@ def identification(name: str = "bench", inputs: dict[str, str] | None = None) ->
              "sigma_data": None, "tolerance": 0.4, "unit": "mm", "status": "redundant"},
             {"name": "leg1.lateral", "nominal": 0.0, "value": 0.0, "error": 0.0, "sigma": None,
              "tolerance": None, "unit": "mm", "status": "fixed"}],
-        "rank": 4, "columns": ["a", "b", "c", "d", "e"],
+        "rank": 4, "columns": 5,
         "redundant": [{"name": "leg1.offset", "depends_on": {"leg2.offset": -0.5, "frame.x": 1.0}}],
         "iterations": 5, "converged": True,
         "residual": {"before": {"position": figures, "rotation": turn, "closure": gap},
@@ -130,9 +134,8 @@ def write_simulation(folder: Path, rows: int = 12) -> Path:
     write_csv(folder / "measurements.csv", {"x": 500 + 80 * np.cos(t), "y": 290 + 80 * np.sin(t),
                                             "rz": t, "q_leg1": t})
     (folder / "truth.json").write_text(json.dumps(
-        {"errors": {"leg1.base.point.x": 0.4972, "leg1.offset": 0.002},
-         "parameters": [{"name": "leg1.offset", "unit": "m", "error": 0.002}],
-         "units": {"length": "mm", "angle": "deg"}, "seed": 7}))
+        {"errors": {"leg1.base.point.x": 0.0004972, "leg1.offset": 0.002},
+         "units": {"length": "m", "angle": "deg"}, "provenance": {"seed": 7}}))
     return folder
 
 
@@ -228,15 +231,15 @@ def test_truth_of_measurements_simulated_again_is_compared(tmp_path: Path) -> No
 
 
 def test_truth_of_a_ratio_is_compared_in_the_units_of_the_fit() -> None:
-    ratio = {"name": "leg1.ratio", "error": 2e-5, "sigma": 1e-5, "unit": "m/unit"}
-    truth = {"errors": {"leg1.ratio": 0.02}, "units": {"length": "mm", "angle": "deg"}}
-    one = Identified("fit", {"provenance": {"inputs": {"1": "x"}}}, (ratio,))
+    ratio = ParameterEstimate(name="leg1.ratio", error=2e-5, sigma=1e-5, unit="m/unit")
+    truth = TruthRecord(errors={"leg1.ratio": 0.02}, units=UnitNames(length="mm", angle="deg"))
+    own = Provenance(inputs={"1": "x", "2": "y"})
+    one = Identified("fit", IdentificationRecord(parameters=(ratio,), provenance=own))
     (c,) = compare([one], [Simulated("sim", truth, None, "x")])
     assert c.rows[0].true == pytest.approx(2e-5)
-    odd = {"errors": {"leg1.ratio": {"error": 0.02, "unit": "mm"}, "a": 1.0}}
-    a = {"name": "a", "error": 1.0}
-    own = {"provenance": {"inputs": {"1": "x", "2": "y"}}}
-    found = compare([Identified("fit", own, (ratio, a))],
+    odd = TruthRecord(errors={"leg1.ratio": 0.02, "a": 1.0}, units=UnitNames(length="ell"))
+    both = (ratio, ParameterEstimate(name="a", error=1.0))
+    found = compare([Identified("fit", IdentificationRecord(parameters=both, provenance=own))],
                     [Simulated("sim", odd, None, "x"), Simulated("again", odd, None, "y")])
     assert [c.note for c in found] == ["Units do not match and are left out: leg1.ratio."] * 2
 
@@ -283,7 +286,7 @@ def test_page_says_it_all_with_units(everything: list[Path]) -> None:
     for piece in (f"from 0.512{NBSP}mm to 0.00612{NBSP}mm", f"is 0.00655{NBSP}mm on poses",
                   "11 of 12 measurements", "agrees with the stated noise (ratio 1.02",
                   "1 of 12 rows left out", "1 parameter more than 3 tolerances",
-                  "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.500 × leg2.offset",
+                  "outlier: 7.0 times the noise", "leg1 too long", "frame.x − 0.5 × leg2.offset",
                   "m.yaml: units: odd unit", "at rz 0", "10.4934 … 10.5090", "10.5012",
                   "Error vectors in the plane, after", "ppmcal identify m.yaml"):
         assert piece in text, piece
@@ -342,7 +345,7 @@ def test_parameters_csv_alone_is_enough(tmp_path: Path) -> None:
         "status": ["redundant"]})
     data = collect([tmp_path])
     assert to_json(data)["identifications"][0]["parameters"][0]["value"] == 1.25
-    assert data.identified[0].parameters[0]["sigma_data"] is None
+    assert data.identified[0].record.parameters[0].sigma_data is None
     assert "1.250" in to_html(data)
 
 
@@ -499,8 +502,10 @@ def test_numbers_have_sensible_digits() -> None:
 
 
 def test_noise_verdicts() -> None:
-    assert noise_verdict({"sigma_ratio": 3.0, "chi2_p": 1e-9})[1] is False
-    assert "smaller" in noise_verdict({"sigma_ratio": 0.2, "chi2_p": 1.0})[0]
-    assert "agrees" in noise_verdict({"sigma_ratio": 1.0, "chi2_p": 0.4})[0]
-    assert noise_verdict({}) == ("", True)
-    assert redundancy({"name": "a"}) == "a has no effect on these measurements."
+    assert noise_verdict(NoiseCheck(sigma_ratio=3.0, chi2_p=1e-9))[1] is False
+    assert "smaller" in noise_verdict(NoiseCheck(sigma_ratio=0.2, chi2_p=1.0))[0]
+    assert "agrees" in noise_verdict(NoiseCheck(sigma_ratio=1.0, chi2_p=0.4))[0]
+    assert noise_verdict(NoiseCheck()) == ("", True)
+    assert typeset("p = 1.2e-09, -0.5*a - b +- 2 chi-squared of leg-1") == (
+        "p = 1.2·10⁻⁹, −0.5 × a − b ± 2 χ² of leg-1")
+    assert combination(Combination(name="a")) == "nothing: no effect on these measurements"

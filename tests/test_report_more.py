@@ -17,11 +17,14 @@ from commands import ppmcal
 from test_report import cells, read
 
 from ppmcal.errors import BadInput
+from ppmcal.io.results.comparison import ComparisonRecord, platform_sentence, verdict_sentence
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.report import collect, to_html, to_json
-from ppmcal.report.format import NBSP, sig, to_sigma
+from ppmcal.report.format import sig, to_sigma, typeset
 
 ROOT = Path(__file__).parents[1]
-LATER = {"identification.json": ("untold", "blunders", "flats"),
+LATER = {"identification.json": ("identifiability", "gross_errors", "flats"),
          "comparison.json": ("findings",),
          "export.json": ("number_units", "title", "said", "over", "advice", "files")}
 """Keys that older versions did not write."""
@@ -87,8 +90,8 @@ def test_comparison(folders: Path) -> None:
                        f"± {sig(1.96 * change['sigma'], 2)}", "mm"]
     assert row[5] == (", ".join(change["instead"]) or "nothing else")
     moved = found["platform"]["position"]
-    assert (f"the platform is {sig(moved['rms'])}{NBSP}mm rms and {sig(moved['max'])}{NBSP}mm at "
-            "most from where it was") in text
+    assert (f"the platform is {moved['rms']:.4g} mm rms and {moved['max']:.4g} mm at most from "
+            "where it was") in text
     rows = cells(html, "All parameters")
     assert len(rows) == 1 + len(found["parameters"])
     best = min(found["parameters"], key=lambda p: p["p_alone"])
@@ -187,41 +190,61 @@ def test_what_is_not_told_in_the_words_of_the_console(folders: Path, tmp_path: P
                  tmp_path / "o", cwd=folders, expect=1)
     said = " ".join(run.out.split())
     html, _ = page(tmp_path / "o")
-    block = html.partition("What these data do not tell</h3>")[2].partition("</ul>")[0]
+    block = html.partition("Identifiability</h3>")[2].partition("</ul>")[0]
     lines = re.findall(r"<li>(.*?)</li>", block)
     assert [t.split(" ")[0] for t in lines][:2] == ["Scale:", "length"]
     assert all(t.replace("±", "+-") in said for t in lines)
 
 
+def test_console_and_report_say_one_sentence(folders: Path, tmp_path: Path) -> None:
+    run = ppmcal("compare", "idA", "idB", "--out", tmp_path / "c", cwd=folders, expect=1)
+    found = ComparisonRecord.read(tmp_path / "c" / "comparison.json")
+    _, text = page(tmp_path / "c")
+    for sentence in (verdict_sentence(found), platform_sentence(found)):
+        assert sentence and sentence in " ".join(run.out.split())
+        assert typeset(sentence) in text
+    run = ppmcal("identify", "3-RPR.yaml", "A/measurements.csv", "--out", tmp_path / "i",
+                 cwd=folders, expect=0)
+    fit = IdentificationRecord.read(tmp_path / "i" / "identification.json")
+    verdict, fine = noise_verdict(fit.noise)
+    assert fine and verdict in " ".join(run.out.split())
+    html, text = page(tmp_path / "i")
+    assert typeset(verdict[1:]) in text
+    shown = html.partition("Unidentifiable combinations</h3>")[2].partition("</table>")[0]
+    rows = re.findall(r'<tr><th scope="row">(.*?)</th><td class="wrap">(.*?)</td></tr>', shown)
+    assert [re.sub("<wbr>", "", name) for name, _ in rows] == [c.name for c in fit.redundant]
+    assert [t for _, t in rows] == [typeset(combination(c)) for c in fit.redundant]
+
+
 def test_rows_that_do_not_belong(folders: Path) -> None:
     html, text = page(folders / "fit")
     found = record(folders / "fit", "identification.json")
-    (row,) = found["blunders"]["rows"]
+    (row,) = found["gross_errors"]["rows"]
     assert cells(html, "What those rows say")[1] == [
         "heights", "8", "height", "−0.9",
         f"{row['predicted']:.6g}".replace("-", "−"), "mm", sig(row["times"])]
     shown = {r[0]: r[1:] for r in cells(html, "What parameters would be")[1:]}
-    assert set(shown) == set(found["blunders"]["would_be"])
-    for name, e in found["blunders"]["would_be"].items():
+    assert set(shown) == set(found["gross_errors"]["would_be"])
+    for name, e in found["gross_errors"]["would_be"].items():
         unit = next(p["unit"] for p in found["parameters"] if p["name"] == name)
         assert shown[name] == [f"{e['now']:.6g}", f"{e['with_them']:.6g}", unit]
-    assert "Rows that do not belong" in text
+    assert "Gross errors" in text
 
 
 def test_moved_zeros_unchecked_rows_and_flats(folders: Path, tmp_path: Path) -> None:
     found = record(folders / "touches", "identification.json")
-    found["blunders"] |= {
-        "zeros_moved": [{"session": "tuesday", "actuator": "a", "value": 0.25, "sigma": 0.01,
+    found["gross_errors"] |= {
+        "homing_shifts": [{"session": "tuesday", "actuator": "a", "value": 0.25, "sigma": 0.01,
                          "unit": "mm", "p_value": 1e-9}],
         "unchecked": [{"dataset": "calipers", "rows": [3]}]}
     found["flats"] = [{"dataset": "heights", "smooth": 0.021, "scatter": 0.004, "degree": 2,
                        "p_value": 1e-5, "unit": "mm"}]
     (tmp_path / "identification.json").write_text(json.dumps(found))
     _, text = page(tmp_path)
-    for piece in ("the zero of a moved in tuesday: by +0.25 ± 0.02 mm against the others",
+    for piece in ("the homing offset of a shifted in tuesday: by +0.25 ± 0.02 mm against",
                   "Unchecked: in calipers row 3: nothing else tells what they tell",
                   "heights: 0.021 mm rms of what is left is smooth over the flat",
-                  "touches scatter 0.004 mm about it (p = 1e-05)"):
+                  "touches scatter 0.004 mm about it (p = 1·10⁻⁵)"):
         assert piece in text, piece
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from ppmcal.controllers import klipper
 from ppmcal.controllers.klipper import drive_of
-from ppmcal.controllers.klipper_fit import misses_at
+from ppmcal.controllers.klipper_fit import error_summary
 from ppmcal.controllers.reprap import delta_of, geometry_of, project, reached, travel
 from ppmcal.controllers.reprap_config import Delta, format_delta, parse_lines, read_delta
 from ppmcal.io import read_mechanism
@@ -238,7 +238,7 @@ def test_a_bent_machine_is_driven_with_its_lines(tmp_path: Path) -> None:
 
 def test_single_numbers_move_alone(tmp_path: Path) -> None:
     start = project(read_mechanism(CONFIGS / "delta-linear.yaml"))
-    assert start.after.max < 1e-7 and start.new == start.old and not start.lacks
+    assert start.after.max < 1e-7 and start.new == start.old and not start.not_expressed
     for change, moves in (
             ({t: {"length": 250.4} for t in "abc"}, {"rods": 0.4}),
             ({"b": {"base.point": {"radius": 160, "angle": 331, "z": 0},
@@ -325,7 +325,7 @@ def test_the_tilt_of_the_bed_would_add_next_to_nothing(tmp_path: Path) -> None:
     def left(p: np.ndarray) -> np.ndarray:
         delta = Delta(p[0], tuple(p[1:4]), 0.0, (p[4], p[5], 0.0), tuple(p[6:9]), tuple(p[9:]))
         at = reached(drive, delta, points)
-        laid_by = misses_at(at, points)
+        laid_by = error_summary(at, points).removed
         flat = np.exp(1j * laid_by.turn) * (at[:, 0] + 1j * at[:, 1]) + complex(*laid_by.shift)
         return (np.stack([flat.real, flat.imag, at[:, 2]], axis=-1) - points).ravel() * 1e3
 
@@ -340,7 +340,8 @@ def test_the_tilt_of_the_bed_would_add_next_to_nothing(tmp_path: Path) -> None:
 def test_a_changed_drive_ratio_is_told_as_steps_per_mm(tmp_path: Path) -> None:
     path = changed(tmp_path, {"c": {"ratio": {"value": 1.001, "nominal": 1.0, "tolerance": 0.01}}})
     found = project(read_mechanism(path))
-    assert "divide its steps per mm (M92)" in found.lacks[0].what and "1.001" in found.lacks[0].what
+    what = found.not_expressed[0].what
+    assert "divide its steps per mm (M92)" in what and "1.001" in what
 
 
 def test_towers_named_x_y_z_are_found_in_any_order(tmp_path: Path) -> None:

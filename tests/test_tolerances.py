@@ -156,17 +156,17 @@ def test_no_scheduler_is_refused(tmp_path: Path) -> None:
 def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None:
     """Five machines, each measured and identified on its own with the same noise."""
     one = fleet(name, kind, 40)
-    recipe, m = one.recipe, one.mechanism
+    setup, m = one.setup, one.mechanism
     rng = np.random.default_rng(4)
     g = np.tile(m.values, (5, 1))
     g[:, list(one.wanted)] += rng.normal(size=(5, len(one.wanted))) * one.sigma
     width = len(coordinates_of(kind, m.motion))
-    noise = rng.normal(size=(5, len(recipe.q), width))
-    found = calibrate(recipe, recipe.linear, g, noise)
+    noise = rng.normal(size=(5, len(setup.q), width))
+    found = calibrate(setup, setup.linear, g, noise)
     assert found.settled.all()
-    sigma = recipe.linear.sigma[:len(recipe.problem.free)]
+    sigma = setup.linear.sigma[:len(setup.problem.free)]
     for i in range(5):
-        data = measured(recipe, g[i], noise[i])
+        data = measured(setup, g[i], noise[i])
         fit = identify(Problem(m, (data,), m.free), FitOptions(robust=False))
         free = list(m.free)
         # the chord's fixed point differs from Gauss-Newton's by second order only
@@ -175,11 +175,11 @@ def test_the_fleet_is_calibrated_as_identify_would(name: str, kind: str) -> None
         assert rms((found.g[i, free] - g[i, free]) / sigma) < 2.0
 
 
-def measured(recipe: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Dataset:
-    """What the recipe's instrument shows of one machine, as a data set."""
-    m, instrument = recipe.mechanism, recipe.instrument
-    real, _, _ = newton(Model(m, g).closure(recipe.q), pose_motor(recipe.pose))
-    clean = instrument.dataset(recipe.q, pose_vector(real), {}, m.motion == "planar")
+def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Dataset:
+    """What the setup's instrument shows of one machine, as a data set."""
+    m, instrument = setup.mechanism, setup.instrument
+    real, _, _ = newton(Model(m, g).closure(setup.q), pose_motor(setup.pose))
+    clean = instrument.dataset(setup.q, pose_vector(real), {}, m.motion == "planar")
     if instrument.kind in ("plane", "distance"):
         return replace(clean, value=clean.value + instrument.sigma_value * noise[:, 0])
     pick = list(coordinates_of(instrument.kind, m.motion))
@@ -200,7 +200,7 @@ def test_linear_prediction_and_machines_drawn_agree(name: str) -> None:
     found = together([run(one, b) for b in batches(200, 5)])
     compared = check(one, found.built)
     assert compared.agrees.mean() > 0.9
-    expected = predicted(one.recipe, one.tasks.q, pose_vector(one.tasks.motor))
+    expected = predicted(one.setup, one.tasks.q, pose_vector(one.tasks.motor))
     assert rms(found.calibrated.position) == pytest.approx(rms(expected), rel=0.15)
     assert rms(found.calibrated.position) < rms(found.registered.position) < 1.2 * rms(
         found.built.position)
@@ -211,9 +211,9 @@ def test_what_too_few_drives_cannot_command_is_left(name: str) -> None:
     """Next to perfect knowledge: what remains is what the named coordinates do not settle."""
     one = fleet(name)
     m, tasks = one.mechanism, one.tasks
-    instrument = replace(one.recipe.instrument, sigma_position=1e-8, sigma_rotation=1e-8,
-                         frame=replace(one.recipe.instrument.frame, fitted=False))
-    one = replace(one, recipe=replace(one.recipe, instrument=instrument))
+    instrument = replace(one.setup.instrument, sigma_position=1e-8, sigma_rotation=1e-8,
+                         frame=replace(one.setup.instrument.frame, fitted=False))
+    one = replace(one, setup=replace(one.setup, instrument=instrument))
     count_, seed = batches(8, 5)[0]
     found = run(one, (count_, seed))
     g = np.tile(m.values, (8, 1))
@@ -266,7 +266,7 @@ def test_the_check_says_where_the_linear_model_is_wrong() -> None:
     poses = np.array([[0.5, 0.288675, 0, 0, 0, np.radians(r)] for r in (30.0, 0.25)])
     table = inverse_table(Model(m), poses)
     near = replace(one, tasks=Poses(table.q, pose_motor(poses), np.array([0.2, 0.0, 0.0])),
-                   recipe=None)
+                   setup=None)
     found = together([run(near, b) for b in batches(600, 5)])
     assert check(near, found.built).agrees.tolist() == [True, False]
 
@@ -427,5 +427,5 @@ def test_bad_options_are_refused(name: str, options: tuple[str, ...], words: str
 
 def test_natural_units_are_those_of_the_columns() -> None:
     one = fleet("3-RPR")
-    assert column_scale(one.recipe.problem).shape == one.recipe.linear.sigma.shape
-    assert isinstance(one.recipe.instrument, Instrument)
+    assert column_scale(one.setup.problem).shape == one.setup.linear.sigma.shape
+    assert isinstance(one.setup.instrument, Instrument)

@@ -14,7 +14,7 @@ from ppmcal.api.inputs import Path_, source_of
 from ppmcal.api.result import Result
 from ppmcal.calibration.change_detection import Comparison, between
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.comparison import ComparisonRecord
+from ppmcal.io.results.comparison import ComparisonRecord, verdict_sentence
 from ppmcal.io.results.knowledge import read_knowledge, read_posterior
 from ppmcal.model.mechanism import Mechanism
 
@@ -42,11 +42,7 @@ class ComparisonResult(Result):
 
     def headline(self) -> str:
         """Return whether the machine has changed."""
-        found = self.comparison
-        return (f"{self.mechanism.name}: {len(found.names)} parameters; "
-                + ("the machine has changed" if found.changed else "nothing has changed")
-                + f" (chi-squared {found.chi2:.4g} of {found.freedom} degrees, p = "
-                f"{found.p_value:.2g}).")
+        return verdict_sentence(self.record)
 
 
 def compare(old: Path_, new: Path_) -> ComparisonResult:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -25,9 +26,9 @@ from ppmcal.calibration.model_averaging import Readings, Targets, averaged
 from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.poses import PoseTable
+from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, command_files
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
-from ppmcal.io.results.tables import command_files
 from ppmcal.kinematics.effect_response import missing_columns
 from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism, Registration
@@ -65,15 +66,24 @@ class CompensationResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return commands.csv and commands.json."""
+        return dict(self._made[0])
+
+    @property
+    def record(self) -> CommandsRecord:
+        """The content of commands.json."""
+        return self._made[1]
+
+    @cached_property
+    def _made(self) -> tuple[dict[str, str], CommandsRecord]:
         header, columns = self.targets
-        return dict(command_files(self.mechanism, self.compensation, header, list(columns),
-                                  self.provenance, list(self.notes)))
+        return command_files(self.mechanism, self.compensation, header, list(columns),
+                             self.provenance, self.notes)
 
     def headline(self) -> str:
         """Return how many targets have commands."""
         total = len(self.compensation.status)
-        return (f"{self.mechanism.name}: {total - len(self.refused)} of {total} targets have "
-                f"commands, in the frame of {self.frame or 'the base'}.")
+        return (f"{self.mechanism.name}: {accepted_sentence(total - len(self.refused), total)}, "
+                f"in the frame of {self.frame or 'the base'}.")
 
     def errors(self) -> tuple[float | None, float | None]:
         """Return rms position errors predicted without and with correction, m; None: unknown."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from ppmcal.api.identify import with_unit_findings
 from ppmcal.api.inputs import Machine, Measurements, data_files, prepared, source_of
@@ -18,11 +18,11 @@ from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.diagnose import diagnose as diagnosed
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.output import plain
-from ppmcal.io.results.diagnosis import files, summary
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_files import files
+from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.report.diagnosis_wording import VERDICTS
 from ppmcal.report.figure_files import diagnosis_files, need_png
 
 
@@ -64,22 +64,18 @@ class DiagnosisResult(Result):
         return Readings(tuple(r for r in others if r.effect), bare[-1] if bare else None)
 
     @cached_property
-    def record(self) -> dict[str, Any]:
+    def record(self) -> DiagnosisRecord:
         """The content of diagnosis.json, file units."""
-        return summary(self.diagnosis, self.provenance)
+        return DiagnosisRecord.of(self.diagnosis, self.provenance)
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return model.yaml, effects.csv, residuals.csv, diagnosis.json, ... and pictures."""
         return {**files(self.diagnosis, self.provenance, self.record),
-                **diagnosis_files(plain(self.record), self.png)}
+                **diagnosis_files(self.record, self.png)}
 
     def headline(self) -> str:
-        """Return the verdict, the effects that are named, and the gap."""
-        found = self.diagnosis
-        words = VERDICTS[found.verdict]
-        if found.verdict == "named" and len({e.kind for e in found.effects}) > 1:
-            words = "The missing effects are named."
-        return f"{self.mechanism.name}: {words}"
+        """Return the verdict with the effects that are named."""
+        return headline(self.record)
 
 
 def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | str = (),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -30,7 +31,7 @@ from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.validation import Residuals
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import read_mechanism, unit_findings
-from ppmcal.io.results.identification import files, summary
+from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
@@ -96,21 +97,19 @@ class IdentificationResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return identified.yaml, parameters.csv, residuals.csv and identification.json."""
-        return dict(files(self.identification, self.provenance, self.method))
+        return dict(self.record.files(self.identification))
 
-    def summary(self) -> dict[str, Any]:
-        """Return the content of identification.json without the covariance."""
-        return summary(self.identification, self.provenance, self.method, False)
+    @cached_property
+    def record(self) -> IdentificationRecord:
+        """The content of identification.json, file units."""
+        return IdentificationRecord.of(self.identification, self.provenance, self.method)
 
     def headline(self) -> str:
         """Return parameters, rank and the error before and after."""
-        found, unit = self.identification, self.mechanism.units
-        before, after = (r.figures(found.fit.keep) for r in (found.before, found.after))
-        name = next(iter(after), "")
-        f = unit.factor("angle" if name == "rotation" else "length")
-        errors = "" if not name else (
-            f"; {name} error {before[name]['rms'] / f:.4g} -> {after[name]['rms'] / f:.4g} "
-            f"{unit.name('angle' if name == 'rotation' else 'length')} rms")
+        found, stages = self.identification, self.record.residual
+        errors = "".join(
+            f"; {name} error {stages.before[name].rms:.4g} -> {after.rms:.4g} {after.unit} rms"
+            for name, after in list(stages.after.items())[:1])
         return (f"{self.mechanism.name}: {len(found.fit.problem.free)} parameters, rank "
                 f"{found.rank} of {len(found.columns)}{errors}")
 
@@ -164,7 +163,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     options = FitOptions(chosen, damping, not keep_outliers and method != "damped", iterations)
     problem = Problem(machine, datasets, machine.free, earlier=before.data() if before else None)
     if prior == "flat":
-        _refuse_lost(problem, machine.source)
+        _refuse_unobservable(problem, machine.source)
     with with_unit_findings(machine, datasets) as units:
         progress("comparing the measurements with the nominal machine")
         refuse_misread(problem)
@@ -189,11 +188,11 @@ def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
             raise BadInput(f"'{value}' is not a {name}", f"--{name}",
                            f"There are: {', '.join(allowed)}")
     if sigma == "estimated" and method == "damped":
-        raise BadInput("goes with --method prior or gcv", "--sigma estimated", "Choose one")
+        raise BadInput("--sigma estimated goes with --method prior or gcv", "", "Choose one")
     if method != "prior" and prior == "flat":
-        raise BadInput(f"goes with --method prior, not {method}", "--prior flat", "Choose one")
+        raise BadInput(f"--prior flat goes with --method prior, not {method}", "", "Choose one")
     if keep and method == "damped":
-        raise BadInput("goes with --method prior or gcv", "--keep", "Choose one")
+        raise BadInput("--keep goes with --method prior or gcv", "", "Choose one")
 
 
 @contextmanager
@@ -234,10 +233,10 @@ def _fit(problem: Problem, options: FitOptions, sigma: str, progress: Callable[[
     return fit, odd, told
 
 
-def _refuse_lost(problem: Problem, source: str) -> None:
+def _refuse_unobservable(problem: Problem, source: str) -> None:
     """Refuse a fit without tolerances that nothing keeps from shrinking or growing."""
     scale = predict_identifiability(problem, "flat").scale
-    if scale is not None and scale.lost:
+    if scale is not None and scale.unobservable:
         raise BadInput("these data do not hold the machine's size, and without tolerances "
                        "nothing else does: the fit would run off", f"{source} with --prior flat",
                        "Keep the tolerances, fix the lengths or the drives (fixed: true), or add "

@@ -17,7 +17,7 @@ from ppmcal.design.intersection import forward_by_intersection
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_joints, read_poses, twists
 from ppmcal.io.grid import read_point
-from ppmcal.io.results.tables import Shown, kinematics_files
+from ppmcal.io.results.kinematics import PoseFormat, kinematics_files, solved_sentence
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, shifted
@@ -33,7 +33,6 @@ from ppmcal.kinematics.tables import (
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.wording import counted
 
 WHICH = ("inverse", "forward", "velocity")
 
@@ -45,7 +44,7 @@ class KinematicsResult(Result):
     Attributes:
         mechanism: the machine; which: ``inverse``, ``forward`` or ``velocity``.
         table: joint values, poses, rates, conditioning, status and reason of each row, SI.
-        shown: tool point, measured poses and convention of rotations in the files.
+        form: tool point, measured poses and convention of rotations in the files.
         given: header and columns of the table as it was given.
     """
 
@@ -55,7 +54,7 @@ class KinematicsResult(Result):
     mechanism: Mechanism
     which: str
     table: KinematicsTable
-    shown: Shown
+    form: PoseFormat
     given: tuple[tuple[str, ...], tuple[Any, ...]]
 
     @property
@@ -66,7 +65,7 @@ class KinematicsResult(Result):
     @property
     def pose(self) -> Array:
         """Poses (N, 6): x, y, z in m, rotation vector in rad; of the tool if there is one."""
-        return self.table.pose if self.shown.pose is None else self.shown.pose
+        return self.table.pose if self.form.pose is None else self.form.pose
 
     @property
     def failed(self) -> list[tuple[int, str, str]]:
@@ -78,7 +77,7 @@ class KinematicsResult(Result):
     def _made(self) -> tuple[dict[str, str], int]:
         header, columns = self.given
         return kinematics_files(self.mechanism, self.table, header, list(columns), self.which,
-                                self.provenance, self.shown)
+                                self.provenance, self.form)
 
     @property
     def gimbal_lock(self) -> int:
@@ -92,8 +91,8 @@ class KinematicsResult(Result):
     def headline(self) -> str:
         """Return how many rows are ok."""
         total = len(self.table.status)
-        return (f"{self.mechanism.name}: {self.which} kinematics of {counted(total, 'row')}, "
-                f"{total - len(self.failed)} ok.")
+        return (f"{self.mechanism.name}: {self.which} kinematics, "
+                f"{solved_sentence(total - len(self.failed), total)}.")
 
 
 def inverse(mechanism: Machine, poses: Any, *, tool: str | Sequence[float] | None = None,
@@ -170,11 +169,11 @@ def kinematics(which: str, mechanism: Machine, table: Any, *,
     if which not in WHICH:
         raise unknown("kinematics", which, WHICH)
     if which != "forward" and (dataset is not None or method != "newton"):
-        raise BadInput("goes with forward", "--dataset" if dataset is not None else "--method",
-                       "Leave it out")
+        option = "--dataset" if dataset is not None else "--method"
+        raise BadInput(f"{option} goes with forward", "", "Leave it out")
     if dataset is not None and tool is not None:
         raise BadInput("--tool and --dataset do not go together: the instrument measures its own "
-                       "target", "--dataset", "Leave one of them out")
+                       "target", "", "Leave one of them out")
     machine = load(mechanism)
     point, convention = _point(tool, machine), check_convention(rotation, machine)
     found, rows = _solved(which, machine, table, (point, convention), method)
@@ -183,10 +182,10 @@ def kinematics(which: str, mechanism: Machine, table: Any, *,
         pose = _as_measured(machine, dataset, found, rows)
     elif point is not None:
         pose = tool_poses(Model(machine), found.pose, point)
-    shown = Shown(point, pose, convention, method if which == "forward" else "")
+    form = PoseFormat(point, pose, convention, method if which == "forward" else "")
     names = [f"q_{a}" for a in machine.actuators] if which == "forward" else machine.coordinates
     source = source_of("kinematics", [*machine.inputs, *files_of(table)], None)
-    return KinematicsResult(source, (), machine, which, found, shown, table_columns(table, names))
+    return KinematicsResult(source, (), machine, which, found, form, table_columns(table, names))
 
 
 def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | None:

@@ -119,14 +119,14 @@ def observability(singular: Array, rank: int, poses: int) -> dict[str, float]:
 
 
 SHARE = 0.7
-"""A distance is held by tolerances where they leave less than this part of what the data do."""
+"""The prior dominates a distance where it leaves less than this part of what the data do."""
 MATTERS = 1e-5
 """And where it is known no better than this part of it."""
 LOOSE, LOST = 1e-3, 0.02
 """Without tolerances scale is open where a distance is known no better than this part of it, and
-a fit would run off where no better than that."""
+unobservable, so that a fit would run off, where no better than that."""
 ONE = 0.95
-"""Two kinds of parameter are one direction from this correlation on, tolerances aside."""
+"""Two kinds of parameter are collinear from this correlation on, tolerances aside."""
 OPEN = 0.3
 """And where each of the two keeps more than this part of its tolerance."""
 WEAK = 0.01
@@ -141,12 +141,12 @@ class Scale:
     """How well a distance between two measured positions is known, m.
 
     ``length``: their distance; ``sigma``: its standard deviation with the tolerances,
-    ``alone`` by the data alone (inf where they leave it open).
+    ``sigma_data`` by the data alone (inf where they leave it open).
     """
 
     length: float
     sigma: float
-    alone: float
+    sigma_data: float
 
     @property
     def needed(self) -> float:
@@ -154,25 +154,25 @@ class Scale:
         return float(np.sqrt(3.0) * CALIPER * self.length / self.sigma) if self.sigma else 0.0
 
     @property
-    def held(self) -> bool:
-        """Whether tolerances, more than the data, hold the machine's size."""
-        return self.sigma < SHARE * self.alone
+    def prior_dominated(self) -> bool:
+        """Whether tolerances, more than the data, constrain the machine's size."""
+        return self.sigma < SHARE * self.sigma_data
 
     @property
-    def lost(self) -> bool:
-        """Whether a fit has nothing that holds its size."""
-        return not self.held and self.sigma > LOST * self.length
+    def unobservable(self) -> bool:
+        """Whether neither data nor prior constrain the machine's size."""
+        return not self.prior_dominated and self.sigma > LOST * self.length
 
     @property
     def open(self) -> bool:
-        """Whether these data leave scale to the drawing, or to nothing."""
-        least = MATTERS if self.held else LOOSE
+        """Whether these data leave scale to the prior, or to nothing, by an amount that matters."""
+        least = MATTERS if self.prior_dominated else LOOSE
         return self.sigma > least * self.length
 
 
 @dataclass(frozen=True)
 class CollinearParameters:
-    """Two kinds of slot that act as one; ``each``: limb by limb, not only all together."""
+    """Two kinds of slot exactly correlated; ``each``: limb by limb, not only all together."""
 
     one: str
     other: str
@@ -182,10 +182,10 @@ class CollinearParameters:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What the data do not tell; ``scale`` None where it could not be judged."""
+    """What the data cannot identify; ``scale`` None where it could not be judged."""
 
     scale: Scale | None
-    twins: tuple[CollinearParameters, ...]
+    collinear: tuple[CollinearParameters, ...]
 
 
 def predict_identifiability(problem: Problem, method: str) -> Identifiability:
@@ -201,7 +201,7 @@ def identifiability(fit: Fit) -> Identifiability:
     if not fit.problem.free:
         return Identifiability(None, ())
     return Identifiability(
-        _scale(fit), tuple(sorted(_twins(fit), key=lambda t: -abs(t.correlation)))
+        _scale(fit), tuple(sorted(_collinear(fit), key=lambda t: -abs(t.correlation)))
     )
 
 
@@ -254,7 +254,7 @@ def _spread(fit: Fit, slope: Array, prior: Array) -> float:
     return float(np.linalg.norm((vt[seen] @ row) / s[seen]))
 
 
-def _twins(fit: Fit) -> Iterator[CollinearParameters]:
+def _collinear(fit: Fit) -> Iterator[CollinearParameters]:
     """Yield kinds of slot whose common value the data see only together."""
     count, scale = len(fit.problem.free), fit.scale[:len(fit.problem.free)]
     after = posterior(fit)[:count, :count] / np.outer(scale, scale)

@@ -137,16 +137,16 @@ class GrossErrors:
     """What does not belong.
 
     ``rows``: left out; ``would``: parameter -> (value now, value with those rows), SI;
-    ``unchecked``: (data set, CSV rows) that nothing else checks; ``shifts``: of zeros.
+    ``unchecked``: (data set, CSV rows) that nothing else checks; ``homing_shifts``: of joints.
     """
 
     rows: tuple[GrossError, ...]
     would: dict[str, tuple[float, float]]
     unchecked: tuple[tuple[str, tuple[int, ...]], ...]
-    shifts: tuple[HomingShift, ...]
+    homing_shifts: tuple[HomingShift, ...]
 
 
-def blunders(fit: Fit) -> GrossErrors:
+def find_gross_errors(fit: Fit) -> GrossErrors:
     """Return what does not belong in a fit's data."""
     covariance = prediction_covariance(fit)
     rows = tuple(_left_out(fit))

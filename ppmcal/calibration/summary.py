@@ -23,7 +23,7 @@ from ppmcal.calibration.identifiability import (
 )
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.noise import Noise, noise_check, with_noise
-from ppmcal.calibration.outliers import GrossErrors, blunders
+from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.validation import Residuals, held_out, on_other, register_only, residuals
@@ -97,7 +97,7 @@ class Identification:
     holdout_note: str
     findings: tuple[str, ...]
     identifiability: Identifiability
-    blunders: GrossErrors
+    gross_errors: GrossErrors
     flats: tuple[Flat, ...] = ()
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
@@ -210,7 +210,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     noise = noise_check(fit)
     inflation = noise.inflation
     rank, total, redundant = rank_of(fit)
-    wrong = blunders(fit), tuple(flats(fit))
+    wrong = find_gross_errors(fit), tuple(flats(fit))
     fit = with_noise(fit, inflation, options)
     found = estimates(fit, rank)
     mechanism = with_estimates(fit, found)
@@ -260,8 +260,8 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                  if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance))
     if far and -far[0][0] > IMPLAUSIBLE:
         words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])
-        out.append(f"farther from the drawing than {IMPLAUSIBLE:.0f} of their tolerances: {words}"
-                   "; the drawing, the units or the data are wrong there")
+        out.append(f"more than {IMPLAUSIBLE:.0f} tolerances from nominal: {words}; the nominal "
+                   "values, the units or the data are wrong there")
     if fit.stopped:
         out.append(f"the fit was stopped {fit.stopped}: what these data see weakly is still near "
                    "its nominal value, which the intervals do not count")

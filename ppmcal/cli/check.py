@@ -16,14 +16,13 @@ from ppmcal.cli.common import FILE, Console, json_option, leave, number, plain_t
 @json_option
 def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
-    from ppmcal.calibration.check import check
-    from ppmcal.cli.common import load
-    from ppmcal.io import unit_findings
-    from ppmcal.io.results.identifiability import entry, sentences
+    from ppmcal.api.check import check
+    from ppmcal.api.inputs import prepared
+    from ppmcal.io.results.identifiability import IdentifiabilitySummary
 
     console = Console(quiet, as_json)
-    mechanism, datasets = load(mech, data, ())
-    result = check(mechanism, datasets, unit_findings(mechanism, datasets))
+    mechanism, datasets = prepared(mech, data)
+    result = check(mechanism, datasets)
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     console.say(f"{mechanism.name}: {mechanism.motion}, {len(mechanism.limbs)} limbs "
                 f"({', '.join(dict.fromkeys(limb.kind.name for limb in mechanism.limbs))}), "
@@ -44,10 +43,11 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     if result.unseen:
         console.say(f"Not seen at all: {', '.join(result.unseen)}.")
     if result.redundant:
-        console.say(f"Not told apart from others: {', '.join(result.redundant)}.")
-    if result.identifiability is not None:
-        for sentence in sentences(result.identifiability, mechanism):
-            console.say(sentence)
+        console.say(f"Redundant with others: {', '.join(result.redundant)}.")
+    identifiability = None if result.identifiability is None else IdentifiabilitySummary.of(
+        result.identifiability, mechanism)
+    for sentence in identifiability.sentences() if identifiability else ():
+        console.say(sentence)
     console.warn(result.findings)
     if not result.findings:
         console.say("No findings.")
@@ -71,9 +71,8 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
             "columns": result.columns,
             "unseen": list(result.unseen),
             "redundant": list(result.redundant),
-            "untold": None
-            if result.identifiability is None
-            else entry(result.identifiability, mechanism),
+            "identifiability": None if identifiability is None else
+            identifiability.model_dump(exclude_unset=True),
         }
     )
     leave(bool(result.findings))

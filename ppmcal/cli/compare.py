@@ -9,7 +9,6 @@ import click
 
 from ppmcal.cli.common import (
     Console,
-    command_line,
     finish,
     json_option,
     leave,
@@ -17,13 +16,10 @@ from ppmcal.cli.common import (
     out_option,
     plain_table,
     quiet_option,
-    same_machine,
 )
 
 if TYPE_CHECKING:
-    from ppmcal.calibration.change_detection import Comparison
     from ppmcal.io.results.comparison import ComparisonRecord
-    from ppmcal.model.mechanism import Mechanism
 
 PATH = click.Path(path_type=Path)
 SHOWN = 12
@@ -39,55 +35,38 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     """Tell what changed between two calibrations OLD and NEW of one machine.
 
     Both are folders that identify wrote (or the identified.yaml in them), from different
-    measurements. All parameters are judged together, with what each calibration did not know;
+    measurements. All parameters are judged together, with the covariance of both calibrations;
     the fewest that explain a change are named. Writes compare.csv and comparison.json.
     """
-    import numpy as np
-
-    from ppmcal.calibration.change_detection import between
-    from ppmcal.io import Output, provenance, read_mechanism
-    from ppmcal.io.results.comparison import ComparisonRecord
-    from ppmcal.io.results.knowledge import read_knowledge, read_posterior
+    from ppmcal.api.compare import compare
 
     console = Console(quiet, as_json)
-    first, second = (p / "identified.yaml" if p.is_dir() else p for p in (old, new))
-    mechanism = read_mechanism(second)
-    odd = same_machine(mechanism, read_mechanism(first), first)
-    paths = [p.with_name("identification.json") for p in (first, second)]
-    before, after = (read_posterior(p, mechanism) for p in paths)
-    knowledge = read_knowledge(paths[0], mechanism)
-    rng = np.random.default_rng(0)
-    found, notes = between(mechanism, before, after, knowledge.volume, rng)
-    notes = [*odd, *notes]
-    source = provenance([*mechanism.inputs, *(str(p) for p in paths)], command_line(), None)
-    record = ComparisonRecord.of(found, mechanism, source, notes)
-    with Output(out) as output:
-        for name, text in record.files().items():
-            output.add(name, text)
-    _show(found, record, mechanism, console)
-    console.warn(notes)
-    finish(out, list(output.files), console)
-    console.summary(record.entries())
-    leave(found.changed or bool(notes))
+    result = compare(old, new)
+    written = result.save(out)
+    _show(result.record, console)
+    console.warn(result.findings)
+    finish(out, [p.name for p in written], console)
+    console.summary(result.record.entries())
+    leave(result.comparison.changed or bool(result.findings))
 
 
-def _show(found: Comparison, record: ComparisonRecord, mechanism: Mechanism, console: Console
-          ) -> None:
+def _show(record: ComparisonRecord, console: Console) -> None:
     """Print what a person wants to know."""
     if not console.speaks:
         return
-    console.say(f"{mechanism.name}: {len(found.names)} parameters; "
-                + ("the machine has changed" if found.changed else "nothing has changed")
-                + f" (chi-squared {found.chi2:.4g} of {found.freedom} degrees, p = "
-                f"{found.p_value:.2g}).")
+    from ppmcal.io.results.comparison import (
+        platform_sentence,
+        remainder_sentence,
+        verdict_sentence,
+    )
+
+    console.say(verdict_sentence(record))
     for c in record.changes:
         instead = f"; it could as well be {', '.join(c.instead[:4])}" if c.instead else ""
         console.say(f"{c.name} changed by {c.value:+.4g} +- {1.96 * (c.sigma or 0.0):.2g} "
                     f"{c.unit} (95 %){instead}.")
-    if found.changed and not found.changes:
-        console.say("No single parameter explains it.")
-    elif found.changes and found.p_left < 0.01:
-        console.say(f"That does not explain all of it (p = {found.p_left:.2g} of the rest).")
+    if left := remainder_sentence(record):
+        console.say(left)
     rows = sorted(record.parameters, key=lambda r: r.p_alone or 0.0)
     console.table(plain_table(
         ["parameter", "new", "new - old", "+- 95 %", "unit", ""],
@@ -97,11 +76,5 @@ def _show(found: Comparison, record: ComparisonRecord, mechanism: Mechanism, con
         (1, 2, 3)))
     if len(rows) > SHOWN:
         console.say(f"The {SHOWN} likeliest to have changed; all {len(rows)} in compare.csv.")
-    if found.pose_difference is not None:
-        m, units = found.pose_difference, mechanism.units
-        f = units.factor("length")
-        turn = (f", {number(m.rotation_rms / units.factor('angle'))} {units.angle} rms"
-                if mechanism.motion != "translational" else "")
-        console.say(f"At the same joints the platform is {number(m.position_rms / f)} "
-                    f"{units.length} rms and {number(m.position_max / f)} {units.length} at most "
-                    f"from where it was{turn}, over {m.poses} poses of the volume measured before.")
+    if moved := platform_sentence(record):
+        console.say(moved)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import groupby
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,23 +12,19 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     FiniteRange,
-    command_line,
     finish,
     json_option,
     leave,
-    load,
     number,
     out_option,
     quiet_option,
     seed_option,
-    unit_findings_told,
 )
-from ppmcal.wording import counted, shorter
+from ppmcal.wording import where
 
 if TYPE_CHECKING:
-    from ppmcal.diagnosis.held_out_blocks import BlockGap
-    from ppmcal.diagnosis.hypotheses import Untestable
-    from ppmcal.diagnosis.result import Diagnosis, NamedEffect
+    from ppmcal.diagnosis.result import Diagnosis
+    from ppmcal.io.results.diagnosis import DiagnosisRecord, EffectValue, UntestableKind
 
 
 @click.command("diagnose")
@@ -61,100 +56,46 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     pictures gap.svg, actuators.svg, inputs.svg, ranking.svg and, where effects cannot be told
     apart, alternatives.svg.
     """
-    from dataclasses import replace
-
-    from ppmcal.calibration.misreading import refuse_misread
-    from ppmcal.calibration.problem import Problem
-    from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
-    from ppmcal.io import Output, provenance
-    from ppmcal.io.output import plain
-    from ppmcal.io.results.diagnosis import files, summary
-    from ppmcal.report.figure_files import diagnosis_files, need_png
+    from ppmcal.api.diagnose import diagnose
 
     console = Console(quiet, as_json)
-    _known_kinds(kinds)
-    if png:
-        need_png()
-    mechanism, datasets = load(mech, data, patterns)
-    seed = 0 if seed is None else seed
-    problem = Problem(mechanism, datasets, mechanism.free)
-    with unit_findings_told(mechanism, datasets) as units, console.progress("Diagnosing") as show:
-        show("comparing the measurements with the nominal machine")
-        refuse_misread(problem)
-        result = diagnose(problem, DiagnosisOptions(holdout, seed, draws, kinds or None), show)
-    result = replace(result, findings=(*units, *result.findings))
-    inputs = [*mechanism.inputs, *(str(t) for t in data),
-              *(str(t.with_suffix(".yaml")) for t in data)]
-    source = provenance(inputs, command_line(), seed)
-    with Output(out) as output:
-        record = summary(result, source)
-        for name, text in files(result, source, record).items():
-            output.add(name, text)
-        for name, drawing in diagnosis_files(plain(record), png).items():
-            output.add(name, drawing)
-    tell(result, console)
-    finish(out, list(output.files), console)
-    console.summary(record)
+    with console.progress("Diagnosing") as show:
+        result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout, draws=draws,
+                          seed=seed or 0, png=png, progress=show)
+    written = result.save(out)
+    describe(result.diagnosis, result.record, console)
+    finish(out, [p.name for p in written], console)
+    console.summary(result.record.entries())
     leave(bool(result.findings) or result.verdict not in ("none", "named"))
 
 
-def _known_kinds(kinds: tuple[str, ...]) -> None:
-    if kinds:
-        from ppmcal.errors import unknown
-        from ppmcal.model.effects import effect_kinds
-
-        for kind in kinds:
-            if kind != "geometry" and kind not in effect_kinds():
-                raise unknown("effect", kind, [*effect_kinds(), "geometry"], "--kind")
-
-
-def tell(result: Diagnosis, console: Console) -> None:
-    """Print the story in a few lines."""
+def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> None:
+    """Print what a person wants to know."""
     if not console.speaks:
         return
-    from ppmcal.report.diagnosis_wording import VERDICTS
+    from ppmcal.io.results.diagnosis_wording import (
+        gap_closed,
+        imitated,
+        next_step,
+        verdict,
+        worst_block,
+    )
 
-    headline = VERDICTS[result.verdict]
-    if result.verdict == "named" and len({e.kind for e in result.effects}) > 1:
-        headline = "The missing effects are named."
-    console.say(f"{result.identification.mechanism.name}: {headline}")
+    console.say(f"{record.name}: {verdict(record)}")
     console.say("Disagreement: " + _where(result))
-    for line in _what(result):
+    for line in [*_effects(record), *_suspected(result), *_left(result)]:
         console.say(line)
-    gap = result.gap
-    if gap is not None and result.effects:
-        closed = "nothing exceeded the noise before" if gap.closed is None else (
-            f"{gap.closed:.0%} of the gap closed" + (
-                f" ({gap.interval[0]:.0%} to {gap.interval[1]:.0%})" if gap.interval else ""))
-        console.say(f"Held-out poses ({gap.poses}): {gap.before:.2f} -> {gap.after:.2f} times the "
-                    f"noise, {closed}.")
-    for line in _worst_block(result.blocks):
-        console.say(line)
-    if result.swallowed:
-        worst = result.swallowed[0]
-        console.say(f"Geometry had swallowed part of it: "
-                    f"{counted(len(result.swallowed), 'parameter')} moved beyond tolerance, most "
-                    f"{worst.name}.")
-    if result.untestable:
-        console.say("Not testable: " + "; ".join(_lacking(result.untestable)) + ".")
-    console.say(f"Next: {result.proposal.reason}."
-                + (" See next.csv." if result.proposal.rows else ""))
-    console.warn(result.findings)
+    for line in (gap_closed(record) if record.effects else "", worst_block(record),
+                 imitated(record)):
+        if line:
+            console.say(line)
+    if record.not_testable:
+        console.say("Not testable: " + "; ".join(_lacking(record.not_testable)) + ".")
+    console.say(f"Next: {next_step(record)}")
+    console.warn(record.findings)
 
 
-def _worst_block(blocks: Sequence[BlockGap]) -> list[str]:
-    """Return how much of the gap is closed where that is least, a third being left out."""
-    judged = [(b.gap.closed, b) for b in blocks if b.gap.closed is not None and b.gap.interval]
-    if not judged:
-        return []
-    closed, worst = min(judged, key=lambda pair: pair[0])
-    low, high = worst.gap.interval or (closed, closed)
-    by = ", ".join(b.by for b in blocks)
-    return [f"A third of the rows left out at a time, by {by}: {closed:.0%} of the gap closed "
-            f"where that is least, by {worst.by} ({low:.0%} to {high:.0%})."]
-
-
-def _lacking(untestable: Sequence[Untestable]) -> list[str]:
+def _lacking(untestable: Sequence[UntestableKind]) -> list[str]:
     """Return ``compliance, windup (need payload)``: the kinds by what they lack."""
     kinds: dict[tuple[str, ...], list[str]] = {}
     for u in untestable:
@@ -173,63 +114,49 @@ def _where(result: Diagnosis) -> str:
     return text + "."
 
 
-def _what(result: Diagnosis) -> list[str]:
-    total = len(result.identification.mechanism.actuators)
+def _effects(record: DiagnosisRecord) -> list[str]:
+    """Return the named effects with their sizes, and what they cannot be told from."""
+    from ppmcal.io.results.diagnosis_wording import actuators, name_of, rivals, together
+
     out = []
-    for group in _together(result.effects):
-        first, several = group[0], len(group) > 1
-        on = [a for e in group for a in e.on]
-        name = shorter(f"{first.kind} on {', '.join(on)}" if on else first.kind, total)
-        values = "; ".join((f"{e.on[0]} " if several else "") + _values(result, e) for e in group)
-        out.append(f"{name}: {values}; p = {_p(first.log_p)}.")
-        out += [text for e in group if (text := _derived(result, e, several))]
-        if first.alternatives:
-            others = "; ".join(shorter(a, total) for a in first.alternatives)
-            out.append(f"  Cannot be told from: {others}.")
-    out += [f"Suspected: {c.form.label} (p = {c.p_value:.1g})." for c in result.possible
-            if c.status == "weak"]
-    left = result.remainder
-    if not left.adequate:
-        follows = f" and follows {left.follows} (p = {left.p_value:.2g})" if (
-            left.p_value < 0.05) else ""
-        out.append(f"What is left is {left.ratio:.2f} times the {left.source} noise{follows}.")
+    for group in together(record):
+        on = list(dict.fromkeys(a for e in group for a in e.on))
+        heads = ["" if list(e.on) == on else f"{where(e.on, actuators(record))} " for e in group]
+        chances = [_p(e.log10_p) for e in group]
+        alone = [f" ({p})" if len(set(chances)) > 1 else "" for p in chances]
+        sizes = "; ".join(f"{head}{_values(e.parameters)}{p}"
+                          for head, e, p in zip(heads, group, alone, strict=True))
+        out.append(f"{name_of(record, group[0].kind, on)}: {sizes}"
+                   + ("." if alone[0] else f"; {chances[0]}."))
+        out += [f"  {head}{_values(e.derived)} at mid-stroke ({number(at.value)} {at.unit})."
+                for head, e in zip(heads, group, strict=True) if (at := e.mid_stroke)]
+        if others := rivals(record, group[0]):
+            out.append(f"  Cannot be told from: {'; '.join(others)}.")
     return out
 
 
-def _together(effects: Sequence[NamedEffect]) -> list[list[NamedEffect]]:
-    """Return the effects, those that are one hypothesis on several actuators in one list."""
-    return [list(g) for _, g in groupby(effects, lambda e: (
-        e.kind, e.log_p, e.alternatives, e.parameters if len(e.on) != 1 else ()))]
+def _suspected(result: Diagnosis) -> list[str]:
+    return [f"Suspected: {c.hypothesis.label} (p = {c.p_value:.1g})." for c in result.possible
+            if c.status == "weak"]
 
 
-def _values(result: Diagnosis, effect: NamedEffect) -> str:
-    from ppmcal.io.results.diagnosis import parameter_entries
-
-    return ", ".join(_value(n, v) for n, v in parameter_entries(result, effect).items()
-                     if v["sigma"] is not None)
-
-
-def _derived(result: Diagnosis, effect: NamedEffect, several: bool) -> str:
-    """Return ``  amplitude 0.02 +- 0.001 mm, phase 35 +- 3 deg at mid-stroke (250 mm).``."""
-    from ppmcal.io.results.diagnosis import derived_entries
-
-    found = derived_entries(result, effect)
-    if not found:
-        return ""
-    figures = ", ".join(_value(n.removesuffix("_mid_stroke"), v)
-                        for n, v in found["derived"].items() if v["sigma"] is not None)
-    at = found["mid_stroke"]
-    on = f"{effect.on[0]} " if several else ""
-    return (f"  {on}{figures} at mid-stroke ({number(at['value'])} {at['unit']}).")
+def _left(result: Diagnosis) -> list[str]:
+    """Return what is left, where that is more than noise."""
+    left = result.remainder
+    if left.adequate:
+        return []
+    follows = f" and follows {left.follows} (p = {left.p_value:.2g})" if left.p_value < 0.05 else ""
+    return [f"What is left is {left.ratio:.2f} times the {left.source} noise{follows}."]
 
 
-def _value(name: str, entry: dict[str, Any]) -> str:
-    return (f"{name} {number(entry['value'])} +- {number(1.96 * entry['sigma'], 2)} "
-            f"{entry['unit']}").rstrip()
+def _values(values: Mapping[str, EffectValue]) -> str:
+    """Return ``width 0.02 +- 0.001 mm`` of all values that have an uncertainty."""
+    return ", ".join(
+        f"{name.removesuffix('_mid_stroke')} {number(v.value)} +- {number(1.96 * v.sigma, 2)} "
+        f"{v.unit}".rstrip() for name, v in values.items() if v.sigma is not None)
 
 
-def _p(log_p: float) -> str:
-    import math
-
-    power = log_p / math.log(10.0)
-    return f"1e{power:.0f}" if power < -3.0 else f"{10.0**power:.2g}"
+def _p(log10_p: float | None) -> str:
+    if log10_p is None:
+        return "p unknown"
+    return f"p = 1e{log10_p:.0f}" if log10_p < -3.0 else f"p = {10.0**log10_p:.2g}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,11 +21,9 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from ppmcal.controllers.export import Exported
+    from ppmcal.io.results.export import ExportRecord
 
 ROWS = 24
-LEAST = 1e-4
-"""Below so many mm or degrees it is arithmetic."""
 
 
 @click.command("export")
@@ -55,8 +53,8 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     """
     from dataclasses import replace
 
-    from ppmcal.controllers.export import all_files, exporter, summary
-    from ppmcal.controllers.model_uncertainty import KNOWLEDGE, certainty
+    from ppmcal.controllers.export import exporter, record_of
+    from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
     from ppmcal.io import Output, provenance, read_mechanism
 
     console = Console(quiet, as_json)
@@ -64,64 +62,52 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     mechanism = read_mechanism(model)
     with console.progress("Fitting"):
         exported = writer.export(mechanism, old, poses)
-        exported = replace(exported, certainty=certainty(mechanism, exported.poses, model))
-    known = model.with_name(KNOWLEDGE) if exported.certainty.frame else None
+        exported = replace(exported, uncertainty=pose_uncertainty(mechanism, exported.poses, model))
+    known = model.with_name(KNOWLEDGE) if exported.uncertainty.frame else None
     inputs = [*mechanism.inputs, *(str(p) for p in (old, poses, known) if p is not None)]
-    source = provenance(inputs, command_line(), None)
+    record = record_of(exported, mechanism.name, provenance(inputs, command_line(), None))
     with Output(out) as output:
-        for name, text in all_files(exported, mechanism.name, source).items():
+        for name, text in {**exported.files, record.FILE: record.text()}.items():
             output.add(name, text)
-    _show(exported, mechanism.name, console)
-    findings = exported.findings
+    _show(record, console)
+    findings = record.attention()
     console.warn(findings)
     finish(out, list(output.files), console)
-    console.summary(summary(exported, mechanism.name, source))
+    console.summary(record.entries())
     leave(bool(findings))
 
 
-def _show(exported: Exported, name: str, console: Console) -> None:
+def _show(record: ExportRecord, console: Console) -> None:
     """Print the numbers, and what they are worth."""
+    from ppmcal.io.results.export import fixed
+
     if not console.speaks:
         return
-    console.say(f"{name}: {exported.said}.")
-    if exported.numbers:
-        console.table(plain_table(["parameter", "old", "new", "change", "unit"], [
-            [n.name, "-" if n.old is None else f"{n.old:.4f}", f"{n.new:.4f}",
-             "-" if n.old is None else f"{round(n.new - n.old, 4) + 0.0:+.4f}", n.unit]
-            for n in exported.numbers[:ROWS]], (1, 2, 3)))
-    if len(exported.numbers) > ROWS:
-        console.say(f"... and {len(exported.numbers) - ROWS} more, all in export.json.")
-    console.say(f"Error over {exported.over}, if the model is exact:")
-    figures = (("old", exported.before), ("new", exported.after))
-    turns = exported.after.rotation_rms is not None
-    rows = [[label, f"{f.rms * 1e3:.4f}", f"{f.max * 1e3:.4f}", *(
-        [f"{math.degrees(v or 0.0):.5f}" for v in (f.rotation_rms, f.rotation_max)]
-        if turns else [])] for label, f in figures]
+    console.say(f"{record.name}: {record.said}.")
+    if record.parameters:
+        console.table(plain_table(["parameter", "old", "new", "change", "unit"],
+                                  list(_numbers(record))[:ROWS], (1, 2, 3)))
+    if len(record.parameters) > ROWS:
+        console.say(f"... and {len(record.parameters) - ROWS} more, all in export.json.")
+    console.say(f"Error over {record.over}, if the model is exact:")
+    turns = record.gain.after.rotation is not None
+    rows = [[label, *(fixed(v, part.unit) for part in (e, e.rotation) if part is not None
+                      for v in (part.rms, part.max))]
+            for label, e in (("old", record.gain.before), ("new", record.gain.after))]
     console.table(plain_table(["", "rms mm", "max mm",
                                *(["rms deg", "max deg"] if turns else [])], rows, (1, 2, 3, 4)))
-    console.say(_predicted(exported))
-    for note in exported.notes:
+    console.say(record.predicted.sentence())
+    for note in record.notes:
         console.say(f"Note: {note}.")
-    for line in exported.advice:
+    for line in record.advice:
         console.say(line)
 
 
-def _predicted(exported: Exported) -> str:
-    """Return what is left with the new numbers: of the format, of the model, and together."""
-    own, both = exported.certainty, exported.predicted
-    lacks = _size(exported.after.rms, exported.after.rotation_rms)
-    text = f"What the format cannot express: {lacks} rms; the model's own uncertainty: "
-    if own.position is None or both is None:
-        return f"{text}unknown, as {own.reason}. So the error to expect is unknown too."
-    where = "the base frame" if own.frame == "base" else f"the frame of {own.frame}"
-    return (f"{text}{_size(own.position, own.rotation)} (1 sigma, rms over the poses, in {where}). "
-            f"Predicted error with the new numbers: {_size(both.rms, both.rotation_rms)} rms.")
+def _numbers(record: ExportRecord) -> Iterator[list[str]]:
+    """Yield the rows of the table of numbers."""
+    from ppmcal.io.results.export import fixed
 
-
-def _size(position: float, rotation: float | None) -> str:
-    turn = "" if rotation is None else f" and {_least(math.degrees(rotation))} deg"
-    return f"{_least(position * 1e3)} mm{turn}"
-
-
-def _least(value: float) -> str:
-    return f"{value:.2g}" if value >= LEAST else f"below {LEAST:g}"
+    for name, new in record.parameters.items():
+        old = record.old.get(name)
+        change = "-" if old is None or new is None else f"{round(new - old, 4) + 0.0:+.4f}"
+        yield [name, fixed(old) or "-", fixed(new), change, record.number_units.get(name, "")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -18,6 +19,9 @@ from ppmcal.cli.common import (
     quiet_option,
     seed_option,
 )
+
+if TYPE_CHECKING:
+    from ppmcal.model.mechanism import Effect
 
 MOST_COUNT = 1000
 ABSOLUTE_ZERO = -273.15
@@ -53,15 +57,14 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     """Choose the poses of MECH that are worth measuring.
 
     D-optimal for the parameters that MECH leaves free, with its tolerances as prior; ordered
-    into a short way. Writes poses.csv, accuracy.csv, plan.json and accuracy.png.
+    into a short path. Writes poses.csv, accuracy.csv, plan.json and accuracy.png.
     """
     from ppmcal.design.plan.plan import PlanOptions, plan
     from ppmcal.design.plan.settings import PlanSettings
     from ppmcal.design.virtual_instrument import default_instrument
     from ppmcal.errors import BadInput
     from ppmcal.io import Output, provenance, read_mechanism, read_poses
-    from ppmcal.io.results.plan import files, record
-    from ppmcal.io.results.plan_wording import findings, said
+    from ppmcal.io.results.plan import PlanRecord
     from ppmcal.io.sidecar import read_instrument
 
     console = Console(quiet, as_json)
@@ -82,26 +85,25 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
             mechanism, instrument, PlanOptions(count, seed, asked), given, aims, wanted, show
         )
     inputs = [*mechanism.inputs, *(str(p) for p in (sidecar, tasks, candidates) if p)]
-    source = provenance(inputs, command_line(), seed)
     notes = _notes(mechanism.effects, names, result.unused)
+    record = PlanRecord.of(result, wanted, notes, provenance(inputs, command_line(), seed))
     with Output(out) as output:
-        for name, content in files(result, wanted, notes, source).items():
+        for name, content in record.files(result, wanted).items():
             output.add(name, content)
     console.say(f"{mechanism.name}:")
-    for sentence in said(result, wanted, notes):
+    for sentence in record.said:
         console.say(sentence)
-    found = findings(result, wanted)
-    console.warn([*mechanism.findings, *found])
+    console.warn([*mechanism.findings, *record.findings])
     finish(out, list(output.files), console)
-    console.summary({k: v for k, v in record(result, wanted, notes, source).items()
+    console.summary({k: v for k, v in record.entries().items()
                      if k not in ("tables", "pictures")})
-    leave(bool(found))
+    leave(bool(record.findings))
 
 
-def _notes(effects: tuple[object, ...], names: tuple[str, ...], unused: tuple[str, ...]
+def _notes(effects: tuple[Effect, ...], names: tuple[str, ...], unused: tuple[str, ...]
            ) -> list[str]:
     out = [f"--{name} is not used: nothing that is asked for depends on it." for name in unused]
-    others = sorted({e.kind.name for e in effects} - set(names))  # type: ignore[attr-defined]
+    others = sorted({e.kind.name for e in effects} - set(names))
     if others:
         out.append(f"The file's effects {', '.join(others)} are left out; name them with --for to "
                    "plan for them.")

@@ -9,7 +9,6 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
-    command_line,
     finish,
     json_option,
     leave,
@@ -17,7 +16,6 @@ from ppmcal.cli.common import (
     quiet_option,
     seed_option,
 )
-from ppmcal.wording import counted
 
 
 @click.command("simulate")
@@ -33,26 +31,17 @@ def command(mech: Path, scenario: Path, out: Path, seed: int | None, quiet: bool
 
     Writes measurements.csv, measurements.yaml and truth.json.
     """
-    from ppmcal.io import Output, provenance, read_mechanism, read_scenario
-    from ppmcal.io.results.simulation import files
-    from ppmcal.simulation.simulate import simulate
+    from ppmcal.api.simulate import simulate
 
     console = Console(quiet, as_json)
-    mechanism = read_mechanism(mech)
-    plan = read_scenario(scenario, mechanism)
     with console.progress("Simulating"):
-        campaign = simulate(mechanism, plan, seed)
-    seed = plan.seed if seed is None else seed
-    source = provenance([*mechanism.inputs, str(scenario)], command_line(), seed)
-    with Output(out) as output:
-        for name, text in files(mechanism, plan, campaign, out.name, source).items():
-            output.add(name, text)
-    rows, poses = len(campaign.time), len(set(campaign.pose.tolist()))
-    console.say(f"{mechanism.name}: {counted(rows, 'row')} at {counted(poses, 'pose')}, "
-                f"instrument {plan.kind}, seed {source['seed']}; "
-                f"{counted(int(campaign.outlier.sum()), 'outlier')} injected.")
-    console.warn([*mechanism.findings, *campaign.left_out])
-    finish(out, list(output.files), console)
-    console.summary({"format": "ppmcal/simulation/1", "rows": rows, "poses": poses,
-                     "left_out": list(campaign.left_out), "provenance": source})
-    leave(bool(campaign.left_out))
+        result = simulate(mech, scenario, seed=seed)
+    written = result.save(out)
+    console.say(result.headline())
+    console.warn([*result.mechanism.findings, *result.findings])
+    finish(out, [p.name for p in written], console)
+    campaign = result.campaign
+    console.summary({"format": "ppmcal/simulation/1", "rows": len(campaign.time),
+                     "poses": len(set(campaign.pose.tolist())),
+                     "left_out": list(campaign.left_out), "provenance": result.provenance})
+    leave(bool(result.findings))

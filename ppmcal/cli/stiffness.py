@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ppmcal.io.results.stiffness_wording import Load
+    from ppmcal.io.results.stiffness_tables import Load
     from ppmcal.kinematics.region import Grid
     from ppmcal.model.mechanism import Mechanism
 
@@ -62,7 +62,8 @@ def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: st
     from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
     from ppmcal.io import Output, provenance, read_mechanism
     from ppmcal.io.grid import read_point
-    from ppmcal.io.results.stiffness import Study, files, record, share_table
+    from ppmcal.io.results.stiffness import StiffnessRecord
+    from ppmcal.io.results.stiffness_tables import StiffnessStudy, share_table
 
     console = Console(quiet, as_json)
     mechanism = read_mechanism(mech)
@@ -72,29 +73,28 @@ def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: st
     grid, wanted, notes = _poses(grid_text, poses, mechanism)
     with console.progress("Mapping"):
         found = stiffness_table(mechanism, wanted, tool, load.wrench if load else None)
-        study = Study(mechanism, wanted, grid, tool, load, home, found, tuple(notes))
+        study = StiffnessStudy(mechanism, wanted, grid, tool, load, home, found, tuple(notes))
         inputs = [*mechanism.inputs, *([str(poses)] if poses else [])]
-        source = provenance(inputs, command_line(), None)
-        made = files(study, source)
+        record = StiffnessRecord.of(study, provenance(inputs, command_line(), None))
+        made = record.files(study)
     with Output(out) as output:
         for name, content in made.items():
             output.add(name, content)
     console.say(f"{mechanism.name}:")
-    for sentence in study.said:
+    for sentence in record.said:
         console.say(sentence)
     shares = share_table(study)
-    if shares["rows"]:
-        columns = shares["columns"]
-        console.say(f"{shares['title']}. {shares['note']}")
-        console.table(plain_table(columns, shares["rows"], range(1, len(columns))))
+    if shares.rows:
+        console.say(f"{shares.title}. {shares.note}")
+        console.table(plain_table(shares.columns, shares.rows, range(1, len(shares.columns))))
     bad = [] if poses is None else [
         f"row {n + 1}: {s}: {r}" for n, (s, r) in
         enumerate(zip(found.table.status, found.table.reason, strict=True)) if s != "ok"]
-    console.warn_rows([*mechanism.findings, *study.findings], bad)
+    console.warn_rows([*mechanism.findings, *record.findings], bad)
     finish(out, list(made), console)
-    console.summary({k: v for k, v in record(study, (), {}, source).items()
+    console.summary({k: v for k, v in record.entries().items()
                      if k not in ("tables", "pictures", "units")})
-    leave(bool(study.findings or bad))
+    leave(bool(record.findings or bad))
 
 
 def _poses(grid_text: str | None, poses: Path | None, mechanism: Mechanism
@@ -114,30 +114,30 @@ def _poses(grid_text: str | None, poses: Path | None, mechanism: Mechanism
 
 
 def _load(text: str | None, mechanism: Mechanism) -> Load | None:
-    """Return the load of ``fx=0,fz=-100``; refuse what the motion cannot feel."""
+    """Return the load of ``fx=0,fz=-100``; refuse what does not move the platform."""
     import numpy as np
 
     from ppmcal.errors import BadInput, unknown
-    from ppmcal.io.results.stiffness_wording import Load
+    from ppmcal.io.results.stiffness_tables import Load
 
     if text is None:
         return None
     mend = f"Write for example {WRENCH[mechanism.dof[-1]]}=-100"
-    felt = [WRENCH[c] for c in mechanism.dof]
+    moving = [WRENCH[c] for c in mechanism.dof]
     given: dict[str, float] = {}
     for part in (p.strip() for p in text.split(",") if p.strip()):
         name, sign, value = (p.strip() for p in part.partition("="))
         if not sign:
             raise BadInput(f"'{part}' is not a component with a value", "--load", mend)
         if name not in WRENCH:
-            raise unknown("component", name, felt, "--load")
+            raise unknown("component", name, moving, "--load")
         if name in given:
             raise BadInput(f"names {name} twice", "--load", "Name each component once")
         given[name] = _number(value, "--load", mend)
-        if given[name] and name not in felt:
+        if given[name] and name not in moving:
             raise BadInput(f"{name} cannot be answered: in {mechanism.motion} motion the model "
                            "bears it without giving way", "--load",
-                           f"Components that move this machine: {', '.join(felt)}")
+                           f"Components that move this machine: {', '.join(moving)}")
     wrench = np.array([given.get(name, 0.0) for name in WRENCH])
     if not wrench.any():
         raise BadInput("the load is zero", "--load", mend)
@@ -151,7 +151,7 @@ def _payload(mass: float, mechanism: Mechanism) -> Load:
     import numpy as np
 
     from ppmcal.errors import BadInput
-    from ppmcal.io.results.stiffness_wording import Load
+    from ppmcal.io.results.stiffness_tables import Load
     from ppmcal.model.dataset import STANDARD_GRAVITY
 
     if not 0.0 < mass < LARGEST:

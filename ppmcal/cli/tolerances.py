@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -14,11 +13,9 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     command_line,
-    effects_words,
     finish,
     json_option,
     leave,
-    number,
     out_option,
     plain_table,
     quiet_option,
@@ -33,9 +30,11 @@ from ppmcal.design.recalibration import MeasurementSetup, predicted
 from ppmcal.design.tolerance_allocation import Demand, allocate, check, simulate
 from ppmcal.design.virtual_instrument import Instrument, default_instrument
 from ppmcal.errors import BadInput
-from ppmcal.io import read_poses
+from ppmcal.io import Output, provenance, read_mechanism, read_poses
 from ppmcal.io.grid import metric_length, read_point
-from ppmcal.io.results.tolerances import ToleranceResult
+from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.tolerance_tables import ToleranceResult, slot_table
+from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.sidecar import read_instrument
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
@@ -43,6 +42,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import number
 
 OF_ACCURACY = 0.1
 """Noise of the default instrument, as a part of the accuracy demanded."""
@@ -69,7 +69,7 @@ class Job:
     seed: int
 
 
-def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> ToleranceResult:
+def solve(mechanism: Mechanism, job: Job, progress: Callable[[str], None]) -> ToleranceResult:
     """Return tolerances, and the machines simulated with those of ``job.method``."""
     machine = geometry_only(mechanism).nominal()
     found = sources(machine)
@@ -87,16 +87,16 @@ def solve(mechanism: Mechanism, job: Job, tell: Callable[[str], None]) -> Tolera
     tau = allocate(machine, found, tasks, demand, unit, weight, exponent, given, job.seed)
     chosen = tau[job.method]
     free = tuple(s.parameter for s in found)
-    drawing = _with_tolerances(machine, free, chosen.tau)
-    recipe = _recipe(drawing, job, instrument, demand)
-    fleet = Fleet(drawing, free, chosen.drawn, tasks, recipe)
-    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, tell)
+    nominal = _with_tolerances(machine, free, chosen.tau)
+    setup = _measurement_setup(nominal, job, instrument, demand)
+    fleet = Fleet(nominal, free, chosen.drawn, tasks, setup)
+    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, progress)
     home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
     index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
     return ToleranceResult(machine, found, demand, tau, job.method, fleet, judged,
                   check(fleet, judged.built),
                   None if demand.position is None else demand.position / float(index),
-                  _expected(recipe, tasks), tuple(notes))
+                  _expected(setup, tasks), tuple(notes))
 
 
 def _demand(machine: Mechanism, job: Job) -> Demand:
@@ -177,7 +177,7 @@ def _costs(machine: Mechanism, found: tuple[Source, ...], unit: Array) -> tuple[
 
 
 def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> Mechanism:
-    """Return the drawing with these tolerances; errors that are not felt are left fixed."""
+    """Return the machine with these tolerances; errors without effect are left fixed."""
     parameters = list(machine.parameters)
     for p, t in zip(free, tau.tolist(), strict=True):
         if np.isfinite(t) and t > 0.0:
@@ -186,29 +186,24 @@ def _with_tolerances(machine: Mechanism, free: tuple[int, ...], tau: Array) -> M
     return replace(machine, parameters=tuple(parameters), free=kept)
 
 
-def _expected(recipe: MeasurementSetup, tasks: Poses) -> float | None:
+def _expected(setup: MeasurementSetup, tasks: Poses) -> float | None:
     """Return the rms error after calibration that the linear model expects, m."""
-    short = recipe.mechanism.equations > len(recipe.mechanism.actuators)
-    if short or (tasks.tool != recipe.instrument.target.value).any():
+    short = setup.mechanism.equations > len(setup.mechanism.actuators)
+    if short or (tasks.tool != setup.instrument.target.value).any():
         return None
-    expected = predicted(recipe, tasks.q, pose_vector(tasks.motor))
+    expected = predicted(setup, tasks.q, pose_vector(tasks.motor))
     return float(np.sqrt(np.mean(expected**2)))
 
 
-def _recipe(drawing: Mechanism, job: Job, instrument: Instrument | None, demand: Demand
+def _measurement_setup(nominal: Mechanism, job: Job, instrument: Instrument | None, demand: Demand
             ) -> MeasurementSetup:
     if instrument is None:
-        instrument = default_instrument(drawing)
-        sigma = OF_ACCURACY * (demand.position or drawing.length_scale * (demand.rotation or 0.0))
+        instrument = default_instrument(nominal)
+        sigma = OF_ACCURACY * (demand.position or nominal.length_scale * (demand.rotation or 0.0))
         instrument = replace(instrument, sigma_position=sigma,
-                             sigma_rotation=sigma / drawing.length_scale)
-    measured = evenly(drawing, region_of(drawing), job.measure, job.seed + 2)
-    return MeasurementSetup(drawing, instrument, measured.q, measured.pose)
-
-
-if TYPE_CHECKING:
-    from ppmcal.io.results.tolerances import ToleranceResult
-    from ppmcal.model.mechanism import Mechanism
+                             sigma_rotation=sigma / nominal.length_scale)
+    measured = evenly(nominal, region_of(nominal), job.measure, job.seed + 2)
+    return MeasurementSetup(nominal, instrument, measured.q, measured.pose)
 
 
 @click.command("tolerances")
@@ -252,102 +247,28 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     Writes tolerances.csv, errors.csv, allocated.yaml (the machine with these tolerances),
     yield.png and tolerances.json.
     """
-    from ppmcal.io import Output, provenance, read_mechanism
-    from ppmcal.io.results.tolerances import files, record
-
     console = Console(quiet, as_json)
     machine = read_mechanism(mech)
     job = Job(accuracy, rotation, share, method, poses, instrument, measure, machines, metric,
               tool, cores, dask, seed or 0)
-    with console.progress("Simulating machines") as tell:
-        result = solve(machine, job, tell)
+    with console.progress("Simulating machines") as progress:
+        result = solve(machine, job, progress)
     inputs = [*machine.inputs, *(str(p) for p in (poses, instrument) if p)]
-    source = provenance(inputs, command_line(), job.seed)
-    said, findings = [*sentences(result), *effects_words(machine)], _findings(machine, result)
-    summary = record(result, said, findings, source)
+    record = TolerancesRecord.of(result, machine, provenance(inputs, command_line(), job.seed))
     with Output(out) as output:
-        for name, content in files(result, summary).items():
+        for name, content in record.files(result).items():
             output.add(name, content)
-    for sentence in said:
+    for sentence in record.said:
         console.say(sentence)
-    _tables(console, summary)
-    console.warn(findings)
+    _tolerances_by_slot(console, slot_table(result))
+    console.warn(record.findings)
     finish(out, list(output.files), console)
-    console.summary(summary)
-    leave(bool(findings))
+    console.summary(record.entries())
+    leave(bool(record.findings))
 
 
-def sentences(r: ToleranceResult) -> list[str]:
-    """Return the results in words."""
-    import numpy as np
-
-    from ppmcal.io.results.tolerances import yields
-
-    units, d = r.machine.units, r.demand
-    length, angle = units.factor("length"), units.factor("angle")
-    asked = [f"{number(d.position / length)} {units.length}"] if d.position is not None else []
-    asked += [f"{number(d.rotation / angle)} {units.angle}"] if d.rotation is not None else []
-    words = {"cost": "of least cost", "equal": "of equal contributions", "mean": "one for all",
-             "file": "as in the file"}[r.chosen]
-    out = [f"{r.machine.name}: {len(r.sources)} errors, tolerances {words}, for "
-           f"{' and '.join(asked)} at each of {len(r.fleet.tasks.q)} task poses."]
-    if r.sigma_one is not None:
-        out.append(f"One standard deviation for all errors that gives an rms error of the accuracy "
-                   f"at home: {number(r.sigma_one / length)} {units.length} (accuracy over the "
-                   "amplification index).")
-    for y in yields(r):
-        low, high = y["interval"]
-        lost = y["machines"] - y["going"]
-        size = "" if y["position_rms"] is None else (
-            f"; {number(y['position_rms'])} {units.length} rms"
-            + (f" of the {y['going']} that have a result" if lost else ""))
-        out.append(f"{y['words'].capitalize()}: {y['share']:.1%} of {y['machines']} machines in "
-                   f"specification (95 % interval {low:.1%} to {high:.1%}){size}.")
-    kind = r.fleet.recipe.instrument if r.fleet.recipe else None
-    if kind is not None and np.isfinite(kind.sigma_position):
-        told = "" if r.predicted is None else (
-            f"; the linear model expects {number(r.predicted / length)} {units.length} rms")
-        out.append(f"Calibrated with {len(r.fleet.recipe.q) if r.fleet.recipe else 0} poses, "
-                   f"instrument {kind.kind} of {number(kind.sigma_position / length)} "
-                   f"{units.length}{told}.")
-    agree, count = int(r.check.agrees.sum()), len(r.check.agrees)
-    out.append("As built, linear prediction and nonlinear machines agree in position at "
-               f"{agree} of {count} task poses (a difference of {r.check.seen:.0%} would show)"
-               + ("." if agree == count else "; where they do not, trust the machines drawn "
-                  "(errors.csv, linear_agrees)."))
-    return out
-
-
-def _tables(console: Console, found: dict[str, object]) -> None:
-    tables = found["tables"]
-    assert isinstance(tables, list)
-    slots = tables[1]
-    rows = [[r[0], str(r[1]), *(number(v, 3) for v in r[3:]), r[2]] for r in slots["rows"]]
-    console.say(slots["title"] + ":")
-    console.table(plain_table(["slot", "errors", "file", "mean", "equal", "cost", "unit"], rows,
+def _tolerances_by_slot(console: Console, slots: ShownTable) -> None:
+    rows = [[r[0], str(r[1]), *(number(v, 3) for v in r[3:]), r[2]] for r in slots.rows]
+    console.say(f"{slots.title}:")
+    console.table(plain_table(["slot", "errors", *slots.columns[3:], "unit"], rows,
                               (1, 2, 3, 4, 5)))
-
-
-def _findings(machine: Mechanism, r: ToleranceResult) -> list[str]:
-    """Return what must be looked at: machines that cannot take poses, a yield missed."""
-    import numpy as np
-
-    from ppmcal.design.tolerance_allocation import count
-
-    out = [*machine.findings, *r.notes]
-    built = r.judged.built
-    lost = int((~np.isfinite(built.position)).any(axis=1).sum())
-    if lost:
-        out.append(f"{lost} of {len(built.position)} machines cannot take every task pose: they "
-                   "count as out of specification")
-    for _, words, errors in r.stages()[1:]:
-        more = int((~np.isfinite(errors.position)).any(axis=1).sum()) - lost
-        if more > 0:
-            out.append(f"{words}: {more} more machines have no result (no converged fit, or a task "
-                       "pose out of their reach): they count as out of specification")
-    high = count(built, r.demand).interval[1]
-    wrong = lost > 0 or not r.check.agrees.all()
-    if high < r.demand.share and r.chosen != "file" and wrong:
-        out.append(f"fewer machines than wanted are in specification as built ({high:.1%} at most, "
-                   f"wanted {r.demand.share:.1%}): the linear model is not good enough here")
-    return out

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ppmcal.design.workspace import Workspace
-    from ppmcal.io.results.workspace_wording import ModeRow
+    from ppmcal.io.results.workspace_tables import ModeRow
 
     Array = NDArray[Any]
 
@@ -53,8 +53,8 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     from ppmcal.design.workspace import workspace
     from ppmcal.io import Output, provenance, read_mechanism
     from ppmcal.io.grid import read_grid
-    from ppmcal.io.results.workspace import pictures, summary, tables, text
-    from ppmcal.io.results.workspace_wording import modes, reach, singular
+    from ppmcal.io.results.workspace import WorkspaceRecord
+    from ppmcal.io.results.workspace_tables import pictures
 
     console = Console(quiet, as_json)
     seed = seed or 0
@@ -66,21 +66,18 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
         rows = _modes(found, joints, seed)
         now("pictures")
         drawn = pictures(found)
-    findings = _findings(found, rows)
     inputs = [*mechanism.inputs, *([str(joints)] if joints else [])]
-    said = [*reach(found), *singular(found), *modes(found, rows)]
-    content = summary(found, rows, said, findings, provenance(inputs, command_line(), seed))
+    record = WorkspaceRecord.of(found, rows, provenance(inputs, command_line(), seed))
     with Output(out) as output:
-        for name, table in tables(found, rows).items():
-            output.add(name, table)
-        output.add("workspace.json", text(content))
+        for name, text in record.files(found, rows).items():
+            output.add(name, text)
         for name, picture in drawn.items():
             output.add(name, picture)
     _show(console, found, rows)
-    console.warn([*mechanism.findings, *findings])
+    console.warn([*mechanism.findings, *record.findings])
     finish(out, list(output.files), console)
-    console.summary(content)
-    leave(bool(findings))
+    console.summary(record.entries())
+    leave(bool(record.findings))
 
 
 def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
@@ -88,7 +85,7 @@ def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
     from ppmcal.design.assembly_modes import assembly_modes
     from ppmcal.errors import BadInput, NoResult
     from ppmcal.io import read_joints
-    from ppmcal.io.results.workspace_wording import ModeRow
+    from ppmcal.io.results.workspace_tables import ModeRow
     from ppmcal.kinematics.closure import Model
     from ppmcal.kinematics.inverse import home_state
 
@@ -108,38 +105,21 @@ def _modes(found: Workspace, joints: Path | None, seed: int) -> list[ModeRow]:
     return out
 
 
-def _findings(found: Workspace, rows: list[ModeRow]) -> list[str]:
-    """Return what the user must look at: home, and rows of joint values without modes."""
-    from ppmcal.calibration.check import SINGULAR_HOME
-
-    out = []
-    if found.home_limits:
-        out.append(f"home is not within limits: {found.home_limits}.")
-    if found.home.condition[0] < SINGULAR_HOME:
-        out.append("the machine is close to a singularity at home: smallest singular value "
-                   f"{found.home.condition[0]:.2g} (a sound machine has 0.1 to 1).")
-    bad = [(r.row, r.reason or "no pose closes") for r in rows if not r.modes]
-    out += [f"assembly modes of row {n}: {why}." if n else f"assembly modes at home: {why}."
-            for n, why in bad[:SHOWN]]
-    if len(bad) > SHOWN:
-        out.append(f"{len(bad) - SHOWN} more rows without assembly modes, see modes.csv.")
-    return out
-
-
 def _show(console: Console, found: Workspace, rows: list[ModeRow]) -> None:
     """Say everything, with the tables that belong to it."""
-    from ppmcal.io.results.workspace_wording import left_table, modes, modes_table, reach, singular
+    from ppmcal.io.results.workspace_tables import left_table, modes_table
+    from ppmcal.io.results.workspace_wording import assembly_modes, reach, singularities
 
     for sentence in reach(found):
         console.say(sentence)
     if found.table.status.count("ok") < len(found.table.status):
         left = left_table(found)
-        console.table(plain_table(left["columns"], left["rows"][:SHOWN], (1,)))
-    for sentence in [*singular(found), *modes(found, rows)]:
+        console.table(plain_table(left.columns, left.rows[:SHOWN], (1,)))
+    for sentence in [*singularities(found), *assembly_modes(found, rows)]:
         console.say(sentence)
     table = modes_table(found, rows)
     if table is not None:
-        console.table(plain_table(table["columns"], table["rows"][:SHOWN],
-                                  tuple(range(len(table["columns"]) - 1))))
-        if len(table["rows"]) > SHOWN:
-            console.say(f"... and {len(table['rows']) - SHOWN} more, see modes.csv.")
+        console.table(plain_table(table.columns, table.rows[:SHOWN],
+                                  tuple(range(len(table.columns) - 1))))
+        if len(table.rows) > SHOWN:
+            console.say(f"... and {len(table.rows) - SHOWN} more, see modes.csv.")

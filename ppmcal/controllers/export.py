@@ -10,10 +10,17 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from ppmcal.controllers.model_uncertainty import UNKNOWN, Certainty
-from ppmcal.controllers.pose_errors import PoseErrors
+from ppmcal.controllers.model_uncertainty import UNKNOWN, PoseUncertainty
+from ppmcal.controllers.pose_errors import ErrorSummary
 from ppmcal.errors import unknown
-from ppmcal.io import json_text
+from ppmcal.io.results.export import (
+    CommandErrors,
+    ExportRecord,
+    Gain,
+    NotExpressedEntry,
+    PredictedErrors,
+)
+from ppmcal.io.results.record import Provenance
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
@@ -21,18 +28,6 @@ GROUP = "ppmcal.controllers"
 FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
            "reprap": "reprap", "joints": "joint_tables_export", "grid": "pose_grid_export"}
 """Formats of ppmcal, and the modules beside this one that write them; each is one more file."""
-NO_GAIN = 1e-9
-
-
-@dataclass(frozen=True)
-class ErrorSummary:
-    """Errors over the commands compared: of position, m, and of rotation, rad, if there is one."""
-
-    rms: float
-    max: float
-    rotation_rms: float | None = None
-    rotation_max: float | None = None
-    more: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -46,7 +41,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Lacking:
+class NotExpressed:
     """One thing that the controller cannot express, and what that alone costs (None: unknown)."""
 
     what: str
@@ -67,8 +62,8 @@ class Exported:
         before, after: errors of the machine driven by the controller's arithmetic with each, if
             the model is exact: ``after`` is what the format cannot express.
         poses: of the platform at which these are, base frame (N, 6), nan where open.
-        certainty: how well the model itself is known there.
-        lacks: what cannot be expressed; notes: what was done to express the rest.
+        uncertainty: how well the model itself is known there.
+        not_expressed: what cannot be expressed; notes: what was done to express the rest.
         advice: sentences on how to bring the numbers into the controller.
         extra: more for export.json.
     """
@@ -81,33 +76,22 @@ class Exported:
     over: str
     before: ErrorSummary
     after: ErrorSummary
-    lacks: tuple[Lacking, ...] = ()
+    not_expressed: tuple[NotExpressed, ...] = ()
     notes: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     poses: Array | None = None
-    certainty: Certainty = UNKNOWN
+    uncertainty: PoseUncertainty = UNKNOWN
 
     @property
     def predicted(self) -> ErrorSummary | None:
         """The error to expect with the new numbers: what they lack, and what the model lacks."""
-        own = self.certainty
+        own = self.uncertainty
         if own.position is None:
             return None
         turn = None if self.after.rotation_rms is None or own.rotation is None else float(
             np.hypot(self.after.rotation_rms, own.rotation))
         return ErrorSummary(float(np.hypot(self.after.rms, own.position)), np.nan, turn)
-
-    @property
-    def findings(self) -> list[str]:
-        """What the user must look at."""
-        out = [f"cannot be expressed: {lack.what}"
-               + ("" if lack.cost is None else f": costs {words(lack.cost)}")
-               for lack in self.lacks]
-        if self.after.rms > self.before.rms + NO_GAIN:
-            out.append(f"the new {self.title} numbers are worse than the old ones over this "
-                       "workspace")
-        return out
 
 
 class Exporter(Protocol):
@@ -117,7 +101,7 @@ class Exporter(Protocol):
         """Return the machine in this format.
 
         Args:
-            mechanism: the calibrated machine; its nominal values are the drawing.
+            mechanism: the calibrated machine; its nominal values are the controller's.
             old: the controller's present file, to predict the gain against.
             poses: wanted poses (CSV), for formats that are tables of them.
 
@@ -158,59 +142,25 @@ def exporter(name: str) -> Exporter:
     return cast("Exporter", known[name.lower()].load())
 
 
-def figure(found: PoseErrors) -> ErrorSummary:
-    """Return errors over poses as exports show them."""
-    return ErrorSummary(found.rms, found.max, found.rotation_rms, found.rotation_max)
-
-
-def words(figure: ErrorSummary) -> str:
-    """Return errors for people: ``0.0123 mm rms, 0.0456 mm at most``."""
-    out = f"{figure.rms * 1e3:.4f} mm rms, {figure.max * 1e3:.4f} mm at most"
-    if figure.rotation_rms is not None and figure.rotation_max is not None:
-        out += (f"; {np.degrees(figure.rotation_rms):.5f} deg rms, "
-                f"{np.degrees(figure.rotation_max):.5f} deg at most")
-    return out
-
-
-def all_files(exported: Exported, name: str, provenance: Mapping[str, Any]) -> dict[str, str]:
-    """Return file name -> text of everything that an export writes."""
-    return {**exported.files, "export.json": json_text(summary(exported, name, provenance))}
-
-
-def summary(exported: Exported, name: str, provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of export.json: mm and degrees, numbers in the controller's units."""
-    return {
-        "format": "ppmcal/export/1", "controller": exported.controller, "name": name,
-        "units": {"length": "mm", "angle": "deg"},
-        "parameters": {n.name: n.new for n in exported.numbers},
-        "old": {n.name: n.old for n in exported.numbers if n.old is not None},
-        "number_units": {n.name: n.unit for n in exported.numbers},
-        "title": exported.title, "said": exported.said, "over": exported.over,
-        "predicted": _predicted(exported),
-        "exact": not exported.lacks, "read_back": True,
-        "gain": {"before": _figure(exported.before), "after": _figure(exported.after)},
-        "not_expressed": [{"what": lack.what, "parameters": lack.parameters,
-                           "cost": None if lack.cost is None else _figure(lack.cost)}
-                          for lack in exported.lacks],
-        "notes": exported.notes, "advice": exported.advice, "files": list(exported.files),
-        **exported.extra, "provenance": dict(provenance)}
-
-
-def _predicted(exported: Exported) -> dict[str, Any]:
-    """Return what is left with the new numbers, rms: of the format, of the model, and of both."""
-    def entry(part: ErrorSummary | None) -> dict[str, Any]:
-        out: dict[str, Any] = {"rms": None if part is None else part.rms * 1e3, "unit": "mm"}
-        if part is not None and part.rotation_rms is not None:
-            out["rotation"] = {"rms": float(np.degrees(part.rotation_rms)), "unit": "deg"}
-        return out
-
-    return {"format": entry(exported.after), "model": exported.certainty.entry(),
-            "after": entry(exported.predicted)}
-
-
-def _figure(figure: ErrorSummary) -> dict[str, Any]:
-    out: dict[str, Any] = {"rms": figure.rms * 1e3, "max": figure.max * 1e3, "unit": "mm"}
-    if figure.rotation_rms is not None and figure.rotation_max is not None:
-        out["rotation"] = {"rms": float(np.degrees(figure.rotation_rms)),
-                           "max": float(np.degrees(figure.rotation_max)), "unit": "deg"}
-    return {**out, **figure.more}
+def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:
+    """Return export.json of the machine ``name``."""
+    predicted = exported.predicted
+    return ExportRecord(
+        format=ExportRecord.FORMAT, controller=exported.controller, name=name,
+        units={"length": "mm", "angle": "deg"},
+        parameters={n.name: n.new for n in exported.numbers},
+        old={n.name: n.old for n in exported.numbers if n.old is not None},
+        number_units={n.name: n.unit for n in exported.numbers},
+        title=exported.title, said=exported.said, over=exported.over,
+        predicted=PredictedErrors(
+            format=exported.after.rms_entry(), model=exported.uncertainty.entry(),
+            after=(CommandErrors(rms=None, unit="mm") if predicted is None
+                   else predicted.rms_entry())),
+        exact=not exported.not_expressed, read_back=True,
+        gain=Gain(before=exported.before.entry(), after=exported.after.entry()),
+        not_expressed=tuple(
+            NotExpressedEntry(what=lack.what, parameters=lack.parameters,
+                              cost=None if lack.cost is None else lack.cost.entry())
+            for lack in exported.not_expressed),
+        notes=exported.notes, advice=exported.advice, files=tuple(exported.files),
+        **exported.extra, provenance=Provenance(**provenance))

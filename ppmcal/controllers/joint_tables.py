@@ -1,30 +1,26 @@
 """What a machine's joints do, as tables joint by joint that LinuxCNC adds to its commands.
 
-The controller asks joint a for the nominal value n, which the drawing means as the coordinate
-u = ratio0 n + offset0 of its limb. The real joint, told m, stands at u = ratio m + offset + du(m),
-where du are the effects that know nothing but the joint's own value and the direction of travel
-(gain, curvature, periodic, eccentricity, backlash). So it has to be told the m at which both are
-equal, and LinuxCNC tells it n + (nominal - forward): the table holds forward = 2 n - m, which is
-the joint's actual position at n up to errors times slopes. All SI, apart from
-:class:`joint_tables_file.Triplets`, which are in the controller's unit.
+The controller asks joint a for the nominal value n, which the nominal model takes as the
+coordinate u = ratio0 n + offset0 of its limb. The real joint, commanded m, stands at
+u = ratio m + offset + du(m), where du are the effects that know nothing but the joint's own value
+and the direction of travel (gain, curvature, periodic, eccentricity, backlash). So it has to be
+commanded the m at which both are equal, and LinuxCNC commands n + (nominal - forward): the table
+holds forward = 2 n - m, the joint's actual position at n up to errors times slopes. All SI, apart
+from :class:`ppmcal.controllers.joint_tables_file.Triplets`, in the controller's unit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ppmcal.controllers.joint_tables_file import DIGITS, MOST, Triplets, correction
-from ppmcal.controllers.pose_errors import PoseErrors, pose_errors
-from ppmcal.controllers.pose_grid import at_rest, default_grid, refuse_open, targets
+from ppmcal.controllers.pose_grid import at_rest, refuse_open
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
-from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.units import LENGTHS
@@ -82,8 +78,6 @@ COARSE = 1e-6
 SAMPLES = 8001
 ROUNDS = 100
 SETTLED = 1e-14
-MOST_TRIED = 500
-"""Poses of the grid at which tables are tried, each in two directions."""
 JOINT_SLOTS = ("offset", "ratio")
 
 
@@ -124,12 +118,12 @@ def joint_parameters(mechanism: Mechanism) -> list[int]:
                    if slot in JOINT_SLOTS})
 
 
-def told(mechanism: Mechanism, nominal: Array, way: Array) -> Array:
-    """Return what joints have to be told (n, k) to stand where ``nominal`` (n, k) means.
+def corrected_commands(mechanism: Mechanism, nominal: Array, way: Array) -> Array:
+    """Return the commands (n, k) with which joints stand where ``nominal`` (n, k) means.
 
     Args:
         mechanism: the machine; its nominals are what the controller believes.
-        nominal: joint values that the drawing's kinematics asks for.
+        nominal: joint values that nominal kinematics asks for.
         way: direction of travel of each joint (n, k), +1 or -1.
 
     Limbs that share a drive but not its errors share the mean.
@@ -163,7 +157,7 @@ def _coordinates(mechanism: Mechanism, q: Array, way: Array) -> Array:
     return np.stack([model.joint_coordinate(i, q) for i in range(len(mechanism.limbs))], axis=-1)
 
 
-def divided(mechanism: Mechanism) -> list[str]:
+def drives_of_unequal_limbs(mechanism: Mechanism) -> list[str]:
     """Return the actuators whose limbs do not share the errors of their drive."""
     names = mechanism.actuators
     owners = [limb.actuator for limb in mechanism.limbs]
@@ -190,7 +184,7 @@ def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
     """Return the table of each actuator over its limits.
 
     Raises:
-        BadInput: an actuator has no limits. NoResult: as :func:`told`.
+        BadInput: an actuator has no limits. NoResult: as :func:`corrected_commands`.
     """
     refuse_open(mechanism, "the table")
     low, high = mechanism.limits.T
@@ -206,12 +200,12 @@ def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
         x, added = even[:, a], wanted[:, a] - even[:, a, None]
         chosen = knots(x, added, TARGET / slope, MOST)
         table = _table(mechanism, a, even[chosen], factor)
-        error, _ = _misses(table, factor, other[:, a], check[:, a])
+        error, _ = _interpolation_errors(table, factor, other[:, a], check[:, a])
         coarse = error * slope > COARSE
         if coarse:
             spread = np.linspace(0, SAMPLES - 1, MOST).astype(np.int64)
             tables = [_smoothed(x, added, at, factor) for at in (chosen, spread)]
-            off = [_misses(t, factor, other[:, a], check[:, a]) for t in tables]
+            off = [_interpolation_errors(t, factor, other[:, a], check[:, a]) for t in tables]
             best = int(np.argmin([rms for _, rms in off]))
             table, error = tables[best], off[best][0]
         out.append(CorrectionTable(name, unit, factor, table, error / factor, coarse))
@@ -245,59 +239,27 @@ def _triplets(nominal: Array, added: Array) -> Triplets:
                     tuple(actual[:, 1].tolist())).rounded()
 
 
-def _misses(table: Triplets, factor: float, q: Array, right: Array) -> tuple[float, float]:
-    """Return largest and rms difference of what joints (n,) are told from ``right`` (n, 2)."""
-    off = np.stack([commanded(table, factor, q, np.full_like(q, way)) for way in (1.0, -1.0)],
+def _interpolation_errors(table: Triplets, factor: float, q: Array, right: Array
+                          ) -> tuple[float, float]:
+    """Return largest and rms difference of the commands at ``q`` (n,) from ``right`` (n, 2)."""
+    off = np.stack([table_command(table, factor, q, np.full_like(q, way)) for way in (1.0, -1.0)],
                    axis=-1) - right
     return float(np.max(np.abs(off))), float(np.sqrt(np.mean(off**2)))
 
 
 def _both_ways(mechanism: Mechanism, q: Array) -> Array:
-    """Return what joints are told in positive and in negative travel (n, k, 2)."""
-    return np.stack([told(mechanism, q, np.full_like(q, way)) for way in (1.0, -1.0)], axis=-1)
+    """Return the corrected commands in positive and in negative travel (n, k, 2)."""
+    return np.stack([corrected_commands(mechanism, q, np.full_like(q, way))
+                     for way in (1.0, -1.0)], axis=-1)
 
 
 def _slope(mechanism: Mechanism, actuator: int) -> float:
-    """Return |du/dq| of one of the drawing's joints."""
+    """Return |du/dq| of a joint of the nominal model."""
     limb = next(limb for limb in mechanism.limbs if limb.actuator == actuator)
     return abs(limb.slots.values(mechanism.nominals).get("ratio", 1.0))
 
 
-def commanded(table: Triplets, factor: float, q: Array, way: Array) -> Array:
-    """Return what the motor is told (n,) for joint values ``q`` (n,), SI."""
+def table_command(table: Triplets, factor: float, q: Array, way: Array) -> Array:
+    """Return what the motor is commanded (n,) for joint values ``q`` (n,), SI."""
     x = q / factor
     return (x + correction(table, x, way)) * factor
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """Commands to try tables with.
-
-    ``asked``: commanded poses (N, 6), nan where open; ``q``: the drawing's joint values for
-    them (N, k); ``way``: direction in which each joint comes (N, k).
-    """
-
-    asked: Array
-    q: Array
-    way: Array
-
-
-def trial(mechanism: Mechanism, seed: int) -> Trial:
-    """Return the poses of the default grid, thinned, each with drawn and opposite directions."""
-    poses = default_grid(mechanism).poses(mechanism)
-    rng = np.random.default_rng(seed)
-    if len(poses) > MOST_TRIED:
-        poses = poses[np.sort(rng.choice(len(poses), MOST_TRIED, replace=False))]
-    q = inverse_partial(Model(mechanism.nominal()), poses).q
-    way = rng.choice([-1.0, 1.0], q.shape)
-    return Trial(np.tile(poses, (2, 1)), np.tile(q, (2, 1)), np.concatenate([way, -way]))
-
-
-def tried(mechanism: Mechanism, plan: Trial, tables: Sequence[CorrectionTable] = ()) -> PoseErrors:
-    """Return how far the machine, driven with tables or without, is from what was asked."""
-    q = plan.q.copy()
-    for a, own in enumerate(tables):
-        q[:, a] = commanded(own.table, own.factor, q[:, a], plan.way[:, a])
-    rows = replace(at_rest(mechanism, len(q)), approach=plan.way)
-    return pose_errors(mechanism, reached_poses(Model(mechanism), q, rows).pose,
-                  pose_motor(targets(mechanism, plan.asked)))

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from ppmcal.controllers.export import Exported, Lacking, Number, figure
+from ppmcal.controllers.export import Exported, NotExpressed, Number
 from ppmcal.controllers.joint_tables import (
     CorrectionTable,
-    Trial,
-    divided,
+    drives_of_unequal_limbs,
     joint_effects,
     joint_parameters,
     joint_tables,
-    trial,
-    tried,
+    table_command,
 )
 from ppmcal.controllers.joint_tables_file import MOST, format_triplets, parse_triplets
+from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
+from ppmcal.controllers.pose_grid import at_rest, completed_poses, default_grid
 from ppmcal.errors import BadInput, NoResult
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
 SEED = 1
+MOST_TRIED = 500
+"""Poses of the grid at which tables are tried, each in two directions."""
 INSTRUMENT = ("sensor_scale", "tilt")
 """Effects of what measured the machine; nothing of them is sent to it."""
 
@@ -37,18 +43,18 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         raise BadInput("joint tables go along the joints, not over poses", "--poses",
                        "Leave it out, or export `grid`")
     tables = joint_tables(mechanism)
-    plan = trial(mechanism, SEED)
-    after = tried(mechanism, plan, tables)
+    trial = trial_commands(mechanism, SEED)
+    after = predicted_errors(mechanism, trial, tables)
     return Exported(
         "joints", "joint table", _files(tables),
         "the tables hold what each joint does by itself", tuple(_numbers(mechanism, tables)),
-        f"{len(plan.q) // 2} poses of a box about home, each come to in two directions",
-        figure(tried(mechanism, plan)), figure(after), tuple(_lacks(mechanism, tables, plan)),
+        f"{len(trial.q) // 2} poses of a box about home, each come to in two directions",
+        predicted_errors(mechanism, trial), after, tuple(_not_expressed(mechanism, tables, trial)),
         tuple(_notes(mechanism, tables)), tuple(_advice(tables)),
         {"type": 0, "seed": SEED, "rows": after.count,
          "tables": {t.actuator: {"file": file_name(t), "points": len(t.table.nominal),
                                  "unit": t.unit, "interpolation_error": t.error}
-                    for t in tables}}, plan.asked)
+                    for t in tables}}, trial.asked)
 
 
 def file_name(table: CorrectionTable) -> str:
@@ -82,37 +88,38 @@ def _numbers(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Itera
         yield Number(f"{own.actuator} points", None, float(len(n)), "")
 
 
-def _lacks(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], plan: Trial
-           ) -> Iterator[Lacking]:
+def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], trial: TrialCommands
+           ) -> Iterator[NotExpressed]:
     """Yield what tables of single joints cannot hold."""
     names = mechanism.names
     changed = geometry_parameters(mechanism)
     if changed:
-        yield Lacking(f"the geometry beside the joints, {len(changed)} changed numbers",
-                      tuple(names[p] for p in changed),
-                      figure(tried(geometry_alone(mechanism), plan)))
-    shared, short = divided(mechanism), [t for t in tables if t.coarse]
+        yield NotExpressed(f"the geometry beside the joints, {len(changed)} changed numbers",
+                           tuple(names[p] for p in changed),
+                           predicted_errors(geometry_alone(mechanism), trial))
+    shared, short = drives_of_unequal_limbs(mechanism), [t for t in tables if t.coarse]
     if shared or short:
-        cost = figure(tried(joints_alone(mechanism), plan, tables))
+        cost = predicted_errors(joints_alone(mechanism), trial, tables)
         if shared:
-            yield Lacking(f"limbs on one drive, {', '.join(shared)}, with joint errors of their "
-                          "own: the table has their mean",
-                          tuple(names[p] for p in joint_parameters(mechanism)), cost)
+            yield NotExpressed(
+                f"limbs on one drive, {', '.join(shared)}, with joint errors of their own: the "
+                "table has their mean",
+                tuple(names[p] for p in joint_parameters(mechanism)), cost)
         if short:
-            yield Lacking(f"what {MOST} points cannot follow of "
-                          f"{', '.join(t.actuator for t in short)}", (), cost)
+            yield NotExpressed(f"what {MOST} points cannot follow of "
+                               f"{', '.join(t.actuator for t in short)}", (), cost)
     held = joint_effects(mechanism)
     for effect in mechanism.effects:
         if effect not in held and effect.kind.name not in INSTRUMENT:
             needs = effect.kind.needs
             why = (f"which depends on {', '.join(needs)} and is not in the figures either"
                    if needs else "which acts on more than the joints")
-            yield Lacking(f"effect {effect.kind.name}, {why}",
-                          tuple(names[p] for p in effect.parameters.values()), None)
+            yield NotExpressed(f"effect {effect.kind.name}, {why}",
+                               tuple(names[p] for p in effect.parameters.values()), None)
 
 
 def joints_alone(mechanism: Mechanism) -> Mechanism:
-    """Return the drawing with the machine's drives: ratios, offsets and joint effects."""
+    """Return the nominal machine with the real drives: ratios, offsets and joint effects."""
     g = mechanism.nominals.copy()
     drives = joint_parameters(mechanism)
     g[drives] = mechanism.values[drives]
@@ -123,7 +130,7 @@ def joints_alone(mechanism: Mechanism) -> Mechanism:
 
 
 def geometry_alone(mechanism: Mechanism) -> Mechanism:
-    """Return the machine with the drawing's drives and no effects."""
+    """Return the machine with nominal drives and no effects."""
     g = mechanism.values.copy()
     drives = joint_parameters(mechanism)
     g[drives] = mechanism.nominals[drives]
@@ -131,7 +138,7 @@ def geometry_alone(mechanism: Mechanism) -> Mechanism:
 
 
 def geometry_parameters(mechanism: Mechanism) -> list[int]:
-    """Return the indices of what else of the geometry is not as drawn."""
+    """Return the indices of what else of the geometry is not nominal."""
     others = {*joint_parameters(mechanism),
               *(p for e in mechanism.effects for p in e.parameters.values())}
     return [i for i, p in enumerate(mechanism.parameters)
@@ -172,3 +179,38 @@ def _advice(tables: tuple[CorrectionTable, ...]) -> Iterator[str]:
            "twice after switching on.")
     yield ("Where the directions differ the joint makes a jump on reversal: leave the step "
            "generator or drive 1.5 to 2 times MAX_ACCELERATION.")
+
+
+@dataclass(frozen=True, eq=False)
+class TrialCommands:
+    """Commands to try tables with.
+
+    ``asked``: commanded poses (N, 6), nan where open; ``q``: nominal joint values for them
+    (N, k); ``way``: direction in which each joint comes (N, k).
+    """
+
+    asked: Array
+    q: Array
+    way: Array
+
+
+def trial_commands(mechanism: Mechanism, seed: int) -> TrialCommands:
+    """Return the poses of the default grid, thinned, each with drawn and opposite directions."""
+    poses = default_grid(mechanism).poses(mechanism)
+    rng = np.random.default_rng(seed)
+    if len(poses) > MOST_TRIED:
+        poses = poses[np.sort(rng.choice(len(poses), MOST_TRIED, replace=False))]
+    q = inverse_partial(Model(mechanism.nominal()), poses).q
+    way = rng.choice([-1.0, 1.0], q.shape)
+    return TrialCommands(np.tile(poses, (2, 1)), np.tile(q, (2, 1)), np.concatenate([way, -way]))
+
+
+def predicted_errors(mechanism: Mechanism, trial: TrialCommands,
+                     tables: Sequence[CorrectionTable] = ()) -> ErrorSummary:
+    """Return how far the machine, driven with tables or without, is from what was asked."""
+    q = trial.q.copy()
+    for a, own in enumerate(tables):
+        q[:, a] = table_command(own.table, own.factor, q[:, a], trial.way[:, a])
+    rows = replace(at_rest(mechanism, len(q)), approach=trial.way)
+    return pose_errors(mechanism, reached_poses(Model(mechanism), q, rows).pose,
+                       pose_motor(completed_poses(mechanism, trial.asked)))

@@ -137,7 +137,7 @@ def axis(mechanism: Mechanism, limb: int) -> Array:
     return out
 
 
-def drawn(drive: KlipperDrive) -> DeltaGeometry:
+def delta_geometry(drive: KlipperDrive) -> DeltaGeometry:
     """Return Klipper's numbers as read off the machine, turned so that c stands at 90 deg.
 
     Exact, apart from a turn and a shift in the plane, for upright towers without frame errors:
@@ -204,7 +204,7 @@ def driven(drive: KlipperDrive, down: Array) -> Array:
     return out
 
 
-def follows(drive: KlipperDrive, geometry: DeltaGeometry, point: Array) -> Array:
+def platform_jacobian(drive: KlipperDrive, geometry: DeltaGeometry, point: Array) -> Array:
     """Return how the platform moves with the joints at ``point`` (N, 3): dx/dq, (N, 3, 3).
 
     From A dx + Jq dq = 0; nan where it is singular or not reached.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ppmcal.controllers.export import ErrorSummary, Exported, Lacking, Number, words
+from ppmcal.controllers.export import Exported, Number
 from ppmcal.controllers.klipper import MM
 from ppmcal.controllers.klipper_config import (
     TOWERS,
@@ -21,7 +21,7 @@ from ppmcal.controllers.klipper_config import (
     read_config,
     read_geometry,
 )
-from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, KlipperErrors, project
+from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, project
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text
 from ppmcal.model.mechanism import Mechanism
@@ -50,22 +50,19 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
               for key, value in after.items()),
         f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
         "mm, where on the bed a print lies aside",
-        figure(found.before), figure(found.after),
-        tuple(Lacking(lack.what, lack.parameters,
-                      None if lack.cost is None else figure(lack.cost)) for lack in found.lacks),
-        found.notes, tuple(advice),
+        found.before, found.after, found.not_expressed, found.notes, tuple(advice),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
         np.pad(found.points, ((0, 0), (0, 3))))
 
 
 def _comment(found: Export[DeltaGeometry], name: str) -> str:
-    lines = [f"{name}: error if the model is exact {words(figure(found.after))}, before "
-             f"{words(figure(found.before))}.",
+    lines = [f"{name}: error if the model is exact {found.after.words()}, before "
+             f"{found.before.words()}.",
              "Paste above the #*# lines of printer.cfg, below the sections of the same names (the",
              "later value wins). Where #*# lines name the same keys, put the numbers there: they",
              "win over all others."]
-    return "\n".join([*lines, *(f"Cannot be expressed: {lack.what}." for lack in found.lacks),
+    return "\n".join([*lines, *(f"Cannot be expressed: {one.what}." for one in found.not_expressed),
                       *(f"Note: {note}." for note in found.notes)])
 
 
@@ -84,13 +81,6 @@ def _autosaved(config: Config, names: Iterable[str]) -> list[str]:
     split = ((name, *name.split(".")) for name in names)
     return [name for name, section, key in split
             if key in config.sections.get(section, {}) and config.sections[section][key].saved]
-
-
-def figure(found: KlipperErrors) -> ErrorSummary:
-    """Return errors with the turn and shift taken out of them, mm and degrees."""
-    return ErrorSummary(found.rms, found.max, more={
-        "taken_out": {"turn": float(np.degrees(found.turn)),
-                      "shift": [v / MM for v in found.shift]}})
 
 
 HEIGHT_SIGMA = 0.02

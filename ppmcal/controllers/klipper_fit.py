@@ -14,18 +14,20 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.optimize import least_squares
 
+from ppmcal.controllers.export import NotExpressed
 from ppmcal.controllers.klipper import (
     MM,
     KlipperDrive,
-    drawn,
+    delta_geometry,
     drive_of,
-    follows,
+    platform_jacobian,
     reached,
     travel,
     triple,
 )
 from ppmcal.controllers.klipper import axis as tower_axis
 from ppmcal.controllers.klipper_config import DeltaGeometry
+from ppmcal.controllers.pose_errors import ErrorSummary, PlanarMotion, rms
 from ppmcal.errors import NoResult
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -34,7 +36,7 @@ Numbers = TypeVar("Numbers")
 
 EXACT = 1e-9
 """Klipper expresses a machine whose largest error is below this, m."""
-LAID = 1e-7
+NEGLIGIBLE = 1e-7
 """Turns (rad) and shifts (m) below this are rounding, not worth a word."""
 STEP = 1e-4
 """Step of the differences by Klipper's numbers, mm and deg."""
@@ -66,29 +68,6 @@ KLIPPER = KlipperTerms("Klipper", ("stepper_a", "stepper_b", "stepper_c"), "delt
 
 
 @dataclass(frozen=True)
-class KlipperErrors:
-    """Errors over a grid, m, and the turn (rad) and shift (2,) taken out of them."""
-
-    rms: float
-    max: float
-    turn: float
-    shift: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Lack:
-    """One thing that the controller cannot express, how large it is and what it costs.
-
-    ``cost``: errors of the best configuration of a machine that has nothing else of the kind;
-    None for what the prediction does not hold.
-    """
-
-    what: str
-    parameters: tuple[str, ...]
-    cost: KlipperErrors | None
-
-
-@dataclass(frozen=True)
 class Export(Generic[Numbers]):
     """A machine in a firmware's numbers.
 
@@ -96,45 +75,46 @@ class Export(Generic[Numbers]):
         new, old: what is written, and what it is compared with.
         before, after: errors of the machine driven with each.
         points: the commands compared (N, 3), m; radius: of their disc, m.
-        lacks: what cannot be expressed; notes: what was done to express the rest.
+        not_expressed: what cannot be expressed; notes: what was done to express the rest.
     """
 
     new: Numbers
     old: Numbers
-    before: KlipperErrors
-    after: KlipperErrors
+    before: ErrorSummary
+    after: ErrorSummary
     points: Array
     radius: float
-    lacks: tuple[Lack, ...]
+    not_expressed: tuple[NotExpressed, ...]
     notes: tuple[str, ...]
 
     @property
     def exact(self) -> bool:
         """Whether the numbers hold all of the geometry."""
-        return not self.lacks
+        return not self.not_expressed
 
 
 def project(mechanism: Mechanism, old: DeltaGeometry | None = None, terms: KlipperTerms = KLIPPER
             ) -> Export[DeltaGeometry]:
-    """Return the machine in Klipper's numbers; ``old`` defaults to those of its drawing.
+    """Return the machine in Klipper's numbers; ``old`` defaults to its nominal ones.
 
     ``terms``: words of another firmware whose numbers are these in other conventions.
     """
     drive = drive_of(mechanism)
-    start = drawn(drive)
+    start = delta_geometry(drive)
     points = grid(drive, start)
     new = _best(drive, start, points).rounded()
     if old is None:
         first = drive_of(mechanism.nominal())
-        old = _best(first, drawn(first), points)
+        old = _best(first, delta_geometry(first), points)
     both = points[np.isfinite(reached(drive, old, points)).all(axis=1)]
     if len(both) < ENOUGH:
         raise NoResult("with the old configuration the machine reaches next to nothing of the "
                        "new one's workspace", mechanism.source,
                        f"Check that --old is this printer's, and its {terms.endstops}")
-    after = misses(drive, new, both)
-    return Export(new, old, misses(drive, old, both), after, both, DISC * start.radius * MM,
-                  tuple(_lacks(mechanism, points, terms)), tuple(_notes(drive, after, terms)))
+    removed = _aligned(reached(drive, new, both), both)[1]
+    return Export(new, old, predicted_errors(drive, old, both), predicted_errors(drive, new, both),
+                  both, DISC * start.radius * MM, tuple(_not_expressed(mechanism, points, terms)),
+                  tuple(_notes(drive, removed, terms)))
 
 
 def grid(drive: KlipperDrive, geometry: DeltaGeometry) -> Array:
@@ -157,35 +137,35 @@ def grid(drive: KlipperDrive, geometry: DeltaGeometry) -> Array:
     return np.asarray(points, dtype=float)
 
 
-def misses(drive: KlipperDrive, geometry: DeltaGeometry, points: Array) -> KlipperErrors:
+def predicted_errors(drive: KlipperDrive, geometry: DeltaGeometry, points: Array) -> ErrorSummary:
     """Return how far the machine, driven with ``geometry``, misses ``points`` (N, 3)."""
-    return misses_at(reached(drive, geometry, points), points)
+    return error_summary(reached(drive, geometry, points), points)
 
 
-def misses_at(at: Array, points: Array) -> KlipperErrors:
+def error_summary(at: Array, points: Array) -> ErrorSummary:
     """Return how far a machine that goes to ``at`` (N, 3) misses ``points`` (N, 3)."""
-    error, turn, shift = _laid(at, points)
+    error, removed = _aligned(at, points)
     size = np.linalg.norm(error, axis=1)
-    return KlipperErrors(float(np.sqrt(np.mean(size**2))), float(np.max(size)), turn, shift)
+    return ErrorSummary(rms(size), float(np.max(size)), count=len(size), removed=removed)
 
 
-def _laid(at: Array, wanted: Array) -> tuple[Array, float, tuple[float, float]]:
-    """Lay ``at`` on ``wanted``, (N, 3) each, by a turn about z and a shift along x and y.
+def _aligned(at: Array, wanted: Array) -> tuple[Array, PlanarMotion]:
+    """Align ``at`` with ``wanted``, (N, 3) each, by a turn about z and a shift along x and y.
 
     With a and w the points as complex numbers about their means, the turn of least squares is
-    the argument of sum(conj(a) w). Returns what is left (N, 3), the turn and the shift.
+    the argument of sum(conj(a) w). Returns what is left (N, 3), and the motion.
     """
     a, w = at[:, 0] + 1j * at[:, 1], wanted[:, 0] + 1j * wanted[:, 1]
     turn = float(np.angle(np.vdot(a - a.mean(), w - w.mean())))
     shift = complex(w.mean() - np.exp(1j * turn) * a.mean())
     left = np.exp(1j * turn) * a + shift - w
-    return (np.stack([left.real, left.imag, at[:, 2] - wanted[:, 2]], axis=-1), turn,
-            (shift.real, shift.imag))
+    return (np.stack([left.real, left.imag, at[:, 2] - wanted[:, 2]], axis=-1),
+            PlanarMotion(turn, (shift.real, shift.imag)))
 
 
 def _best(drive: KlipperDrive, start: DeltaGeometry, points: Array) -> DeltaGeometry:
     """Return the geometry with the smallest squared errors at ``points``; c stays at 90 deg."""
-    if misses(drive, start, points).max < EXACT:
+    if predicted_errors(drive, start, points).max < EXACT:
         return start
 
     def geometry(p: Array) -> DeltaGeometry:
@@ -193,18 +173,18 @@ def _best(drive: KlipperDrive, start: DeltaGeometry, points: Array) -> DeltaGeom
                         triple(p[6:9]))
 
     def errors(p: Array) -> Array:
-        error = _laid(reached(drive, geometry(p), points), points)[0] / MM
+        error = _aligned(reached(drive, geometry(p), points), points)[0] / MM
         return np.asarray(np.where(np.isfinite(error), error, 1e3).ravel(), dtype=float)
 
     def slopes(p: Array) -> Array:
         at, here = reached(drive, geometry(p), points), travel(geometry(p), points)
-        moves = follows(drive, geometry(p), points)
+        moves = platform_jacobian(drive, geometry(p), points)
         columns = []
         for step in np.diag(np.full(len(p), STEP)):
             ends = []
             for side in (step, -step):
                 q = drive.joints(travel(geometry(p + side), points)) - drive.joints(here)
-                ends.append(_laid(at + (moves @ q[..., None])[..., 0], points)[0].ravel() / MM)
+                ends.append(_aligned(at + (moves @ q[..., None])[..., 0], points)[0].ravel() / MM)
             columns.append((ends[0] - ends[1]) / (2.0 * STEP))
         return np.nan_to_num(np.stack(columns, axis=-1))
 
@@ -246,17 +226,19 @@ def _group(slot: str) -> str:
     return slot if slot == "ratio" else ""
 
 
-def _lacks(mechanism: Mechanism, points: Array, terms: KlipperTerms) -> Iterator[Lack]:
+def _not_expressed(mechanism: Mechanism, points: Array, terms: KlipperTerms
+                   ) -> Iterator[NotExpressed]:
     """Yield what Klipper has no number for, each with the cost of that alone."""
     for i, name, words, used in _groups(mechanism, terms):
         alone = drive_of(_only(mechanism, i, name, used))
-        start = drawn(alone)
+        start = delta_geometry(alone)
         fits = points[np.isfinite(reached(alone, start, points)).all(axis=1)]
-        cost = misses(alone, _best(alone, start, fits), fits) if len(fits) >= ENOUGH else None
-        yield Lack(words, tuple(mechanism.names[p] for p in used), cost)
+        cost = None if len(fits) < ENOUGH else predicted_errors(
+            alone, _best(alone, start, fits), fits)
+        yield NotExpressed(words, tuple(mechanism.names[p] for p in used), cost)
     for effect in mechanism.effects:
-        yield Lack(f"effect {effect.kind.name}, which the figures above do not hold either",
-                   tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+        yield NotExpressed(f"effect {effect.kind.name}, which the figures above do not hold either",
+                           tuple(mechanism.names[p] for p in effect.parameters.values()), None)
 
 
 def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> Mechanism:
@@ -273,19 +255,19 @@ def _only(mechanism: Mechanism, limb: int, name: str, used: tuple[int, ...]) -> 
     return replace(mechanism.with_values(g), limbs=tuple(limbs), effects=())
 
 
-def _notes(drive: KlipperDrive, after: KlipperErrors, terms: KlipperTerms) -> Iterator[str]:
+def _notes(drive: KlipperDrive, removed: PlanarMotion, terms: KlipperTerms) -> Iterator[str]:
     """Yield what a user should know of how the machine became the firmware's."""
     mechanism = drive.mechanism
     limbs = [mechanism.limbs[i] for i in drive.towers]
     pairs = [(limb.name, tower) for limb, tower in zip(limbs, terms.towers, strict=True)]
     if not all(tower.endswith(name) for name, tower in pairs):
         yield "towers: " + ", ".join(f"{name} is {tower}" for name, tower in pairs)
-    if abs(after.turn) > LAID:
-        yield (f"the machine is turned by {np.degrees(after.turn):.4g} deg about z, so that tower "
-               f"{limbs[2].name} stands at 90 deg; prints turn with it")
-    if np.hypot(*after.shift) > LAID:
-        yield (f"the model's x = y = 0 becomes {after.shift[0] / MM:.4g}, "
-               f"{after.shift[1] / MM:.4g} mm: {terms.title} counts from the middle of the "
+    if abs(removed.turn) > NEGLIGIBLE:
+        yield (f"the machine is turned by {np.degrees(removed.turn):.4g} deg about z, so that "
+               f"tower {limbs[2].name} stands at 90 deg; prints turn with it")
+    if np.hypot(*removed.shift) > NEGLIGIBLE:
+        yield (f"the model's x = y = 0 becomes {removed.shift[0] / MM:.4g}, "
+               f"{removed.shift[1] / MM:.4g} mm: {terms.title} counts from the middle of the "
                f"towers, and so has one {terms.radius} for them")
     values = [limb.slots.values(mechanism.values) for limb in limbs]
     if any(v.get(f"platform.point.{c}", 0.0) for v in values for c in "xy"):

@@ -57,7 +57,7 @@ class Legs:
 
 @dataclass(frozen=True, eq=False)
 class LinuxcncDrive:
-    """A machine without effects, its limbs, those of its drawing, and the controller's unit, m."""
+    """A machine without effects, its limbs, its nominal ones, and the controller's unit, m."""
 
     mechanism: Mechanism
     legs: Legs
@@ -158,7 +158,8 @@ def drive_of(mechanism: Mechanism, unit: float) -> LinuxcncDrive:
     return LinuxcncDrive(own, legs_of(own), legs_of(own.nominal()), unit)
 
 
-def drawn(drive: LinuxcncDrive, geometry: HexapodGeometry | None = None) -> GenhexkinsSetting:
+def genhexkins_setting(drive: LinuxcncDrive, geometry: HexapodGeometry | None = None
+                       ) -> GenhexkinsSetting:
     """Return the setting as read off the machine; exact where no joint stands beside its line.
 
     ``geometry``: in the pins that are not points, what stays as it is.

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, Lacking, Number, figure, words
+from ppmcal.controllers.export import Exported, NotExpressed, Number
 from ppmcal.controllers.linuxcnc import (
     GenhexkinsSetting,
     LinuxcncDrive,
     commands,
-    drawn,
     drive_of,
+    genhexkins_setting,
     joints,
     reached,
     rounded,
 )
-from ppmcal.controllers.linuxcnc_fit import EXACT, best, grid, missed, within
+from ppmcal.controllers.linuxcnc_fit import EXACT, best, grid, predicted_errors, within
 from ppmcal.controllers.linuxcnc_hal import (
     STRUTS,
     HexapodGeometry,
@@ -68,8 +68,8 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     if len(around) < ENOUGH:
         raise NoResult("the machine takes next to no pose around home within its limits",
                        mechanism.source, "Check `home` and `limits`")
-    new = rounded(best(drive, drawn(drive, present), around))
-    old_pins = drawn(drive_of(mechanism.nominal(), drive.unit)).geometry
+    new = rounded(best(drive, genhexkins_setting(drive, present), around))
+    old_pins = genhexkins_setting(drive_of(mechanism.nominal(), drive.unit)).geometry
     before = GenhexkinsSetting(
         old_pins if present is None else present, np.ones(STRUTS), np.zeros(STRUTS)
     )
@@ -77,24 +77,24 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
                 f"each axis and {np.degrees(turn):.0f} deg from home") if poses is None else (
         _given(mechanism, poses))
     over = _taken(drive, (before, new), over, old)
-    was, after = (missed(drive, setting, over.pose) for setting in (before, new))
+    was, after = (predicted_errors(drive, setting, over.pose) for setting in (before, new))
     ini = tuple(joint.rounded() for joint in joints(drive, new))
-    lacks = tuple(_lacks(mechanism, drive, around))
+    lacks = tuple(_not_expressed(mechanism, drive, around))
     notes = (*over.notes, *_notes(drive, new, unit, poses is not None and _lateral(drive) != []))
     head = "\n".join([
-        f"{mechanism.name}: error if the model is exact {words(figure(after))}, before "
-        f"{words(figure(was))}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
+        f"{mechanism.name}: error if the model is exact {after.words()}, before "
+        f"{was.words()}.", *(f"Cannot be expressed: {lack.what}." for lack in lacks),
         *(f"Note: {note}." for note in notes)])
     return Exported(
         "linuxcnc", "LinuxCNC", _files(drive, new.geometry, ini, unit, head),
         f"genhexkins' numbers hold {'most of it, fitted' if lacks else 'all of the geometry'}",
-        tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, figure(was),
-        figure(after), lacks, notes, tuple(_advice(ini, unit)),
+        tuple(_numbers(before.geometry, new.geometry, ini, unit)), over.words, was,
+        after, lacks, notes, tuple(_advice(ini, unit)),
         {"length_unit": unit, "poses": len(over.pose)}, pose_vector(over.pose))
 
 
 def _unit(mechanism: Mechanism, present: HexapodGeometry | None, old: Path | None) -> str:
-    """Return ``mm`` or ``in``: in which unit the present points are as large as the drawing's.
+    """Return ``mm`` or ``in``: in which unit the present points are as large as nominal.
 
     Without present points, the inch if the mechanism file is in inches.
 
@@ -103,16 +103,16 @@ def _unit(mechanism: Mechanism, present: HexapodGeometry | None, old: Path | Non
     """
     if present is None:
         return "in" if mechanism.units.length == "in" else "mm"
-    drawing = drive_of(mechanism.nominal(), 1.0).legs
-    size = _spread(drawing.base) + _spread(drawing.platform)
+    nominal = drive_of(mechanism.nominal(), 1.0).legs
+    size = _spread(nominal.base) + _spread(nominal.platform)
     held = _spread(np.array(present.base)) + _spread(np.array(present.platform))
     for unit in ("mm", "in"):
         if size / APART < held * LENGTHS[unit] < size * APART:
             there = np.hstack([present.base, present.platform]) * LENGTHS[unit]
-            here = np.hstack([drawing.base, drawing.platform])
+            here = np.hstack([nominal.base, nominal.platform])
             _same_order(mechanism, np.linalg.norm(there[:, None] - here, axis=-1), old)
             return unit
-    raise BadInput(f"its points are spread by {held:.4g}, the drawing's by {size * 1e3:.4g} mm",
+    raise BadInput(f"its points are spread by {held:.4g}, nominal ones by {size * 1e3:.4g} mm",
                    str(old), "Give the HAL file of this machine, in mm or inch")
 
 
@@ -212,7 +212,8 @@ def _lateral(drive: LinuxcncDrive) -> list[int]:
     return [int(n) for n in np.flatnonzero(shown > EXACT)]
 
 
-def _lacks(mechanism: Mechanism, drive: LinuxcncDrive, around: Array) -> Iterator[Lacking]:
+def _not_expressed(mechanism: Mechanism, drive: LinuxcncDrive, around: Array
+                   ) -> Iterator[NotExpressed]:
     """Yield what genhexkins has no number for, each with the cost of that alone."""
     for strut in _lateral(drive):
         limb = mechanism.limbs[strut]
@@ -220,14 +221,14 @@ def _lacks(mechanism: Mechanism, drive: LinuxcncDrive, around: Array) -> Iterato
                 if slot.startswith(("joint2.", "joint3.")) and mechanism.values[p]]
         alone = drive_of(_only(mechanism, used), drive.unit)
         pose = around[within(alone.mechanism, around)]
-        found = best(alone, drawn(alone), pose) if len(pose) >= ENOUGH else None
-        yield Lacking(
+        found = best(alone, genhexkins_setting(alone), pose) if len(pose) >= ENOUGH else None
+        yield NotExpressed(
             f"joints 2 and 3 of {limb.name} stand {drive.legs.beside[strut] * 1e3:.4g} mm beside "
             "the driven line", tuple(mechanism.names[p] for p in used),
-            None if found is None else figure(missed(alone, found, pose)))
+            None if found is None else predicted_errors(alone, found, pose))
     for effect in mechanism.effects:
-        yield Lacking(f"effect {effect.kind.name}, which the figures above do not hold either",
-                      tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+        yield NotExpressed(f"effect {effect.kind.name}, which the figures above do not hold either",
+                           tuple(mechanism.names[p] for p in effect.parameters.values()), None)
 
 
 def _only(mechanism: Mechanism, used: list[int]) -> Mechanism:

@@ -22,7 +22,7 @@ from ppmcal.controllers.linuxcnc import (
     right_shift,
 )
 from ppmcal.controllers.linuxcnc_hal import STRUTS
-from ppmcal.controllers.pose_errors import PoseErrors, pose_errors
+from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -43,7 +43,7 @@ SPREAD = np.array([[*place, *turn] for place in product((-1.0, 0.0, 1.0), repeat
                    for turn in TURNS])
 
 
-def missed(drive: LinuxcncDrive, setting: GenhexkinsSetting, pose: Array) -> PoseErrors:
+def predicted_errors(drive: LinuxcncDrive, setting: GenhexkinsSetting, pose: Array) -> ErrorSummary:
     """Return how far the machine, driven with ``setting``, misses motors ``pose`` (N, 8).
 
     Over those that it takes.
@@ -96,7 +96,7 @@ def best(drive: LinuxcncDrive, start: GenhexkinsSetting, pose: Array) -> Genhexk
     Squared errors of position and, times the machine's length scale, of rotation, by the 36
     coordinates, 6 shifts and 6 stretches; ``start`` itself where that is exact.
     """
-    if missed(drive, start, pose).max < EXACT:
+    if predicted_errors(drive, start, pose).max < EXACT:
         return start
     fit, unit = _Fit(drive, right_shift(drive, start.stretch), pose), drive.unit
     first = np.concatenate([drive.legs.base.ravel(), drive.legs.platform.ravel(),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ppmcal.calibration.compensation import model_sigma
+from ppmcal.controllers.pose_errors import rms, rotation_rms
 from ppmcal.controllers.pose_grid import rest_columns
+from ppmcal.io.results.export import ModelUncertainty
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -18,7 +19,7 @@ KNOWLEDGE = "identification.json"
 
 
 @dataclass(frozen=True)
-class Certainty:
+class PoseUncertainty:
     """The model's own standard deviation, root mean square over poses; None where unknown.
 
     ``position`` m, ``rotation`` rad (None too where nothing turns); ``frame``: of which data set,
@@ -30,20 +31,17 @@ class Certainty:
     frame: str
     reason: str = ""
 
-    def entry(self) -> dict[str, Any]:
+    def entry(self) -> ModelUncertainty:
         """Return the entry of export.json, mm and degrees."""
-        out: dict[str, Any] = {
-            "rms": None if self.position is None else self.position * 1e3, "unit": "mm",
-            "frame": self.frame, "reason": self.reason}
-        if self.rotation is not None:
-            out["rotation"] = {"rms": float(np.degrees(self.rotation)), "unit": "deg"}
-        return out
+        return ModelUncertainty(rms=None if self.position is None else self.position * 1e3,
+                                unit="mm", frame=self.frame, reason=self.reason,
+                                **rotation_rms(self.rotation))
 
 
-UNKNOWN = Certainty(None, None, "", f"{KNOWLEDGE} is not beside the model")
+UNKNOWN = PoseUncertainty(None, None, "", f"{KNOWLEDGE} is not beside the model")
 
 
-def certainty(mechanism: Mechanism, poses: Array | None, model: Path) -> Certainty:
+def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> PoseUncertainty:
     """Return how well the file ``model`` is known at platform poses (N, 6), base frame.
 
     In the measuring frame of the model's only data set, as ``compensate`` takes it; with none or
@@ -62,10 +60,7 @@ def certainty(mechanism: Mechanism, poses: Array | None, model: Path) -> Certain
                                      knowledge, name, rest_columns(mechanism, len(poses)))
     seen = np.isfinite(position)
     if not seen.any():
-        return Certainty(None, None, name or "base", "no pose has an uncertainty")
+        return PoseUncertainty(None, None, name or "base", "no pose has an uncertainty")
     turns = mechanism.motion != "translational"
-    return Certainty(_rms(position[seen]), _rms(rotation[seen]) if turns else None, name or "base")
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return PoseUncertainty(rms(position[seen]), rms(rotation[seen]) if turns else None,
+                           name or "base")

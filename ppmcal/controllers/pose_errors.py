@@ -3,27 +3,69 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.errors import NoResult
+from ppmcal.io.results.export import CommandErrors, RemovedMotion, RotationErrors
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
+MM = 1e-3
+
 
 @dataclass(frozen=True)
-class PoseErrors:
-    """Errors over ``count`` poses: of position, m, and of rotation, rad, if there is one."""
+class PlanarMotion:
+    """A turn about z, rad, and a shift along x and y, m."""
+
+    turn: float
+    shift: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ErrorSummary:
+    """Errors over ``count`` poses: of position, m, and of rotation, rad, if there is one.
+
+    ``removed``: what was taken out of them, None for nothing.
+    """
 
     rms: float
     max: float
-    rotation_rms: float | None
-    rotation_max: float | None
-    count: int
+    rotation_rms: float | None = None
+    rotation_max: float | None = None
+    count: int = 0
+    removed: PlanarMotion | None = None
+
+    def entry(self) -> CommandErrors:
+        """Return the entry of export.json, mm and degrees."""
+        more: dict[str, Any] = {}
+        if self.rotation_rms is not None and self.rotation_max is not None:
+            more["rotation"] = RotationErrors(rms=float(np.degrees(self.rotation_rms)),
+                                              max=float(np.degrees(self.rotation_max)),
+                                              unit="deg")
+        if self.removed is not None:
+            more["taken_out"] = RemovedMotion(turn=float(np.degrees(self.removed.turn)),
+                                              shift=tuple(v / MM for v in self.removed.shift))
+        return CommandErrors(rms=self.rms * 1e3, max=self.max * 1e3, unit="mm", **more)
+
+    def rms_entry(self) -> CommandErrors:
+        """Return the same with nothing but the root mean squares."""
+        return CommandErrors(rms=self.rms * 1e3, unit="mm", **rotation_rms(self.rotation_rms))
+
+    def words(self) -> str:
+        """Return ``0.0123 mm rms, 0.0456 mm at most``, and the rotation."""
+        return self.entry().words()
 
 
-def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> PoseErrors:
+def rotation_rms(value: float | None) -> dict[str, Any]:
+    """Return the key ``rotation`` of an rms error, rad, nothing where there is none."""
+    return {} if value is None else {
+        "rotation": RotationErrors(rms=float(np.degrees(value)), unit="deg")}
+
+
+def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> ErrorSummary:
     """Return how far motors ``real`` are from ``wanted`` (N, 8), over the rows that are known.
 
     Raises:
@@ -37,9 +79,10 @@ def pose_errors(mechanism: Mechanism, real: Array, wanted: Array) -> PoseErrors:
     away = np.linalg.norm(cga.translation(at) - cga.translation(ideal), axis=1)
     turn = np.linalg.norm(cga.rotation_vector(cga.compose(cga.reverse(ideal), at)), axis=1)
     turns = mechanism.motion != "translational"
-    return PoseErrors(_rms(away), float(np.max(away)), _rms(turn) if turns else None,
-                  float(np.max(turn)) if turns else None, int(rows.size))
+    return ErrorSummary(rms(away), float(np.max(away)), rms(turn) if turns else None,
+                        float(np.max(turn)) if turns else None, int(rows.size))
 
 
-def _rms(values: Array) -> float:
+def rms(values: Array) -> float:
+    """Return the root mean square of values (n,)."""
     return float(np.sqrt(np.mean(values**2)))

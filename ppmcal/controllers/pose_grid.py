@@ -1,12 +1,11 @@
 """Wanted poses, the command that brings the machine to each, and a controller that uses them.
 
-The controller believes the drawing: it turns a commanded pose into joint values with the nominal
-geometry. Commands are corrected so that the identified machine ends at what was wanted
-(:mod:`calibration.compensation`). Between the poses of a regular grid a controller interpolates the
-difference command - wanted linearly in every coordinate; how far the machine then is from what
-was wanted is measured at poses in between. Effects are taken at rest: no direction of approach,
-no speed, no load, 20 degrees Celsius, time 0. Full poses are (N, 6) x, y, z and rotation vector
-in the base frame; all SI.
+The controller turns a commanded pose into joint values with the nominal geometry. Commands are
+corrected so that the identified machine ends at what was wanted (:mod:`calibration.compensation`).
+Between the poses of a regular grid a controller interpolates the difference command - wanted
+linearly in every coordinate; how far the machine then is from what was wanted is measured at poses
+in between. Effects are taken at rest: no direction of approach, no speed, no load, 20 degrees
+Celsius, time 0. Full poses are (N, 6) x, y, z and rotation vector in the base frame; all SI.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from ppmcal.calibration.compensation import compensate
-from ppmcal.controllers.pose_errors import PoseErrors, pose_errors
+from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
@@ -101,16 +100,16 @@ def corrected(mechanism: Mechanism, wanted: Array) -> Corrected:
     """Return the corrected commands of wanted platform poses (N, 6), nan where open."""
     found = compensate(mechanism, wanted, None, columns=rest_columns(mechanism, len(wanted)))
     reason = list(found.reason)
-    command = nearest(found.command, found.seen)
+    command = nearest_rotations(found.command, found.seen)
     for n in np.flatnonzero(finite_rows(found.q) & ~finite_rows(command)):
-        reason[n] = "the drawing has no pose at these joint values"
+        reason[n] = "the nominal geometry has no pose at these joint values"
     good = np.array([not r for r in reason], dtype=np.bool_)
     return Corrected(found.seen, np.where(good[:, None], command, np.nan),
                      np.where(good[:, None], found.q, np.nan), good,
                      dict(Counter(r.partition(":")[0] for r in reason if r)))
 
 
-def nearest(vector: Array, to: Array) -> Array:
+def nearest_rotations(vector: Array, to: Array) -> Array:
     """Return poses (N, 6) with the rotation vector of the same turn that is nearer to ``to``."""
     out = vector.copy()
     angle = np.linalg.norm(out[:, 3:], axis=1, keepdims=True)
@@ -136,7 +135,7 @@ def interpolated(grid: Grid, found: Corrected, values: Array) -> Array:
 def driven(mechanism: Mechanism, commands: Array, rows: Environment) -> Array:
     """Return where commanded poses (N, 6) bring the machine, motors (N, 8).
 
-    The commands go through the drawing's inverse kinematics; nan where they do not.
+    The commands go through the nominal inverse kinematics; nan where they do not.
     """
     asked = commands.copy()
     asked[:, [c for c in mechanism.dof if c not in named(mechanism)]] = np.nan
@@ -144,14 +143,14 @@ def driven(mechanism: Mechanism, commands: Array, rows: Environment) -> Array:
     return reached_poses(Model(mechanism), q, rows).pose
 
 
-def targets(mechanism: Mechanism, wanted: Array) -> Array:
+def completed_poses(mechanism: Mechanism, wanted: Array) -> Array:
     """Return wanted poses (N, 6) with their open coordinates solved for; nan where none is."""
     station = base_station(len(mechanism.actuators))
     return wanted_poses(Model(mechanism), station, wanted)[0]
 
 
-def tried_between(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int
-                  ) -> tuple[PoseErrors, PoseErrors]:
+def errors_between_poses(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int
+                  ) -> tuple[ErrorSummary, ErrorSummary]:
     """Return errors at poses in between without and with the interpolated correction.
 
     Raises:
@@ -160,7 +159,7 @@ def tried_between(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int
     values = grid.inside(BETWEEN, np.random.default_rng(seed))
     wanted = placed(mechanism, grid.coordinates, values)
     correction = interpolated(grid, found, values)[:, list(grid.coordinates)]
-    full = targets(mechanism, wanted)
+    full = completed_poses(mechanism, wanted)
     rest = at_rest(mechanism, len(wanted))
     asked = placed(mechanism, grid.coordinates, values + correction)
     after = driven(mechanism, np.where(finite_rows(correction)[:, None], asked, np.nan), rest)
@@ -173,7 +172,7 @@ def tried_between(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int
             pose_errors(mechanism, after[both], pose_motor(full[both])))
 
 
-def tried_at(mechanism: Mechanism, found: Corrected) -> tuple[PoseErrors, PoseErrors]:
+def errors_at_poses(mechanism: Mechanism, found: Corrected) -> tuple[ErrorSummary, ErrorSummary]:
     """Return errors at the poses themselves without and with their commands."""
     full = found.wanted[found.good]
     rest = at_rest(mechanism, len(full))

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.controllers.export import Exported, Lacking, figure
+from ppmcal.controllers.export import Exported, NotExpressed
 from ppmcal.controllers.joint_tables_export import INSTRUMENT, instrument_notes
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
     corrected,
     default_grid,
-    tried_at,
-    tried_between,
+    errors_at_poses,
+    errors_between_poses,
 )
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text, read_poses
@@ -33,8 +33,8 @@ SEED = 1
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
     """Return the machine as a table of poses; see :class:`ppmcal.controllers.export.Exporter`."""
     if old is not None:
-        raise BadInput("a grid of poses is compared with the drawing, not with another grid",
-                       "--old", "Leave it out")
+        raise BadInput("a grid of poses is compared with the nominal geometry, not with another "
+                       "grid", "--old", "Leave it out")
     grid, further = None, []
     if poses is None:
         grid = default_grid(mechanism)
@@ -48,15 +48,15 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         raise NoResult(f"none of the {len(wanted)} poses has a command ({reasons})",
                        str(poses or mechanism.source), "Wanted are platform poses in the base "
                        "frame, inside the limits")
-    before, after = (tried_at(mechanism, found) if grid is None
-                     else tried_between(mechanism, grid, found, SEED))
+    before, after = (errors_at_poses(mechanism, found) if grid is None
+                     else errors_between_poses(mechanism, grid, found, SEED))
     count = int(found.good.sum())
     return Exported(
         "grid", "pose grid", {TABLE: _text(mechanism, found)},
         f"{count} poses with the commands that bring the machine there", (),
         f"the {after.count} poses themselves, none in between" if grid is None else
         f"{after.count} random poses between those of the grid, commands interpolated linearly",
-        figure(before), figure(after), tuple(_lacks(mechanism, found, grid is None)),
+        before, after, tuple(_not_expressed(mechanism, found, grid is None)),
         tuple(_notes(mechanism, grid, found, further)), (_advice(mechanism, grid),),
         _extra(mechanism, grid, found), found.wanted[found.good])
 
@@ -80,18 +80,18 @@ def _text(mechanism: Mechanism, found: Corrected) -> str:
     return text
 
 
-def _lacks(mechanism: Mechanism, found: Corrected, asked: bool) -> Iterator[Lacking]:
+def _not_expressed(mechanism: Mechanism, found: Corrected, asked: bool) -> Iterator[NotExpressed]:
     """Yield poses asked for that have no command, and effects that a table holds at rest only."""
     missing = len(found.good) - int(found.good.sum())
     if asked and missing:
-        yield Lacking(f"{missing} of {len(found.good)} poses, left out: {_reasons(found)}", (),
-                      None)
+        yield NotExpressed(f"{missing} of {len(found.good)} poses, left out: {_reasons(found)}", (),
+                           None)
     for effect in mechanism.effects:
         if effect.kind.needs and effect.kind.name not in INSTRUMENT:
-            yield Lacking(f"effect {effect.kind.name}, which depends on "
-                          f"{', '.join(effect.kind.needs)}: taken without direction, speed and "
-                          "load, at 20 C",
-                          tuple(mechanism.names[p] for p in effect.parameters.values()), None)
+            yield NotExpressed(f"effect {effect.kind.name}, which depends on "
+                               f"{', '.join(effect.kind.needs)}: taken without direction, speed "
+                               "and load, at 20 C",
+                               tuple(mechanism.names[p] for p in effect.parameters.values()), None)
 
 
 def _reasons(found: Corrected) -> str:

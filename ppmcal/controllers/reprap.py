@@ -25,11 +25,10 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal.controllers import klipper_fit
-from ppmcal.controllers.export import Exported, Lacking, Number, words
+from ppmcal.controllers.export import Exported, Number
 from ppmcal.controllers.klipper import MM, KlipperDrive, drive_of, driven, triple
 from ppmcal.controllers.klipper_config import ANGLES, DeltaGeometry
-from ppmcal.controllers.klipper_export import figure
-from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, KlipperTerms, misses_at
+from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, KlipperTerms, error_summary
 from ppmcal.controllers.reprap_config import (
     Delta,
     Lines,
@@ -94,7 +93,7 @@ def delta_of(geometry: DeltaGeometry, bed: float | None = None) -> Delta:
 def project(mechanism: Mechanism, old: Delta | None = None) -> Export[Delta]:
     """Return the machine in RepRapFirmware's numbers, rounded as they are written.
 
-    ``old`` defaults to those of its drawing; its printable radius is kept.
+    ``old`` defaults to the nominal ones; its printable radius is kept.
     """
     found = klipper_fit.project(mechanism, None if old is None else geometry_of(old), TERMS)
     new = delta_of(found.new, None if old is None else old.bed).rounded()
@@ -104,8 +103,9 @@ def project(mechanism: Mechanism, old: Delta | None = None) -> Export[Delta]:
     at_old, at_new = (reached(drive, delta, found.points) for delta in (old, new))
     both = np.isfinite(at_old).all(axis=1) & np.isfinite(at_new).all(axis=1)
     points = found.points[both]
-    return Export(new, old, misses_at(at_old[both], points), misses_at(at_new[both], points),
-                     points, found.radius, found.lacks, found.notes)
+    return Export(new, old, error_summary(at_old[both], points),
+                  error_summary(at_new[both], points), points, found.radius, found.not_expressed,
+                  found.notes)
 
 
 LINES = "reprap.g"
@@ -128,14 +128,11 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     return Exported(
         "reprap", "RepRapFirmware", {LINES: text},
         "RepRapFirmware's numbers hold "
-        + ("most of the geometry, fitted" if found.lacks else "all of the geometry"),
+        + ("most of the geometry, fitted" if found.not_expressed else "all of the geometry"),
         tuple(_numbers(found)),
         f"{len(found.points)} points, {found.radius * 1e3:.0f} mm around the middle, z 0 to 100 "
         "mm, where on the bed a print lies aside",
-        figure(found.before), figure(found.after),
-        tuple(Lacking(lack.what, lack.parameters,
-                      None if lack.cost is None else figure(lack.cost)) for lack in found.lacks),
-        notes, tuple(_advice(present, found)),
+        found.before, found.after, found.not_expressed, notes, tuple(_advice(present, found)),
         {"grid": {"points": len(found.points), "radius": found.radius / MM,
                   "part_of_radius": DISC, "z": [z / MM for z in HEIGHTS]}},
         np.pad(found.points, ((0, 0), (0, 3))))
@@ -191,12 +188,12 @@ def _advice(present: Lines | None, found: Export[Delta]) -> Iterator[str]:
 
 
 def _comment(found: Export[Delta], notes: tuple[str, ...], name: str) -> str:
-    lines = [f"{name}: error if the model is exact {words(figure(found.after))}, before "
-             f"{words(figure(found.before))}.",
+    lines = [f"{name}: error if the model is exact {found.after.words()}, before "
+             f"{found.before.words()}.",
              "Put these in place of M665 and M666 in config.g, then home. If config.g runs M501,",
              "M665 and M666 in config-override.g win: change them there. M500 writes them anew,",
              "with 3 decimals. A0 B0 is meant: X, Y, Z of M666 hold the tilt of the bed."]
     if found.new.bed is None:
         lines.append("B, the printable radius, stays as it is: no --old said it.")
-    return "\n".join([*lines, *(f"Cannot be expressed: {lack.what}." for lack in found.lacks),
+    return "\n".join([*lines, *(f"Cannot be expressed: {one.what}." for one in found.not_expressed),
                       *(f"Note: {note}." for note in notes)])

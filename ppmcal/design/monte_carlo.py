@@ -31,17 +31,17 @@ class Fleet:
     """What a batch needs to know.
 
     Attributes:
-        mechanism: the drawing, without effects.
+        mechanism: the nominal one, without effects.
         wanted: parameters that are off (S,); sigma: their standard deviations (S,), SI.
-        tasks: where the machines are judged, T poses of the drawing, and the tool point.
-        recipe: how each is calibrated, or None.
+        tasks: where the machines are judged, T poses of the nominal machine, and the tool point.
+        setup: how each is calibrated, or None.
     """
 
     mechanism: Mechanism
     wanted: tuple[int, ...]
     sigma: Array
     tasks: Poses
-    recipe: MeasurementSetup | None = None
+    setup: MeasurementSetup | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +54,9 @@ class MachineErrors:
 
 @dataclass(frozen=True, eq=False)
 class MonteCarloErrors:
-    """Errors of M machines: as built, registered alone, calibrated (None without a recipe).
+    """Errors of M machines: as built, registered alone, calibrated (None without a setup).
 
-    ``built``: in the base frame. ``registered``: frame and target fitted, drawing believed;
+    ``built``: in the base frame. ``registered``: frame and target fitted, geometry as nominal;
     ``calibrated``: geometry fitted too; both as the instrument sees the machine afterwards.
     """
 
@@ -82,18 +82,18 @@ def run(fleet: Fleet, batch: tuple[int, np.random.SeedSequence]) -> MonteCarloEr
                fleet.tasks.tool)
     moved = displacement(Model(fleet.mechanism), at, g[owner])
     built = _lengths(moved, count)
-    if fleet.recipe is None:
+    if fleet.setup is None:
         return MonteCarloErrors(built)
-    recipe = fleet.recipe
-    m = len(coordinates_of(recipe.instrument.kind, recipe.mechanism.motion))
-    noise = rng.normal(size=(count, len(recipe.q), m))
-    plain = calibrate(recipe, recipe.registration, g, noise)
-    known = calibrate(recipe, recipe.linear, g, noise)
-    return MonteCarloErrors(built, *(_left(fleet, recipe, c, g, at, owner) for c in (plain, known)))
+    setup = fleet.setup
+    m = len(coordinates_of(setup.instrument.kind, setup.mechanism.motion))
+    noise = rng.normal(size=(count, len(setup.q), m))
+    plain = calibrate(setup, setup.registration, g, noise)
+    known = calibrate(setup, setup.linear, g, noise)
+    return MonteCarloErrors(built, *(_left(fleet, setup, c, g, at, owner) for c in (plain, known)))
 
 
 def _left(
-    fleet: Fleet, recipe: MeasurementSetup, found: Calibrated, g: Array, at: Poses, owner: Ints
+    fleet: Fleet, setup: MeasurementSetup, found: Calibrated, g: Array, at: Poses, owner: Ints
 ) -> MachineErrors:
     """Return what is left where commands come from what a calibration found.
 
@@ -102,7 +102,7 @@ def _left(
     than coordinates is sent so that the coordinates which a command can name come out as
     wanted; the others are what they then are, and count.
     """
-    truth, theirs = recipe.instrument.station(), found.seen_by(owner)
+    truth, theirs = setup.instrument.station(), found.seen_by(owner)
     if fleet.tasks.tool.any():
         truth, theirs = (replace(s, target=fleet.tasks.tool) for s in (truth, theirs))
     model = Model(fleet.mechanism, found.g[owner])

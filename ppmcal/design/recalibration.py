@@ -1,11 +1,10 @@
 """Calibrating a whole fleet of simulated machines at once.
 
-Machines that differ from one drawing by their tolerances share the linear problem of that
-drawing, so the estimate is one fixed matrix: theta += G r + H (drawing - theta), r the
-whitened residuals of the full nonlinear model at theta. That is Gauss-Newton with the
-Jacobian of the drawing (a chord method); where it comes to rest it is where
-:mod:`identify` ends, but for terms of second order in the errors, and where it does not,
-that fits the machine. M machines, N measured poses, m numbers each, C columns.
+Machines that differ from one nominal by their tolerances share its linear problem, so the estimate
+is one fixed matrix: theta += G r + H (nominal - theta), r the whitened residuals of the full
+nonlinear model at theta. That is Gauss-Newton with the nominal Jacobian (a chord method); where it
+converges it is where :mod:`identify` ends, but for terms of second order in the errors, and where
+it does not, that fits the machine. M machines, N measured poses, m numbers each, C columns.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ UNSEEN = 1e-12
 class MeasurementSetup:
     """How every machine of a fleet is measured.
 
-    ``mechanism``: the drawing with its tolerances; ``q`` (N, k) and ``pose`` (N, 6): where.
+    ``mechanism``: the nominal one with its tolerances; ``q`` (N, k) and ``pose`` (N, 6): where.
     """
 
     mechanism: Mechanism
@@ -54,19 +53,19 @@ class MeasurementSetup:
 
     @cached_property
     def problem(self) -> Problem:
-        """The problem of the drawing measured without error."""
+        """The problem of the nominal machine measured without error."""
         planar = self.mechanism.motion == "planar"
         data = self.instrument.dataset(self.q, self.pose, {}, planar)
         return Problem(self.mechanism, (data,), self.mechanism.free)
 
     @cached_property
     def linear(self) -> LinearCalibration:
-        """The drawing's linear estimate, with priors."""
+        """The linear estimate about the nominal machine, with priors."""
         return _linear(self, np.ones(len(self.problem.columns), dtype=np.bool_))
 
     @cached_property
     def registration(self) -> LinearCalibration:
-        """The same with frame and target alone open: the drawing is believed."""
+        """The same with frame and target alone free: the geometry is taken as nominal."""
         open_ = np.arange(len(self.problem.columns)) >= len(self.problem.free)
         return _linear(self, open_)
 
@@ -110,11 +109,11 @@ class Calibrated:
                        target_rotation=s.target_rotation[rows])
 
 
-def _linear(recipe: MeasurementSetup, use: NDArray[np.bool_]) -> LinearCalibration:
+def _linear(setup: MeasurementSetup, use: NDArray[np.bool_]) -> LinearCalibration:
     """Return the estimate of the columns ``use`` (C,)."""
-    problem = recipe.problem
-    state = State(recipe.mechanism.values, (recipe.instrument.station(),),
-                  (pose_motor(recipe.pose),))
+    problem = setup.problem
+    state = State(setup.mechanism.values, (setup.instrument.station(),),
+                  (pose_motor(setup.pose),))
     rows = list(problem.rows(state))
     jacobian = np.concatenate([r.jacobian for r in rows])
     white = np.concatenate([r.whitener for r in rows])
@@ -132,27 +131,27 @@ def _linear(recipe: MeasurementSetup, use: NDArray[np.bool_]) -> LinearCalibrati
 
 
 def calibrate(
-    recipe: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
+    setup: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
 ) -> Calibrated:
     """Return what a calibration finds of machines whose true parameters are ``g`` (M, P).
 
-    Machines at which the drawing's Jacobian does not lead to rest, or that cannot take a pose
+    Machines at which the nominal Jacobian does not converge, or that cannot take a pose
     to be measured (it is left out then), are identified one by one (:func:`alone`).
 
     Args:
-        recipe: how they are measured.
+        setup: how they are measured.
         linear: the estimate to use.
         g: true parameters (M, P).
         noise: white noise of the measurements (M, N, m).
     """
-    found = _chord(recipe, linear, g, noise)
+    found = _chord(setup, linear, g, noise)
     if not linear.open:
         return replace(found, settled=np.ones(len(g), dtype=np.bool_))
     parameters, station, settled = found.g.copy(), found.station, found.settled.copy()
     frame, target, turn = (np.array(a) for a in (station.frame, station.target,
                                                  station.target_rotation))
     for i in np.flatnonzero(~settled):
-        fit = alone(recipe, linear, g[i], noise[i])
+        fit = alone(setup, linear, g[i], noise[i])
         if fit is not None:
             own = fit.state.stations[0]
             parameters[i], frame[i] = fit.state.g, own.frame
@@ -161,23 +160,23 @@ def calibrate(
 
 
 def alone(
-    recipe: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
+    setup: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
 ) -> Fit | None:
     """Return the fit of one machine (P,) by :mod:`calibration.identify`; None where there is none.
 
     It starts at the truth, next to the minimum that matters: what a calibration is worth, not
-    how it gets there from the drawing. ``noise``: white (N, m), as :func:`calibrate` takes it.
+    how it gets there from the nominal one. ``noise``: white (N, m), as :func:`calibrate` takes it.
     """
-    mechanism, instrument = recipe.mechanism, recipe.instrument
-    real, there, _ = newton(Model(mechanism, g).closure(recipe.q), pose_motor(recipe.pose))
+    mechanism, instrument = setup.mechanism, setup.instrument
+    real, there, _ = newton(Model(mechanism, g).closure(setup.q), pose_motor(setup.pose))
     raw = np.asarray(np.linalg.solve(linear.white, noise[..., None])[..., 0], dtype=np.float64)
-    data = perturbed(instrument.dataset(recipe.q, pose_vector(real), {},
+    data = perturbed(instrument.dataset(setup.q, pose_vector(real), {},
                                      mechanism.motion == "planar"), raw, mechanism.motion)
-    free = list(recipe.problem.free) if linear.geometry else []
+    free = list(setup.problem.free) if linear.geometry else []
     problem = Problem(mechanism, (data.take(there),), tuple(free))
     first = mechanism.values.copy()
     first[free] = g[free]
-    closed, here, _ = newton(Model(mechanism, first).closure(recipe.q[there]), real[there])
+    closed, here, _ = newton(Model(mechanism, first).closure(setup.q[there]), real[there])
     if not here.all():
         return None
     try:
@@ -202,14 +201,14 @@ def perturbed(data: Dataset, raw: Array, motion: str) -> Dataset:
 
 
 def _chord(
-    recipe: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
+    setup: MeasurementSetup, linear: LinearCalibration, g: Array, noise: Array
 ) -> Calibrated:
-    """Return the fixed point of the drawing's estimate; ``settled`` where it was reached."""
-    problem, mechanism = recipe.problem, recipe.mechanism
-    m, n = len(g), len(recipe.q)
+    """Return the fixed point of the nominal estimate; ``settled`` where it was reached."""
+    problem, mechanism = setup.problem, setup.mechanism
+    m, n = len(g), len(setup.q)
     owner, open_ = np.repeat(np.arange(m), n), problem.opens[0]
-    q, start = np.tile(recipe.q, (m, 1)), np.tile(pose_motor(recipe.pose), (m, 1))
-    truth = recipe.instrument.station()
+    q, start = np.tile(setup.q, (m, 1)), np.tile(pose_motor(setup.pose), (m, 1))
+    truth = setup.instrument.station()
     real, reached, _ = newton(Model(mechanism, g[owner]).closure(q), start)
     shown = predict(truth, real)
     now = Calibrated(np.tile(mechanism.values, (m, 1)), Station(
@@ -222,7 +221,7 @@ def _chord(
     for _ in range(ROUNDS):
         pose, found, _ = newton(Model(mechanism, now.g[owner]).closure(q), pose)
         usable &= found.reshape(m, n).all(axis=1)
-        raw = _residual(shown, predict(now.seen_by(owner), pose), recipe)
+        raw = _residual(shown, predict(now.seen_by(owner), pose), setup)
         white = (linear.white @ raw.reshape(m, n, -1, 1))[..., 0] + noise
         step = white.reshape(m, -1) @ linear.gain.T
         step += (mechanism.nominals[free] - now.g[:, free]) @ linear.pull.T
@@ -235,20 +234,20 @@ def _chord(
     return replace(now, settled=usable & small.all(axis=1))
 
 
-def predicted(recipe: MeasurementSetup, q: Array, pose: Array) -> Array:
+def predicted(setup: MeasurementSetup, q: Array, pose: Array) -> Array:
     """Return the rms position error (T,) that the linear model expects after calibration, m.
 
     At joints (T, k) and poses (T, 6), of the target as the instrument sees it.
     """
-    problem, mechanism = recipe.problem, recipe.mechanism
+    problem, mechanism = setup.problem, setup.mechanism
     name = problem.datasets[0].name
-    knowledge = Knowledge(problem.columns, recipe.linear.covariance, {},
+    knowledge = Knowledge(problem.columns, setup.linear.covariance, {},
                           {name: problem.opens[0].about}, {})
     rows = unknown_environment(*q.shape)
-    jacobian = prediction_jacobian(Model(mechanism), recipe.instrument.station(), pose, q,
+    jacobian = prediction_jacobian(Model(mechanism), setup.instrument.station(), pose, q,
                                    knowledge, name, rows)
     part = jacobian[:, :sum(1 for c in mechanism.dof if c < 3)]
-    square = np.einsum("tmi,ij,tmj->t", part, recipe.linear.covariance, part)
+    square = np.einsum("tmi,ij,tmj->t", part, setup.linear.covariance, part)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
@@ -270,10 +269,10 @@ def _moved(now: Calibrated, step: Array, free: list[int], open_: NuisanceColumns
 
 
 def _residual(
-    shown: tuple[Array, Array], predicted: tuple[Array, Array], recipe: MeasurementSetup
+    shown: tuple[Array, Array], predicted: tuple[Array, Array], setup: MeasurementSetup
 ) -> Array:
     """Return shown - predicted (R, m) as the instrument has it: m, rad, m."""
-    kind, motion = recipe.instrument.kind, recipe.mechanism.motion
+    kind, motion = setup.instrument.kind, setup.mechanism.motion
     if kind == "distance":
         far, near = (np.linalg.norm(p[0], axis=1) for p in (shown, predicted))
         return np.asarray((far - near)[:, None])

@@ -57,7 +57,7 @@ class Demand:
 
 @dataclass(frozen=True, eq=False)
 class Allocation:
-    """Tolerances by one method: ``tau`` (S,), inf where an error is not felt; ``cost``."""
+    """Tolerances by one method: ``tau`` (S,), inf where the tool is not sensitive; ``cost``."""
 
     method: str
     tau: Array
@@ -65,7 +65,7 @@ class Allocation:
 
     @property
     def drawn(self) -> Array:
-        """Standard deviations to draw machines with (S,): 0 for errors that are not felt."""
+        """Standard deviations to draw machines with (S,): 0 where tau is inf."""
         return np.asarray(np.where(np.isfinite(self.tau), self.tau, 0.0))
 
 
@@ -102,7 +102,7 @@ def allocate(mechanism: Mechanism, sources: tuple[Source, ...], tasks: Poses, wa
         seed: of the draws from which the common scale follows.
 
     Raises:
-        BadInput: no error is felt.
+        BadInput: the tool is sensitive to no error.
     """
     free = [s.parameter for s in sources]
     jacobian = error_jacobian(Model(mechanism), tasks, free)

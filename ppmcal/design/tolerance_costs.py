@@ -48,13 +48,13 @@ def one_for_all(a: Array, unit: Array) -> Array:
 
 
 def equal_parts(a: Array) -> Array:
-    """Return tau (S,) with which every error that is felt contributes alike; inf for others."""
+    """Return tau (S,) with which all errors contribute alike; inf: the tool is not sensitive."""
     with np.errstate(divide="ignore"):
         return np.where(is_sensitive(a), 1.0 / (np.sqrt(is_sensitive(a).sum()) * a), np.inf)
 
 
 def least_cost(a: Array, weight: Array, exponent: Array) -> Array:
-    """Return tau (S,) of least cost sum(weight tau^-exponent); inf where an error is not felt.
+    """Return tau (S,) of least cost sum(weight tau^-exponent); inf where the tool is not sensitive.
 
     Lagrange: tau = (weight exponent / (2 lambda a^2))^(1/(exponent + 2)); lambda by bisection
     of its logarithm, since the sum of squares falls with it.

@@ -127,7 +127,7 @@ def pseudo_inverse(block: Array) -> Array:
     return np.asarray((v[:, use] / w[use]) @ v[:, use].T)
 
 
-def build_gram(
+def build_test(
     basis: Array, columns: Array, residual: Array, count: int, noise: Array
 ) -> AddedVariableTest:
     """Return the tests of columns (n, T) on a residual (n,), J having the basis (n, r).

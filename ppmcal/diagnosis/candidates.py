@@ -61,7 +61,7 @@ def look_alikes(search: Search, forms: Sequence[Hypothesis], chosen: Sequence[in
     form = search.forms[effect]
     if form.slot or not form.on:
         return []
-    rest = search.gram.given(columns_of(search, [i for i in chosen if i != effect]))
+    rest = search.test.given(columns_of(search, [i for i in chosen if i != effect]))
     goal = float(rest.explained(np.array([form.columns]))[0][0])
     best: tuple[float, Hypothesis] | None = None
     for other in forms:

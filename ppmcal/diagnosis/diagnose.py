@@ -255,7 +255,7 @@ def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...
             left.remove(added)
             out.append(NamedEffect(
                 form.kind, added.on, added.parameters, probability(value), value,
-                stage.search.gram.survival(form.columns),
+                stage.search.test.survival(form.columns),
                 (*(r.form.label for r in others), *(f.label for f in alike)),
                 (*(r.odds for r in others), *(np.nan for _ in alike)), form))
     return tuple(out)

@@ -19,7 +19,7 @@ SMALLEST = 1e-3
 
 @dataclass(frozen=True)
 class Added:
-    """One effect that was added: the form it came from and its parameters' names."""
+    """One effect that was added: the hypothesis it came from and its parameters' names."""
 
     form: Hypothesis
     on: tuple[str, ...]
@@ -28,37 +28,37 @@ class Added:
 
 def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
                ) -> tuple[Mechanism, tuple[Added, ...]]:
-    """Return the machine with the chosen forms as free effects, started at their estimates."""
+    """Return the machine with the chosen hypotheses as free effects, started at their estimates."""
     columns = columns_of(search, chosen)
-    value, covariance = search.gram.fit(columns)
+    value, covariance = search.test.fit(columns)
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     place = {c: i for i, c in enumerate(columns)}
     added: list[Added] = []
     for i in chosen:
-        form = search.forms[i]
-        at = [place[c] for c in form.columns]
-        if form.slot:
-            mechanism = _freed(mechanism, form.slot, float(value[at[0]]))
-            added.append(Added(form, form.on, (form.slot,)))
+        hypothesis = search.forms[i]
+        at = [place[c] for c in hypothesis.columns]
+        if hypothesis.slot:
+            mechanism = _freed(mechanism, hypothesis.slot, float(value[at[0]]))
+            added.append(Added(hypothesis, hypothesis.on, (hypothesis.slot,)))
             continue
-        count = 1 if form.shared else len(form.on)
-        size = form.size // count
+        count = 1 if hypothesis.shared else len(hypothesis.on)
+        size = hypothesis.size // count
         for part in range(count):
-            on = form.on if form.shared else (form.on[part],)
+            on = hypothesis.on if hypothesis.shared else (hypothesis.on[part],)
             mine = at[part * size:(part + 1) * size]
-            mechanism, names = _with(mechanism, form, on, value[mine], sigma[mine])
-            added.append(Added(form, on, names))
+            mechanism, names = _with(mechanism, hypothesis, on, value[mine], sigma[mine])
+            added.append(Added(hypothesis, on, names))
     return mechanism, tuple(added)
 
 
-def _with(mechanism: Mechanism, form: Hypothesis, on: Sequence[str], value: Array, sigma: Array
-          ) -> tuple[Mechanism, tuple[str, ...]]:
-    kind = find_effect(form.kind)
+def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value: Array,
+          sigma: Array) -> tuple[Mechanism, tuple[str, ...]]:
+    kind = find_effect(hypothesis.kind)
     specs = {s.name: s for s in kind.parameters(mechanism.motion)}
-    names = [n.split(":")[-1] for n in form.names[:value.size]]
+    names = [n.split(":")[-1] for n in hypothesis.names[:value.size]]
     given = {n: Given(_start(specs[n], float(v), float(s)), free=True, nominal=_nominal(specs[n]))
              for n, v, s in zip(names, value, sigma, strict=True)}
-    for n, v in form.constants.items():
+    for n, v in hypothesis.constants.items():
         given[n] = Given(v, free=not specs[n].constant)
     acts = tuple(not on or a in on for a in mechanism.actuators)
     before = len(mechanism.parameters)

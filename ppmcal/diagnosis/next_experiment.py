@@ -82,7 +82,7 @@ def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) 
     new = _new_blocks(stage, a, b, data)
     if new is None:
         return nothing(_remedy(a, b), len(mechanism.actuators))
-    value_a, value_b = stage.search.gram.fit(a.columns)[0], stage.search.gram.fit(b.columns)[0]
+    value_a, value_b = stage.search.test.fit(a.columns)[0], stage.search.test.fit(b.columns)[0]
     start = 2.0 * abs(float(np.log(odds)))
     goal = wanted(start)
     picked, gain = _pick(old, new, value_a, value_b, goal)

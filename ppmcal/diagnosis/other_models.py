@@ -33,7 +33,7 @@ def other_models(
     Args:
         whole: the fit of all rows without effects.
         stage: where the effects were chosen.
-        rivals: by named form; those that cannot be fitted are left out.
+        rivals: by named hypothesis; those that cannot be fitted are left out.
         options: of the fits.
     """
     out = []

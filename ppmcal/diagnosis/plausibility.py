@@ -19,7 +19,7 @@ COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg)
 
 def fitted_values(search: Search, form: int) -> list[float]:
     """Return the coefficients of one form alone, SI."""
-    return [float(v) for v in search.gram.fit(columns_of(search, [form]))[0]]
+    return [float(v) for v in search.test.fit(columns_of(search, [form]))[0]]
 
 
 def implausible(search: Search, named: Sequence[Hypothesis]) -> int | None:

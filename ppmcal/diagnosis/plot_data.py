@@ -131,7 +131,7 @@ def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
         alone = stage.search.values()
         out = [_ranked(stage.forms[i], own_log_p(stage.search, stage.chosen, i), float(alone[i]),
                        "named") for i in named_only(stage)]
-    rest = [_ranked(c.form, c.log_p, c.log_p_alone, c.status) for c in result.candidates
+    rest = [_ranked(c.hypothesis, c.log_p, c.log_p_alone, c.status) for c in result.candidates
             if c.status not in ("not testable", "named")]
     rest = _one_alternative_each(result, sorted(rest, key=lambda r: r.log_p))
     first = [r for r in rest if r.status == "alternative"]
@@ -147,7 +147,7 @@ def _few_of_each(ranked: Sequence[Ranked]) -> list[Ranked]:
 
 
 def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[Ranked]:
-    """Keep one form of each alternative as such; its other forms show the same thing."""
+    """Keep one hypothesis of each alternative as such; the others of it show the same thing."""
     wanted = {a for e in result.effects for a in e.alternatives}
     name = result.found.first.search.name
     out = []
@@ -162,10 +162,10 @@ def _one_alternative_each(result: Diagnosis, ranked: Sequence[Ranked]) -> list[R
     return out
 
 
-def _ranked(form: Hypothesis, log_p: float, alone: float, status: str) -> Ranked:
-    several = "" if len(form.on) < 2 else "one value" if form.shared else "one each"
-    return Ranked(form.family, form.on if not form.slot else (), several, log_p, alone,
-                  status)
+def _ranked(hypothesis: Hypothesis, log_p: float, alone: float, status: str) -> Ranked:
+    several = "" if len(hypothesis.on) < 2 else "one value" if hypothesis.shared else "one each"
+    on = () if hypothesis.slot else hypothesis.on
+    return Ranked(hypothesis.family, on, several, log_p, alone, status)
 
 
 def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
@@ -180,28 +180,29 @@ def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
     for count, _ in enumerate(order, 1):
         ratio = result.remainder.ratio if count == len(order) else _ratio(
             stage, order[:count], result.remainder.reference)
-        form = stage.forms[order[count - 1]]
-        out.append(SelectionStep("effect", ratio, form.family, () if form.slot else form.on))
+        hypothesis = stage.forms[order[count - 1]]
+        out.append(SelectionStep("effect", ratio, hypothesis.family,
+                                 () if hypothesis.slot else hypothesis.on))
     return tuple(out)
 
 
 def _by_gain(stage: Stage) -> list[int]:
-    """Return the named forms, each time the one that then explains most."""
+    """Return the named hypotheses, each time the one that then explains most."""
     left, order = list(named_only(stage)), list[int]()
     while left:
-        best = min(left, key=lambda i: stage.search.gram.left(
+        best = min(left, key=lambda i: stage.search.test.left(
             columns_of(stage.search, [*order, i])))
         order.append(best)
         left.remove(best)
     return order
 
 
-def _ratio(stage: Stage, forms: Sequence[int], reference: float) -> float:
+def _ratio(stage: Stage, hypotheses: Sequence[int], reference: float) -> float:
     """Return rms over the noise with geometry and some effects, to first order."""
-    columns = columns_of(stage.search, forms)
-    gram = stage.search.gram
-    freedom = max(gram.freedom - len(columns), 1)
-    return float(np.sqrt(max(gram.left(columns), 0.0) / freedom)) / reference
+    columns = columns_of(stage.search, hypotheses)
+    test = stage.search.test
+    freedom = max(test.freedom - len(columns), 1)
+    return float(np.sqrt(max(test.left(columns), 0.0) / freedom)) / reference
 
 
 def _as_given(stage: Stage, reference: float) -> float | None:

@@ -27,7 +27,7 @@ class NamedEffect:
     ``parameters``: names in the model; ``p_value`` of it given the others, ``log_p`` its
     logarithm; ``survival``: the part that geometry leaves; ``alternatives``: labels of other
     families that the data cannot tell from it, with the odds for this one against each;
-    ``form``: the hypothesis that it came from, which may have a value for each of several
+    ``hypothesis``: the one that it came from, which may have a value for each of several
     actuators.
     """
 
@@ -39,7 +39,7 @@ class NamedEffect:
     survival: float
     alternatives: tuple[str, ...]
     odds: tuple[float, ...]
-    form: Hypothesis
+    hypothesis: Hypothesis
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Candidate:
     would show 9 times in 10, SI; 0 where unknown.
     """
 
-    form: Hypothesis
+    hypothesis: Hypothesis
     log_p: float
     log_p_alone: float
     survival: float

@@ -65,7 +65,7 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         size = sum(search.forms[i].size for i in rival)
         limit = DOUBTED if doubt else AS_GOOD
         if first.shared:  # a kind is not out for having more parameters, unless one per joint
-            limit += np.log(search.gram.freedom) * max(0, size - form.size)
+            limit += np.log(search.test.freedom) * max(0, size - form.size)
         if worse > limit or not possible(search, trial):
             continue
         if own_log_p(search, [*trial, effect], effect) > (
@@ -90,7 +90,7 @@ def _elsewhere(search: Search, form: Hypothesis) -> list[tuple[int, ...]]:
 
 def _angle(search: Search, others: list[int], one: int, rival: Sequence[int]) -> float:
     """Return the smallest principal angle between two forms' columns."""
-    rest = search.gram.given(columns_of(search, others))
+    rest = search.test.given(columns_of(search, others))
     a = np.array(search.forms[one].columns)
     b = np.array(columns_of(search, rival))
 
@@ -181,7 +181,7 @@ def _together(search: Search, parts: Sequence[Hypothesis]) -> tuple[Search, int]
         if form.kind == parts[0].kind and form.shared and set(form.on) == wanted \
                 and form.alike(parts[0]):
             return search, i
-    total = search.gram.right.size
+    total = search.test.right.size
     size = parts[0].size
     weights = np.zeros((total, size))
     for part in parts:
@@ -190,7 +190,7 @@ def _together(search: Search, parts: Sequence[Hypothesis]) -> tuple[Search, int]
     on = tuple(a for part in parts for a in part.on)
     form = replace(parts[0], on=on, columns=tuple(range(total, total + size)),
                    choices=_choices(search, len(on)))
-    return replace(search, gram=search.gram.extended(weights),
+    return replace(search, test=search.test.extended(weights),
                    forms=(*search.forms, form)), len(search.forms)
 
 

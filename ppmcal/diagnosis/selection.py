@@ -35,18 +35,18 @@ ANONYMOUS = 6.0
 SWALLOWED, MOSTLY = 0.2, 0.75
 """See :func:`doubtful`."""
 Group = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""Forms with as many columns: their indices (f,) and columns (f, k)."""
+"""Hypotheses with as many columns: their indices (f,) and columns (f, k)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Tests and thresholds for a library of forms.
+    """Tests and thresholds for a library of hypotheses.
 
     ``detect``, ``name``: log p below which something is there, and may be named; ``smallest``
     (B,) of noise.
     """
 
-    gram: AddedVariableTest
+    test: AddedVariableTest
     forms: tuple[Hypothesis, ...]
     detect: float
     name: float
@@ -66,10 +66,10 @@ class Search:
         return {}
 
     def values(self, chosen: Sequence[int] = ()) -> Array:
-        """Return the log p of every form (F,) with the forms ``chosen`` in the model."""
+        """Return the log p of every hypothesis (F,) with the hypotheses ``chosen`` in the model."""
         key = tuple(sorted(chosen))
         if key not in self._found:
-            rest = self.gram.given(columns_of(self, key))
+            rest = self.test.given(columns_of(self, key))
             self._found[key] = _scanned(rest, self._groups, len(self.forms))
             self._found[key].setflags(write=False)
         return self._found[key]
@@ -81,53 +81,53 @@ class Search:
 
 @dataclass(frozen=True)
 class Choice:
-    """Chosen forms (indices) and their BIC."""
+    """Chosen hypotheses (indices) and their BIC."""
 
     chosen: tuple[int, ...]
     bic: float
 
 
-def by_size(forms: Sequence[Hypothesis]) -> list[Group]:
-    """Return the forms in groups of equal size."""
-    sizes = [f.size for f in forms]
+def by_size(hypotheses: Sequence[Hypothesis]) -> list[Group]:
+    """Return the hypotheses in groups of equal size."""
+    sizes = [f.size for f in hypotheses]
     groups = ([i for i, n in enumerate(sizes) if n == size] for size in dict.fromkeys(sizes))
-    return [(np.array(g), np.array([forms[i].columns for i in g])) for g in groups]
+    return [(np.array(g), np.array([hypotheses[i].columns for i in g])) for g in groups]
 
 
-def scan(gram: AddedVariableTest, forms: Sequence[Hypothesis]) -> Array:
-    """Return the log p of every form (F,), the model's columns being projected out already."""
-    return _scanned(gram, by_size(forms), len(forms))
+def scan(test: AddedVariableTest, hypotheses: Sequence[Hypothesis]) -> Array:
+    """Return the log p of all hypotheses (F,), the model's columns being projected out already."""
+    return _scanned(test, by_size(hypotheses), len(hypotheses))
 
 
-def _scanned(gram: AddedVariableTest, groups: Sequence[Group], count: int) -> Array:
+def _scanned(test: AddedVariableTest, groups: Sequence[Group], count: int) -> Array:
     out = np.zeros(count)
     for which, columns in groups:
-        square, rank = gram.explained(columns)
-        out[which] = log_p(square, gram.square, rank, gram.freedom)
+        square, rank = test.explained(columns)
+        out[which] = log_p(square, test.square, rank, test.freedom)
     return out
 
 
-def null_scan(gram: AddedVariableTest, forms: Sequence[Hypothesis]) -> Array:
-    """Return the smallest log p over all forms for each draw of noise (B,)."""
-    smallest = np.zeros(gram.null.shape[1])
-    for _, columns in by_size(forms):
+def null_scan(test: AddedVariableTest, hypotheses: Sequence[Hypothesis]) -> Array:
+    """Return the smallest log p over all hypotheses for each draw of noise (B,)."""
+    smallest = np.zeros(test.null.shape[1])
+    for _, columns in by_size(hypotheses):
         for begin in range(0, len(columns), 256):
-            square, rank = gram.explained(columns[begin:begin + 256], null=True)
-            values = log_p(square, gram.null_square, rank[:, None], gram.freedom)
+            square, rank = test.explained(columns[begin:begin + 256], null=True)
+            values = log_p(square, test.null_square, rank[:, None], test.freedom)
             smallest = np.minimum(smallest, values.min(axis=0))
     return smallest
 
 
 def prepare(
-    gram: AddedVariableTest, forms: Sequence[Hypothesis], like: Search | None = None
+    test: AddedVariableTest, hypotheses: Sequence[Hypothesis], like: Search | None = None
 ) -> Search:
     """Return the search with its thresholds from simulated noise, or those of ``like``."""
     if like is not None:
-        return replace(like, gram=gram, forms=tuple(forms))
-    smallest = null_scan(gram, forms) if forms else np.zeros(gram.null.shape[1])
+        return replace(like, test=test, forms=tuple(hypotheses))
+    smallest = null_scan(test, hypotheses) if hypotheses else np.zeros(test.null.shape[1])
     # without freedom nothing can be shown, however small the smallest
     detect, name = np.minimum(np.quantile(smallest, [DETECT, NAME]), np.log([DETECT, NAME]))
-    return Search(gram, tuple(forms), float(detect), float(name), smallest)
+    return Search(test, tuple(hypotheses), float(detect), float(name), smallest)
 
 
 def choose(search: Search) -> list[Choice]:
@@ -155,7 +155,7 @@ def choose(search: Search) -> list[Choice]:
 
 
 def columns_of(search: Search, chosen: Sequence[int]) -> list[int]:
-    """Return the columns of chosen forms, each once."""
+    """Return the columns of chosen hypotheses, each once."""
     return list(dict.fromkeys(c for i in chosen for c in search.forms[i].columns))
 
 
@@ -165,8 +165,8 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
     Constants of a grid count as parameters; the last term pays for the search.
     """
     columns = columns_of(search, chosen)
-    left = search.gram.left(columns)
-    n = search.gram.freedom
+    left = search.test.left(columns)
+    n = search.test.freedom
     searched = sum(search.forms[i].searched for i in chosen)
     hypotheses, k = search.hypotheses, len(chosen)
     looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
@@ -177,24 +177,24 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
 
 
 def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
-    """Whether all coefficients of the chosen forms are physical, and their waves too.
+    """Whether all coefficients of the chosen hypotheses are physical, and their waves too.
 
     ``usual``: they have to be in the range of machines too, not only to have a meaning.
     """
     if not _apart([search.forms[i] for i in chosen if search.forms[i].turns]):
         return False
     columns = columns_of(search, chosen)
-    value, covariance = search.gram.fit(columns)
+    value, covariance = search.test.fit(columns)
     slack = OUT_OF_RANGE * np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     place = {c: j for j, c in enumerate(columns)}
     for i in chosen:
-        form = search.forms[i]
-        at = [place[c] for c in form.columns]
-        if form.size == 1:
+        hypothesis = search.forms[i]
+        at = [place[c] for c in hypothesis.columns]
+        if hypothesis.size == 1:
             slack = np.where(np.isin(np.arange(len(columns)), at), 0.0, slack)
-        ranges: list[tuple[Sequence[float], Sequence[float]]] = [(form.low, form.high)]
-        if usual and form.usual:
-            ranges.append(([r[0] for r in form.usual], [r[1] for r in form.usual]))
+        ranges: list[tuple[Sequence[float], Sequence[float]]] = [(hypothesis.low, hypothesis.high)]
+        if usual and hypothesis.usual:
+            ranges.append(([r[0] for r in hypothesis.usual], [r[1] for r in hypothesis.usual]))
         if any(np.any(value[at] < np.array(low) - slack[at])
                or np.any(value[at] > np.array(high) + slack[at]) for low, high in ranges):
             return False
@@ -214,7 +214,7 @@ def _apart(waves: Sequence[Hypothesis]) -> bool:
 
 
 def _grown(search: Search, chosen: list[int], level: float) -> list[int]:
-    """Add the form of smallest p, drop what the others explain, until nothing changes."""
+    """Add the hypothesis of smallest p, drop what the others explain, until nothing changes."""
     for _ in range(2 * MOST_EFFECTS):
         added = _added(search, chosen, level) if len(chosen) < MOST_EFFECTS else None
         if added is None:
@@ -237,7 +237,7 @@ def _added(search: Search, chosen: Sequence[int], level: float) -> int | None:
 
 
 def pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
-    """Drop forms that add nothing to the others, weakest first."""
+    """Drop hypotheses that add nothing to the others, weakest first."""
     left = list(chosen)
     while len(left) > 1:
         values = [own_log_p(search, left, i) + search.forms[i].choices for i in left]
@@ -249,20 +249,20 @@ def pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
 
 
 def stand(search: Search, chosen: Sequence[int]) -> bool:
-    """Whether chosen forms are physical, and each reaches the naming threshold."""
+    """Whether chosen hypotheses are physical, and each reaches the naming threshold."""
     return possible(search, chosen) and all(
         own_log_p(search, chosen, i) + search.forms[i].choices <= search.name for i in chosen)
 
 
-def own_log_p(search: Search, chosen: Sequence[int], form: int) -> float:
-    """Return the log p of one chosen form given the others."""
-    others = [j for j in chosen if j != form]
-    rest = search.gram.given(columns_of(search, others))
-    return float(scan(rest, [search.forms[form]])[0])
+def own_log_p(search: Search, chosen: Sequence[int], hypothesis: int) -> float:
+    """Return the log p of one chosen hypothesis given the others."""
+    others = [j for j in chosen if j != hypothesis]
+    rest = search.test.given(columns_of(search, others))
+    return float(scan(rest, [search.forms[hypothesis]])[0])
 
 
 def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:
-    """Replace forms one for one while that lowers BIC, then grow and prune again."""
+    """Replace hypotheses one for one while that lowers BIC, then grow and prune again."""
     for _ in range(3 * MOST_EFFECTS):
         better = _best_exchange(search, chosen, level)
         if better is None:
@@ -274,8 +274,8 @@ def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:
 def _best_exchange(search: Search, chosen: Sequence[int], level: float) -> list[int] | None:
     now = bic(search, chosen)
     best: tuple[float, list[int]] | None = None
-    for form in chosen:
-        others = [j for j in chosen if j != form]
+    for hypothesis in chosen:
+        others = [j for j in chosen if j != hypothesis]
         values = search.values(others)
         for i in np.argsort(values, kind="stable")[:12]:
             trial = [*others, int(i)]
@@ -288,23 +288,23 @@ def _best_exchange(search: Search, chosen: Sequence[int], level: float) -> list[
 
 
 def doubtful(search: Search, chosen: Sequence[int], effect: int) -> bool:
-    """Whether a chosen form may only imitate something.
+    """Whether a chosen hypothesis may only imitate something.
 
     What the geometry nearly swallows looks like much that it is not, and so does a kind
     with a value of its own on every actuator, unless most of its values stand out one by
     one. Any other family that explains as much is then a rival, whatever parameters it takes.
     """
-    form = search.forms[effect]
-    if search.gram.survival(form.columns) < SWALLOWED:
+    hypothesis = search.forms[effect]
+    if search.test.survival(hypothesis.columns) < SWALLOWED:
         return True
-    if form.shared:
+    if hypothesis.shared:
         return False
-    size = form.size // len(form.on)
-    parts = [list(form.columns[a:a + size]) for a in range(0, form.size, size)]
+    size = hypothesis.size // len(hypothesis.on)
+    parts = [list(hypothesis.columns[a:a + size]) for a in range(0, hypothesis.size, size)]
     others = columns_of(search, [j for j in chosen if j != effect])
     significant = 0
     for part in parts:
-        rest = search.gram.given([*others, *(c for p in parts if p is not part for c in p)])
+        rest = search.test.given([*others, *(c for p in parts if p is not part for c in p)])
         square, rank = rest.explained(np.array([part]))
         significant += bool(log_p(square, rest.square, rank, rest.freedom)[0] < np.log(0.01))
     return significant < MOSTLY * len(parts)

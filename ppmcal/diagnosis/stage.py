@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.diagnosis.added_variable_test import build_gram
+from ppmcal.diagnosis.added_variable_test import build_test
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import (
@@ -133,9 +133,9 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     columns = noise.apply(found.columns, system)
     left = residual - basis @ (basis.T @ residual)
-    gram = build_gram(basis, columns, residual, system.count,
+    test = build_test(basis, columns, residual, system.count,
                       simulated(noise, system, basis, left, 0 if like else draws, rng))
-    search = prepare(gram, found.forms, like)
+    search = prepare(test, found.forms, like)
     start = search.values()
     search, chosen = settled(search, choose(search))
     search, chosen = held(search, chosen, hold)

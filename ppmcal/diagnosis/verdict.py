@@ -19,7 +19,7 @@ from ppmcal.errors import NoResult
 from ppmcal.wording import counted
 
 Alternatives = dict[int, tuple[list[Rival], list[Hypothesis]]]
-"""By named form: rivals in the library, and what was not recorded."""
+"""By named hypothesis: rivals in the library, and what was not recorded."""
 FAR = 10.0
 MOSTLY = 0.5
 """Effects that explain less than this of what exceeds the noise are no more than an imitation."""
@@ -84,36 +84,36 @@ def not_predicted(blocks: Sequence[BlockGap], left: Remainder, start: Remainder
 def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEffect],
              gap: Gap | None, out: LeftOut, blocks: Sequence[BlockGap]) -> list[str]:
     """Return what the user must look at; ``blocks``: those that were not predicted."""
-    told = [f for d in after.problem.datasets for f in d.findings]
+    said = [f for d in after.problem.datasets for f in d.findings]
     for data, reasons, old in zip(after.problem.datasets, after.reasons, before.reasons,
                                   strict=True):
         if reasons:
-            told.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
+            said.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, see "
                         "residuals.csv for each reason")
         back = sorted(set(old) - set(reasons))
         if back:
-            told.append(f"{data.name}: {counted(len(back), 'row')} at first taken for outliers, "
+            said.append(f"{data.name}: {counted(len(back), 'row')} at first taken for outliers, "
                         "explained by the effects and back in use")
     if out.sentence:
-        told.append(out.sentence)
+        said.append(out.sentence)
     if left.excess >= TOO_MUCH:
-        told.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
+        said.append(f"what is left is {left.ratio:.2f} times the {left.source} noise: something "
                     "unrecorded, or a sigma that is too small")
     if left.ratio < OVERSTATED:
-        told.append(f"residuals are only {left.ratio:.3g} times the {left.source} noise: sigma is "
+        said.append(f"residuals are only {left.ratio:.3g} times the {left.source} noise: sigma is "
                     "too large, in a wrong unit perhaps; correct it, it decides what geometry is "
                     "held to")
     weak = [e.kind for e in effects if e.survival < 0.2]
     if weak:
-        told.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
+        said.append(f"{', '.join(dict.fromkeys(weak))}: geometry imitates most of it (weakly "
                     "testable), so its size is uncertain")
     if effects and gap is not None and not gap.confirmed:
-        told.append("the held-out poses do not confirm the improvement: too few, or too small")
-    told += [f"left out by {b.by} (a third at a time), only {b.gap.closed or 0.0:.0%} of the gap "
+        said.append("the held-out poses do not confirm the improvement: too few, or too small")
+    said += [f"left out by {b.by} (a third at a time), only {b.gap.closed or 0.0:.0%} of the gap "
              "is closed: what was found does not predict there" for b in blocks]
     if not after.converged:
-        told.append(f"the fit had not converged after {after.iterations} iterations")
-    return told
+        said.append(f"the fit had not converged after {after.iterations} iterations")
+    return said
 
 
 def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
@@ -129,9 +129,10 @@ def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
                        "weight that was not recorded looks much like this", joints)
     if verdict == "named" and gap is not None and not gap.confirmed:
         return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
-                       "yet what was found", joints)
-    return nothing({"none": "nothing is missing that these data could show",
+                       "yet what is named", joints)
+    return nothing({"none": "no further measurement is needed: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
-                    "named": "what was found is settled"}.get(
+                    "named": "no further measurement is needed: the named effects explain the "
+                    "residuals"}.get(
                         verdict, "record more of what might matter (load, temperature, time)"),
                    joints)

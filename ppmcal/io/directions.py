@@ -2,10 +2,10 @@
 
 A limb holds its directions as constants d (``base.axis``, and maybe ``base.zero``) and its
 error as three parameters r = (rx, ry, rz), a rotation vector in base axes: the machine's
-direction is Rot(r) d. A file writes the machine's direction as ``value`` and the drawing's
+direction is Rot(r) d. A file writes the machine's direction as ``value`` and the nominal one
 as ``nominal``. Read back, the constants are ``value``, r is 0, and the parameters' *nominal*
 is the rotation vector n with Rot(n) value = nominal; so a mechanism with every parameter at
-its nominal is still the drawing. A limb whose joint frames are parameters too keeps r apart
+its nominal is still the nominal machine. A limb whose joint frames are parameters too keeps r apart
 in the file (``rotation``), because those frames turn with the constants' own axes.
 """
 

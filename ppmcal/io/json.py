@@ -18,7 +18,7 @@ MAX_DEPTH_MEND = "It is nested too deeply to be one of ppmcal's files"
 NUMBER = "number"
 """Any number, nan and inf as well: what is only shown."""
 FINITE = "finite"
-"""A number to reckon with, at most LARGEST."""
+"""A number to calculate with, at most LARGEST."""
 TEXT = "text"
 LARGEST = 1e30
 

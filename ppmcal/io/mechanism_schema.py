@@ -84,7 +84,7 @@ def _three_spreads(value: object) -> list[float]:
 class DirectionFile(Strict):
     """A unit vector: ``[0, 0, 1]`` or with its error, a small rotation in base axes.
 
-    The machine's direction is Rot(``rotation``) ``value``; ``nominal`` is the drawing's
+    The machine's direction is Rot(``rotation``) ``value``; ``nominal`` is the nominal
     direction; ``sigma`` and ``tolerance`` belong to the rotation's rx, ry, rz.
     """
 

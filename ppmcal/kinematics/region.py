@@ -90,7 +90,7 @@ def placed(mechanism: Mechanism, coordinates: Sequence[int], values: Array) -> A
 def largest_box(mechanism: Mechanism, chosen: Sequence[int], trials: int) -> tuple[Array, Array]:
     """Return the ends (c,) each of the largest box about home that is inside all limits.
 
-    Along each coordinate alone the drawing is followed from home to the first pose outside
+    Along each coordinate alone the nominal machine is followed from home to the first pose outside
     limits, reach or the home side of singularities; then all of these ways are shortened by
     one factor until every pose of the box, ``trials`` along each coordinate, is inside.
 

@@ -22,7 +22,7 @@ class Parameter:
     Attributes:
         name: the slot's path, ``leg1.base.point.x``, or the name that several slots share.
         quantity: ``length`` or ``angle``; of an effect also a quotient, ``length/N``.
-        value: present value; nominal: the drawing's.
+        value: present value; nominal: the value as designed.
         tolerance: one standard deviation; inf for no prior, None where none is stated.
         fixed: the file says it must not change.
         per_unit: whether it is a drive ratio (quantity per unit of the joint variable).

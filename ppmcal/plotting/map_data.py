@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 from ppmcal.linalg import Array
+from ppmcal.units import Units
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,3 +27,8 @@ class Map:
     log: bool = False
 
 
+
+    @classmethod
+    def of(cls, units: Units, name: str, title: str, quantity: str, values: Array) -> Self:
+        """Return the map of SI values of a quantity such as ``angle/length``."""
+        return cls(name, title, units.name(quantity), values / units.factor(quantity))

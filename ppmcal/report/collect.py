@@ -5,20 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.json import NUMBER, TEXT, read_json
+from ppmcal.io.json import TEXT, read_json
+from ppmcal.io.results.commands import CommandsRecord
+from ppmcal.io.results.comparison import ComparisonRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.export import ExportRecord
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.kinematics import KinematicsRecord
+from ppmcal.io.results.record import Record as JsonRecord
+from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.linalg import Array
-from ppmcal.report.comparison import COMPARISON
-from ppmcal.report.comparison import WORDS as COMPARE_WORDS
-from ppmcal.report.controllers import EXPORT
 from ppmcal.report.design_records import DESIGN_FILES, designed
-from ppmcal.report.identifiability import TOLD
 from ppmcal.report.records import (
     Columns,
+    ComparedCalibrations,
+    ControllerExport,
     Diagnosed,
     Identified,
     Other,
@@ -30,50 +36,10 @@ from ppmcal.report.records import (
 from ppmcal.report.sources import digest, is_command_number, is_number_column, read_columns
 from ppmcal.report.truth import compare
 
-_FIGURES = {"unit": TEXT, "*": NUMBER}
 _PROVENANCE = {"inputs": {"*": TEXT}}
-IDENTIFICATION = {
-    "name": TEXT, "method": TEXT, "rank": NUMBER, "iterations": NUMBER,
-    "parameters": [{"name": TEXT, "unit": TEXT, "status": TEXT, "*": NUMBER}],
-    "redundant": [{"name": TEXT, "depends_on": {"*": NUMBER}}],
-    "residual": {"*": {"*": _FIGURES}}, "holdout_note": TEXT,
-    "noise": {"by_dataset": {"*": NUMBER}, "*": NUMBER},
-    "observability": {"*": NUMBER}, "findings": [None],
-    "correlations": [{"a": TEXT, "b": TEXT, "value": NUMBER}],
-    "excluded": [{"dataset": TEXT, "row": NUMBER, "reason": TEXT}],
-    "datasets": [{"name": TEXT, "source": TEXT, "kind": TEXT, "rows": NUMBER, "used": NUMBER}],
-    "units": {"*": TEXT}, "provenance": _PROVENANCE, "measured_volume": {"*": [NUMBER]},
-    **TOLD,
-}
-_SERIES = {"on": [TEXT], "names": [TEXT], "count": [NUMBER],
-           **dict.fromkeys(("x", "before", "before_95", "after", "after_95"), (NUMBER,)),
-           **dict.fromkeys(("effect", "period"), NUMBER), "*": TEXT}
-_HYPOTHESIS = {"kind": TEXT, "on": [TEXT], "status": TEXT, "form": TEXT, "what": TEXT,
-               "*": NUMBER}
-DIAGNOSIS = {
-    "name": TEXT, "verdict": TEXT,
-    "remainder": {"follows": TEXT, "p_value": NUMBER, "rms_ratio": NUMBER,
-                  "noise_reference": TEXT},
-    "effects": [{"kind": TEXT, "on": [TEXT], "parameters": {"*": {"unit": TEXT, "*": NUMBER}},
-                 "derived": {"*": {"unit": TEXT, "*": NUMBER}},
-                 "mid_stroke": {"unit": TEXT, "*": NUMBER},
-                 "p_value": NUMBER, "log10_p": NUMBER, "survival": NUMBER,
-                 "alternatives": [None], "alternatives_on": [TEXT], "odds": (NUMBER,)}],
-    "possible": [_HYPOTHESIS],
-    "gap": {"interval": [NUMBER], "*": NUMBER,
-            "blocks": [{"by": TEXT, "interval": [NUMBER], "*": NUMBER}]},
-    "localised": [{"by": TEXT, "value": None, "*": NUMBER}],
-    "fit": {"*": NUMBER}, "noise": {"*": NUMBER},
-    "not_testable": [{"kind": TEXT, "missing": [TEXT], "reason": TEXT}],
-    "swallowed": [{"name": TEXT, "unit": TEXT, "*": NUMBER}],
-    "next_measurements": {"reason": TEXT, "file": TEXT, "*": NUMBER},
-    "story": {"actuators": [{"name": TEXT, "unit": TEXT, "*": NUMBER}], "series": [_SERIES],
-              "ranking": [_HYPOTHESIS], "steps": [_HYPOTHESIS],
-              "left_out_rows": NUMBER},
-    "findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE,
-}
 LOOSE = {"findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE, "name": TEXT}
-TRUTH = {"units": {"*": TEXT}, "provenance": _PROVENANCE}
+COMPARE_WORDS = frozenset({"name", "unit", "status"})
+"""Columns of compare.csv that are words; the others are numbers."""
 
 ROUND_OFF = 1e-11
 """Measurements are the same where they differ by less than this part of a column's largest."""
@@ -100,7 +66,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
         _refuse_strange(folder)
         for key, part in _parts(folder):
             found[key].append(part)
-    found["simulated"] = [_with_twins(s, found["identified"]) for s in found["simulated"]]
+    found["simulated"] = [_with_copies(s, found["identified"]) for s in found["simulated"]]
     identified = tuple(_with_positions(i, found["simulated"]) for i in found["identified"])
     parts = {k: tuple(v) for k, v in found.items() if k != "identified"}
     return ReportData(tuple(str(d) for d in unique), identified, **parts,
@@ -147,18 +113,21 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     diagnosed = has("diagnosis.json", "effects.csv")
     if has("identification.json", "parameters.csv", "identified.yaml") or (
             has("residuals.csv") and not diagnosed):
-        found = record("identification.json", IDENTIFICATION)
-        own = tuple(found.get("parameters") or ()) or _parameters(table("parameters.csv"))
-        out.append(("identified", Identified(name, found, own, table("residuals.csv"))))
+        found = _with_parameters(_record(IdentificationRecord, folder),
+                                 lambda: table("parameters.csv"))
+        out.append(("identified", Identified(name, found, table("residuals.csv"))))
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
-        out.append(("diagnosed", Diagnosed(name, record("diagnosis.json", DIAGNOSIS),
+        out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),
                                            table("effects.csv"), rest)))
-    for key, stem, only in (("compensated", "commands", None),
-                            ("kinematics", "kinematics", ("status", "reason"))):
-        if has(f"{stem}.csv", f"{stem}.json"):
-            out.append((key, ResidualRows(name, stem, record(f"{stem}.json", LOOSE),
-                                  table(f"{stem}.csv", only, is_command_number))))
+    if has("commands.csv", "commands.json"):
+        out.append(("compensated", ResidualRows(
+            name, "commands", _record(CommandsRecord, folder),
+            table("commands.csv", numeric=is_command_number))))
+    if has("kinematics.csv", "kinematics.json"):
+        out.append(("kinematics", ResidualRows(
+            name, "kinematics", _record(KinematicsRecord, folder),
+            table("kinematics.csv", ("status", "reason"), is_command_number))))
     designs = designed(folder)
     out += [("designed", d) for d in designs]
     held = {file for d in designs for file in d.rows}
@@ -167,34 +136,56 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
             out.append(("others", Other(name, kind, record(f"{stem}.json", LOOSE),
                                         table(f"{stem}.csv", only=()))))
     if has("comparison.json", "compare.csv"):
-        rows = table("compare.csv", numeric=lambda c: c not in COMPARE_WORDS)
-        out.append(("compared", Other(name, "compare", record("comparison.json", COMPARISON),
-                                      rows)))
+        compared = _with_parameters(
+            _record(ComparisonRecord, folder),
+            lambda: table("compare.csv", numeric=lambda c: c not in COMPARE_WORDS))
+        out.append(("compared", ComparedCalibrations(name, compared)))
     if has("export.json"):
-        out.append(("exported", Other(name, "export", record("export.json", EXPORT))))
+        out.append(("exported", ControllerExport(name, ExportRecord.read(folder / "export.json"))))
     return out
+
+
+R = TypeVar("R", bound=JsonRecord)
+P = TypeVar("P", IdentificationRecord, ComparisonRecord)
+
+
+def _record(kind: type[R], folder: Path) -> R:
+    """Return a folder's JSON of one kind, an empty one if it is not there."""
+    path = folder / kind.FILE
+    return kind.read(path) if path.is_file() else kind()
+
+
+def _with_parameters(record: P, table_of: Callable[[], Columns | None]) -> P:
+    """Return a record that has no parameters with those of a CSV."""
+    rows = None if record.parameters else table_of()
+    if rows is None:
+        return record
+    table = [{**{k: v[i] for k, v in rows.text.items()},
+              **{k: float(v[i]) if np.isfinite(v[i]) else None for k, v in rows.numbers.items()}}
+             for i in range(rows.size)]
+    return record.model_copy(update={"parameters": type(record).checked(
+        {"parameters": table}, Path(rows.source)).parameters})
 
 
 def _simulated(folder: Path) -> Simulated:
     file = folder / "measurements.csv"
-    truth = folder / "truth.json"
     here = file.is_file()
-    return Simulated(str(folder), read_json(truth, TRUTH) if truth.is_file() else None,
+    return Simulated(str(folder), _record(TruthRecord, folder)
+                     if (folder / TruthRecord.FILE).is_file() else None,
                      read_columns(file, whole=False, wanted=_is_place) if here else None,
                      digest(file) if here else "")
 
 
-def _with_twins(one: Simulated, identified: Sequence[Identified]) -> Simulated:
+def _with_copies(one: Simulated, identified: Sequence[Identified]) -> Simulated:
     """Find the inputs of identifications that hold the same measurements to round-off."""
     if one.truth is None or not one.digest:
         return one
-    file, twins = Path(one.folder) / "measurements.csv", set[str]()
+    file, copies = Path(one.folder) / "measurements.csv", set[str]()
     for fit in identified:
-        inputs: dict[str, str] = (fit.record.get("provenance") or {}).get("inputs") or {}
-        twins |= {own for name, own in inputs.items()
-                  if name.endswith(".csv") and own not in ("", one.digest)
-                  and digest(Path(name)) == own and _same_numbers(file, Path(name))}
-    return replace(one, twins=tuple(sorted(twins)))
+        copies |= {own for name, own in fit.record.provenance.inputs.items()
+                   if name.endswith(".csv") and own not in ("", one.digest)
+                   and digest(Path(name)) == own and _same_numbers(file, Path(name))}
+    return replace(one, copies=tuple(sorted(copies)))
 
 
 def _same_numbers(one: Path, other: Path) -> bool:
@@ -222,18 +213,6 @@ def _is_place(column: str) -> bool:
     return column in ("x", "y")
 
 
-def _parameters(table: Columns | None) -> tuple[Record, ...]:
-    """Return the rows of parameters.csv as the JSON would hold them."""
-    if table is None:
-        return ()
-    out = []
-    for i in range(table.size):
-        row: dict[str, Any] = {k: v[i] for k, v in table.text.items()}
-        row |= {k: float(v[i]) if np.isfinite(v[i]) else None for k, v in table.numbers.items()}
-        out.append(row)
-    return tuple(out)
-
-
 def _with_positions(one: Identified, simulated: Sequence[Simulated]) -> Identified:
     """Find the measured x, y of the residual rows, in files with the check sum of the input."""
     table = one.residuals
@@ -242,12 +221,12 @@ def _with_positions(one: Identified, simulated: Sequence[Simulated]) -> Identifi
     if "x" in table.numbers and "y" in table.numbers:
         return _replace(one, np.column_stack([table.number("x"), table.number("y")]))
     out = np.full((table.size, 2), np.nan)
-    datasets = one.record.get("datasets") or []
+    datasets = one.record.datasets
     names = np.array(table.words("dataset"), dtype=object)
     for entry in datasets:
-        places = _places(one, str(entry.get("source") or ""), simulated)
+        places = _places(one, entry.source, simulated)
         rows = np.clip(table.number("row"), -1.0, 1e9)
-        mine = (names == str(entry.get("name"))) | (len(datasets) == 1)
+        mine = (names == entry.name) | (len(datasets) == 1)
         if places is None or not np.isfinite(rows[mine]).all() or not mine.any():
             continue
         index = np.nan_to_num(rows, nan=-1.0).astype(int) - (0 if rows[mine].min() < 1 else 1)
@@ -257,12 +236,12 @@ def _with_positions(one: Identified, simulated: Sequence[Simulated]) -> Identifi
 
 
 def _replace(one: Identified, places: Array) -> Identified:
-    return Identified(one.folder, one.record, one.parameters, one.residuals, places)
+    return replace(one, positions=places)
 
 
 def _places(one: Identified, source: str, simulated: Sequence[Simulated]) -> Array | None:
     """Return x, y (N, 2) of a measurement file, if it is the very one that was fitted."""
-    inputs: dict[str, str] = (one.record.get("provenance") or {}).get("inputs") or {}
+    inputs = one.record.provenance.inputs
     names = [k for k in inputs if k == source] or [
         k for k in inputs if source and Path(k).name == Path(source).name]
     if len(names) != 1 or not inputs[names[0]]:

@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-import numpy as np
-
-from ppmcal.io.json import NUMBER, TEXT
+from ppmcal.io.results.comparison import (
+    ComparisonRecord,
+    ParameterDifference,
+    platform_sentence,
+    remainder_sentence,
+    verdict_sentence,
+)
 from ppmcal.report import svg
-from ppmcal.report.format import count, exact, listed, number, probability, sig, to_sigma, with_unit
-from ppmcal.report.html import amount, dotted, paragraph, table, words
-from ppmcal.report.records import Columns, Other
+from ppmcal.report.format import count, listed, number, probability, sig, to_sigma, typeset
+from ppmcal.report.html import Cell, amount, dotted, paragraph, table, words
+from ppmcal.report.records import ComparedCalibrations
 from ppmcal.report.residual_figures import figure
 from ppmcal.report.svg_bars import fitting
 
-Record = Mapping[str, Any]
-
-_MOVED = {"unit": TEXT, "*": NUMBER}
-COMPARISON = {
-    "name": TEXT, "verdict": TEXT,
-    **dict.fromkeys(("chi2", "degrees", "p_value", "p_left"), NUMBER),
-    "changes": [{"name": TEXT, "unit": TEXT, "instead": [TEXT], "*": NUMBER}],
-    "platform": {"position": _MOVED, "rotation": _MOVED, "poses": NUMBER},
-    "parameters": [{"name": TEXT, "unit": TEXT, "status": TEXT, "*": NUMBER}],
-    "findings": [None], "provenance": {"inputs": {"*": TEXT}},
-}
-"""Shape of comparison.json."""
-WORDS = frozenset({"name", "unit", "status"})
-"""Columns of compare.csv that are words; the others are numbers."""
 Z95 = 1.96
-LEFT = 0.01
-"""What is left is told where chance would leave as much this rarely."""
 SHOWN, DRAWN = 12, 40
 ROW, NAMES, SMALL = 15.0, 150.0, 11.0 / 9.5
 """Height of a line, room for names, and how much more of the small letters goes in."""
@@ -39,88 +26,49 @@ STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
 
 
-def comparison_section(one: Other) -> str:
+def comparison_section(one: ComparedCalibrations) -> str:
     """Return everything about one comparison."""
     r = one.record
-    rows = parameters(one)
-    drawing = differences(rows)
+    drawing = differences(r.parameters)
     return "".join([
         "<h2>Comparison of two calibrations</h2>", paragraph(f"From {one.folder}.", "note"),
-        paragraph(verdict(r), "big"), paragraph(platform(r)), _changes(r),
-        f'<div class="plots">{drawing}</div>' if drawing else "", _likeliest(rows)])
+        paragraph(verdict(r), "big"), paragraph(typeset(platform_sentence(r))), _changes(r),
+        f'<div class="plots">{drawing}</div>' if drawing else "", _likeliest(r.parameters)])
 
 
-def parameters(one: Other) -> list[Record]:
-    """Return the parameters of the JSON, else of compare.csv."""
-    own = one.record.get("parameters")
-    return list(own) if own else _rows(one.table)
-
-
-def verdict(r: Record) -> str:
+def verdict(r: ComparisonRecord) -> str:
     """Return whether the machine has changed, nothing where the JSON does not say."""
-    what = {"changed": "the machine has changed", "unchanged": "nothing has changed"}.get(
-        str(r.get("verdict")))
-    if not what:
-        return ""
-    size = r.get("parameters") or []
-    about = f"{r.get('name') or 'Comparison'}: {count(len(size), 'parameter')}; {what}"
-    if number(r.get("chi2")) is None or number(r.get("degrees")) is None:
-        return f"{about}."
-    return (f"{about} (χ² {sig(r['chi2'], 4)} of {exact(r['degrees'])} degrees of freedom, "
-            f"{probability(r.get('p_value'))}".rstrip(", ") + ").")
+    return typeset(verdict_sentence(r))
 
 
-def attention(r: Record) -> list[str]:
+def attention(r: ComparisonRecord) -> list[str]:
     """Return what the user must look at."""
-    if r.get("verdict") != "changed":
+    if r.verdict != "changed":
         return []
-    names = [str(c.get("name") or "?") for c in r.get("changes") or ()]
+    names = [c.name or "?" for c in r.changes]
     return ["the machine has changed between the two calibrations: "
             + (listed(names) if names else "no single parameter explains it")]
 
 
-def platform(r: Record) -> str:
-    """Return what the change means at the platform."""
-    moved = r.get("platform") or {}
-    position, rotation = moved.get("position") or {}, moved.get("rotation") or {}
-    if number(position.get("rms")) is None:
-        return ""
-    unit, turn = str(position.get("unit") or ""), ""
-    if (number(rotation.get("rms")) or 0.0) > 0.0:
-        turn = f", {with_unit(rotation['rms'], str(rotation.get('unit') or ''))} rms"
-    poses = number(moved.get("poses"))
-    over = f", over {poses:.0f} poses of the volume measured before" if poses else ""
-    return (f"At the same joints the platform is {with_unit(position['rms'], unit)} rms and "
-            f"{with_unit(position.get('max'), unit)} at most from where it was{turn}{over}.")
-
-
-def _changes(r: Record) -> str:
+def _changes(r: ComparisonRecord) -> str:
     """Return the changes that are named, and whether they explain all of it."""
     rows = []
-    for c in r.get("changes") or ():
-        sigma = number(c.get("sigma"))
-        wide = None if sigma is None else Z95 * sigma
-        instead = [str(n) for n in c.get("instead") or ()]
-        rows.append([dotted(c.get("name")),
-                     amount(c.get("value"), to_sigma(c.get("value"), sigma)),
-                     amount(wide, f"± {sig(wide, 2)}"), words(c.get("unit")),
-                     amount(c.get("p_value"), probability(c.get("p_value")) or "–"),
-                     words(listed(instead) or "nothing else", "wrap")])
-    text, left = "", number(r.get("p_left"))
-    if not rows and r.get("verdict") == "changed":
-        text = "No single parameter explains it."
-    elif rows and left is not None and left < LEFT:
-        text = f"That does not explain all of it ({probability(left)} of the rest)."
+    for c in r.changes:
+        wide = None if c.sigma is None else Z95 * c.sigma
+        rows.append([dotted(c.name), amount(c.value, to_sigma(c.value, c.sigma)),
+                     amount(wide, f"± {sig(wide, 2)}"), words(c.unit),
+                     amount(c.p_value, probability(c.p_value) or "–"),
+                     words(listed(c.instead) or "nothing else", "wrap")])
     return table("The fewest parameters that explain the change",
                  ["parameter", "changed by", "95 %", "unit", "chance of noise alone",
-                  "it could as well be"], rows) + paragraph(text)
+                  "it could as well be"], rows) + paragraph(typeset(remainder_sentence(r)))
 
 
-def _likeliest(rows: Sequence[Record]) -> str:
+def _likeliest(rows: Sequence[ParameterDifference]) -> str:
     """Return the parameters likeliest to have changed, the others folded away."""
     heads = ["parameter", "old", "new", "new − old", "95 %", "unit", "chance of noise alone",
              "status"]
-    first = sorted(rows, key=lambda p: _or(p.get("p_alone"), 2.0))
+    first = sorted(rows, key=lambda p: 2.0 if p.p_alone is None else p.p_alone)
     body = [_row(p) for p in first]
     note = ("Chance: how often noise would ask as much for a change of this parameter, if it were "
             "the only one; changes of one show in others that act alike.")
@@ -134,23 +82,23 @@ def _likeliest(rows: Sequence[Record]) -> str:
     return out + paragraph(note, "note") if out else ""
 
 
-def _row(p: Record) -> list[Any]:
-    sigma, status = number(p.get("sigma")), str(p.get("status") or "")
-    wide = None if sigma is None else Z95 * sigma
-    return [dotted(p.get("name")), amount(p.get("old"), to_sigma(p.get("old"), sigma)),
-            amount(p.get("new"), to_sigma(p.get("new"), sigma)),
-            amount(p.get("difference"), to_sigma(p.get("difference"), sigma)),
-            amount(wide, f"± {sig(wide, 2)}"), words(p.get("unit")),
-            amount(p.get("p_alone"), probability(p.get("p_alone")) or "–"),
-            words("" if status == "unchanged" else status, "warn" if status == "changed" else "")]
+def _row(p: ParameterDifference) -> list[Cell]:
+    wide = None if p.sigma is None else Z95 * p.sigma
+    return [dotted(p.name), amount(p.old, to_sigma(p.old, p.sigma)),
+            amount(p.new, to_sigma(p.new, p.sigma)),
+            amount(p.difference, to_sigma(p.difference, p.sigma)),
+            amount(wide, f"± {sig(wide, 2)}"), words(p.unit),
+            amount(p.p_alone, probability(p.p_alone) or "–"),
+            words("" if p.status == "unchanged" else p.status,
+                  "warn" if p.status == "changed" else "")]
 
 
-def differences(rows: Sequence[Record]) -> str:
+def differences(rows: Sequence[ParameterDifference]) -> str:
     """Return new minus old of each parameter over its sigma, largest first, as a figure."""
-    seen = [(z, p) for p in rows if (z := _ratio(p.get("difference"), p.get("sigma"))) is not None]
+    seen = [(z, p) for p in rows if (z := _ratio(p)) is not None]
     if not seen:
         return ""
-    seen.sort(key=lambda s: (s[1].get("status") not in STYLES, -abs(s[0])))
+    seen.sort(key=lambda s: (s[1].status not in STYLES, -abs(s[0])))
     shown = sorted(seen[:DRAWN], key=lambda s: -abs(s[0]))
     height = svg.TOP + ROW * len(shown) + svg.BOTTOM
     ends = [e for z, _ in shown for e in (z - Z95, z + Z95)]
@@ -169,21 +117,21 @@ def differences(rows: Sequence[Record]) -> str:
                   _key(shown))
 
 
-def _key(shown: Sequence[tuple[float, Record]]) -> str:
+def _key(shown: Sequence[tuple[float, ParameterDifference]]) -> str:
     """Return what the colours mean that are there."""
-    there = {str(p.get("status") or "") for _, p in shown}
+    there = {p.status for _, p in shown}
     keys = [(STYLES[s], name) for s, name in KEYS.items() if s in there]
     keys += [("after", "unchanged")] if there - set(STYLES) else []
     return " ".join(f'<i class="key {kind}"></i>{name}' for kind, name in keys)
 
 
-def _mark(frame: svg.Frame, z: float, y: float, p: Record) -> list[str]:
+def _mark(frame: svg.Frame, z: float, y: float, p: ParameterDifference) -> list[str]:
     """Return name, bar and mark of one parameter at the height ``y``."""
-    status = str(p.get("status") or "")
+    status = p.status
     kind = STYLES.get(status, "after")
     low, middle, high = (float(frame.px(v)) for v in (z - Z95, z, z + Z95))
     bold = "small strong" if status == "changed" else "small"
-    name = fitting(frame.left - 6.0, y + 3.5, str(p.get("name") or "?"), (frame.left - 8.0) * SMALL,
+    name = fitting(frame.left - 6.0, y + 3.5, p.name or "?", (frame.left - 8.0) * SMALL,
                    "end", bold)
     bar = f'<path class="stroke {kind}" d="M{svg.num(low)} {svg.num(y)}H{svg.num(high)}"/>'
     if status == "changed":
@@ -198,20 +146,8 @@ def _upright(frame: svg.Frame) -> str:
             f'V{svg.num(frame.height - svg.BOTTOM)}"/>')
 
 
-def _ratio(difference: Any, sigma: Any) -> float | None:
-    a, b = number(difference), number(sigma)
-    return number(a / b) if a is not None and b is not None and b > 0.0 else None
-
-
-def _or(value: Any, otherwise: float) -> float:
-    found = number(value)
-    return otherwise if found is None else found
-
-
-def _rows(t: Columns | None) -> list[Record]:
-    """Return the rows of compare.csv as the JSON would hold them."""
-    if t is None:
-        return []
-    return [{**{k: v[i] for k, v in t.text.items()},
-             **{k: float(v[i]) if np.isfinite(v[i]) else None for k, v in t.numbers.items()}}
-            for i in range(t.size)]
+def _ratio(p: ParameterDifference) -> float | None:
+    """Return the difference in sigmas, None where it is not known or beyond reason."""
+    if p.difference is None or p.sigma is None or not p.sigma > 0.0:
+        return None
+    return number(p.difference / p.sigma)

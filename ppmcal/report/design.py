@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from ppmcal.io.results.design import ShownTable
 from ppmcal.report.format import count, exact, number, sig
-from ppmcal.report.headlines import attention, finding_text
+from ppmcal.report.headlines import attention
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
 from ppmcal.report.other import scalars
 from ppmcal.report.records import Designed, Picture, ReportData
@@ -28,15 +29,13 @@ WIDE = 40
 def design_section(one: Designed) -> str:
     """Return everything about one design: what it says, its tables, pictures and findings."""
     r = one.record
-    said = [str(s) for s in r.get("said") or ()]
-    name = f' <span class="soft">of {escape(str(r["name"]))}</span>' if r.get("name") else ""
+    name = f' <span class="soft">of {escape(r.name)}</span>' if r.name else ""
     out = [f"<h2>{escape(title(one))}{name}</h2>", paragraph(_source(one), "note")]
-    out += [paragraph(s, "big" if i == 0 else "") for i, s in enumerate(said)]
-    out.append(bullets([finding_text(f) for f in r.get("findings") or ()]))
-    if not said:
-        plain = {k: v for k, v in r.items() if k != "name"}
-        out.append(scalars(plain))
-    out += [_table(one, t) for t in r.get("tables") or ()]
+    out += [paragraph(s, "big" if i == 0 else "") for i, s in enumerate(r.said)]
+    out.append(bullets(r.findings))
+    if not r.said:
+        out.append(scalars({k: v for k, v in r.entries().items() if k != "name"}))
+    out += [_table(one, t) for t in r.tables]
     return "".join([*out, _pictures(one)])
 
 
@@ -47,8 +46,7 @@ def title(one: Designed) -> str:
 
 def design_headline(one: Designed) -> str:
     """Return what a design says first, empty where it says nothing."""
-    said = [str(s) for s in one.record.get("said") or ()]
-    return f"{title(one)}: {said[0]}" if said else ""
+    return f"{title(one)}: {one.record.said[0]}" if one.record.said else ""
 
 
 def _source(one: Designed) -> str:
@@ -56,27 +54,24 @@ def _source(one: Designed) -> str:
     return f"From {one.folder}" + (f": {held}." if held else ".")
 
 
-def _table(one: Designed, entry: Mapping[str, Any]) -> str:
+def _table(one: Designed, shown: ShownTable) -> str:
     """Return one table: its first rows, heads with units, and its note."""
-    columns = [str(c) for c in entry.get("columns") or ()]
-    rows = entry.get("rows") or ()
-    heads = [_head(c, one.record.get("units") or {}) for c in columns]
+    rows = shown.rows
+    heads = [_head(c, one.record.units) for c in shown.columns]
     across = [_column(list(c)) for c in zip(*rows[:SHOWN], strict=True)]
     body = list(zip(*across, strict=True))
     more = (f"The first {SHOWN} of {count(len(rows), 'row')}; {one.kind}.json has them all."
             if len(rows) > SHOWN else "")
-    note = " ".join(t for t in (_sentence(str(entry.get("note") or "")), more) if t)
-    caption = str(entry.get("title") or "")
-    shown = table(caption, heads, body, sort=True) if columns else ""
-    if not shown:
-        empty = f"{caption or 'A table'}: no rows."
-        return paragraph(empty, "note") + paragraph(note, "note")
-    return shown + paragraph(note, "note")
+    note = " ".join(t for t in (_sentence(shown.note), more) if t)
+    html = table(shown.title, heads, body, sort=True) if heads else ""
+    if not html:
+        html = paragraph(f"{shown.title or 'A table'}: no rows.", "note")
+    return html + paragraph(note, "note")
 
 
-def _head(column: str, units: Mapping[str, Any]) -> str:
+def _head(column: str, units: Mapping[str, str]) -> str:
     """Return a column's name with its unit."""
-    unit, plain = str(units.get(column) or ""), column.replace("_", " ")
+    unit, plain = units.get(column, ""), column.replace("_", " ")
     return f"{plain}, {unit}" if unit and unit != "1" else plain
 
 
@@ -136,7 +131,7 @@ def look_at(data: ReportData) -> list[tuple[str, str]]:
     """Return all that the user must look at, designs included, as (where, sentence)."""
     out = attention(data)
     for one in data.designed:
-        out += [(one.folder, finding_text(f)) for f in one.record.get("findings") or ()]
+        out += [(one.folder, text) for text in one.record.findings]
         out += [(one.folder, f"the picture {p.file} is missing" if p.problem == "missing" else
                  f"the picture {p.file} cannot be shown: {p.problem}") for p in one.pictures
                 if p.problem and not p.problem.startswith("left out")]

@@ -11,8 +11,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.io.json import AGAIN, NUMBER, TEXT, read_json
-from ppmcal.report.records import Designed, Picture, Record
+from ppmcal.io.json import AGAIN
+from ppmcal.io.results.plan import PlanRecord
+from ppmcal.io.results.sensitivity import SensitivityRecord
+from ppmcal.io.results.stiffness import StiffnessRecord
+from ppmcal.io.results.tolerances import TolerancesRecord
+from ppmcal.io.results.workspace import WorkspaceRecord
+from ppmcal.report.records import Designed, DesignRecord, Picture
 from ppmcal.report.sources import read_columns
 
 DESIGNS: Mapping[str, tuple[str, ...]] = {
@@ -27,13 +32,10 @@ DESIGN_FILES = (*(f"{name}.json" for name in DESIGNS),
                 *(f"{name}.csv" for name in ("sensitivity", "tolerances", "stiffness",
                                              "workspace")))
 """Files by which such a folder is recognised."""
-DESIGN = {
-    "name": TEXT, "said": [TEXT], "units": {"*": TEXT}, "findings": [None],
-    "pictures": {"*": TEXT},
-    "tables": [{"title": TEXT, "columns": [TEXT], "rows": [None], "note": TEXT}],
-    "provenance": {"seed": NUMBER, "inputs": {"*": TEXT}},
+RECORDS: Mapping[str, type[DesignRecord]] = {
+    "sensitivity": SensitivityRecord, "tolerances": TolerancesRecord,
+    "stiffness": StiffnessRecord, "workspace": WorkspaceRecord, "plan": PlanRecord,
 }
-"""Shape of NAME.json; other keys are as they like."""
 
 LARGEST_FILE = 20_000_000
 LARGEST_AREA = 60_000_000
@@ -54,7 +56,7 @@ def designed(folder: Path) -> list[Designed]:
         if not file.is_file() and not (f"{kind}.csv" in tables
                                        and (folder / f"{kind}.csv").is_file()):
             continue
-        record = read_json(file, DESIGN) if file.is_file() else {}
+        record = RECORDS[kind].read(file) if file.is_file() else RECORDS[kind]()
         _refuse_uneven(record, str(file))
         rows = {name: read_columns(folder / name, wanted=lambda _: False).size
                 for name in tables if (folder / name).is_file()}
@@ -62,33 +64,25 @@ def designed(folder: Path) -> list[Designed]:
     return out
 
 
-def _refuse_uneven(record: Record, source: str) -> None:
-    """Refuse a table whose rows have not one plain cell for each column."""
-    for i, table in enumerate(record.get("tables") or ()):
-        columns = table.get("columns") or ()
-        for j, row in enumerate(table.get("rows") or ()):
-            place = f"{source}: tables[{i}].rows[{j}]"
-            if not isinstance(row, list):
-                raise BadInput("should be a list", place, AGAIN)
-            if len(row) != len(columns):
-                raise BadInput(f"has {len(row)} cells, but the table has {len(columns)} columns",
-                               place, AGAIN)
-            for k, cell in enumerate(row):
-                if isinstance(cell, list | dict):
-                    raise BadInput("should be a number or text", f"{place}[{k}]", AGAIN)
+def _refuse_uneven(record: DesignRecord, source: str) -> None:
+    """Refuse a table whose rows have not one cell for each column."""
+    for i, table in enumerate(record.tables):
+        for j, row in enumerate(table.rows):
+            if len(row) != len(table.columns):
+                raise BadInput(f"has {len(row)} cells, but the table has {len(table.columns)} "
+                               "columns", f"{source}: tables[{i}].rows[{j}]", AGAIN)
 
 
-def _pictures(folder: Path, record: Record) -> tuple[Picture, ...]:
+def _pictures(folder: Path, record: DesignRecord) -> tuple[Picture, ...]:
     """Return the pictures that a record lists, or all of the folder where it has no list."""
-    listed = record.get("pictures")
+    listed = record.pictures
     if listed is None:
         try:
             names = sorted(p.name for p in folder.iterdir() if p.suffix.lower() == ".png")
         except OSError:
             names = []
         listed = dict.fromkeys(names, "")
-    out = [_picture(folder, str(name), str(caption or "")) for name, caption in
-           list(listed.items())[:MOST]]
+    out = [_picture(folder, name, caption) for name, caption in list(listed.items())[:MOST]]
     return (*out, *_left_over(list(listed)[MOST:]))
 
 

@@ -1,4 +1,4 @@
-"""The story of a diagnosis in pictures, drawn from diagnosis.json alone.
+"""A diagnosis in pictures, drawn from diagnosis.json alone.
 
 Every function takes the record and returns a :class:`BarPicture`, or None where the record (of an
 older version, or cut down) does not hold what it shows.
@@ -6,22 +6,22 @@ older version, or cut down) does not hold what it shows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_plots import PlottedActuator, PlottedStep
+from ppmcal.io.results.diagnosis_wording import (
+    actuators,
+    gap_closed,
+    group_name,
+    name_of,
+    together,
+    worst_block,
+)
 from ppmcal.report import svg
+from ppmcal.report.diagnosis_format import finer, left_out, odds_to
 from ppmcal.report.diagnosis_inputs import input_pictures
 from ppmcal.report.diagnosis_ranking import ranking
-from ppmcal.report.diagnosis_wording import (
-    actuators,
-    effect_name,
-    finer,
-    gap_closed,
-    left_out,
-    odds_to,
-    story,
-    together,
-)
 from ppmcal.report.format import number, sig
 from ppmcal.report.svg_bars import (
     EDGE,
@@ -34,10 +34,8 @@ from ppmcal.report.svg_bars import (
 )
 from ppmcal.wording import shorter
 
-Record = Mapping[str, Any]
 
-
-def pictures(record: Record) -> dict[str, list[BarPicture]]:
+def pictures(record: DiagnosisRecord) -> dict[str, list[BarPicture]]:
     """Return file name without ending -> pictures on that sheet."""
     found: dict[str, Sequence[BarPicture | None]] = {
         "gap": [gap(record)], "actuators": [by_actuator(record)],
@@ -47,12 +45,12 @@ def pictures(record: Record) -> dict[str, list[BarPicture]]:
     return {name: some for name, some in drawn.items() if some}
 
 
-def gap(record: Record) -> BarPicture | None:
+def gap(record: DiagnosisRecord) -> BarPicture | None:
     """Return the residuals of one model after the other, down to the noise."""
-    steps = [(s, value) for s in story(record, "steps")
-             if (value := number(s.get("rms_ratio"))) is not None]
-    held = record.get("gap") or {}
-    ends = [number(held.get("before")), number(held.get("after"))]
+    steps = [(s, value) for s in record.plot_data.steps
+             if (value := number(s.rms_ratio)) is not None]
+    held = record.gap
+    ends = [number(held.before), number(held.after)]
     if not steps and None in ends:
         return None
     values = [v for _, v in steps] + [e for e in ends if e is not None]
@@ -60,16 +58,15 @@ def gap(record: Record) -> BarPicture | None:
     wide = svg.WIDTH - 56.0
     draw = Bars(log_scale(0.5, high, EDGE, wide), right=wide)
     for n, (step, value) in enumerate(steps):
-        later = n > 0 and step.get("what") == "effect"
+        later = n > 0 and step.what == "effect"
         _gap_row(draw, _step_name(record, step), value, "r-after" if later else "r-before")
     if None not in ends:
         draw.y += 6.0
-        poses = number(held.get("poses"))
-        draw.text(f"Check on {poses:.0f} poses that no fit has seen" if poses else
+        draw.text(f"Check on {held.poses} poses that no fit has seen" if held.poses else
                   "Check on poses that no fit has seen", "strong")
         draw.y += 19.0
         _gap_row(draw, "geometry alone", ends[0] or 0.0, "r-before")
-        if record.get("effects"):
+        if record.effects:
             _gap_row(draw, "geometry and what is named", ends[1] or 0.0, "r-after")
     draw.axis([(v, "1 (noise)" if v == 1.0 else words) for v, words in ratio_ticks(high)],
               "rms of the residuals over the noise")
@@ -78,7 +75,7 @@ def gap(record: Record) -> BarPicture | None:
         "Upper bars: the rows that effects were searched in; each bar adds one thing to the "
         "model. The upright line is the noise alone: where nothing is missing, bars end there.",
         "; ".join(f"{_step_name(record, s)}: {sig(v)} times the noise" for s, v in steps) + ".",
-        tuple(draw.parts), draw.y, note=gap_closed(record))
+        tuple(draw.parts), draw.y, note=f"{gap_closed(record)} {worst_block(record)}".strip())
 
 
 def _gap_row(draw: Bars, label: str, value: float, kind: str) -> None:
@@ -95,28 +92,27 @@ def times(ratio: float) -> str:
     return f"{sig(ratio, 3 if float(f'{ratio:.2f}') >= 1.0 else 2)} ×"
 
 
-def _step_name(record: Record, step: Record) -> str:
-    what = step.get("what")
-    if what == "start":
+def _step_name(record: DiagnosisRecord, step: PlottedStep) -> str:
+    if step.what == "start":
         return "machine as in its file, only frames fitted"
-    if what == "geometry":
+    if step.what == "geometry":
         return "+ geometry identified"
-    return "+ " + effect_name(record, step)
+    return "+ " + name_of(record, step.kind, step.on)
 
 
-def by_actuator(record: Record) -> BarPicture | None:
+def by_actuator(record: DiagnosisRecord) -> BarPicture | None:
     """Return the rms error of each joint before and after, beside what noise gives."""
-    rows = [e for e in story(record, "actuators") if number(e.get("rms_before")) is not None]
+    rows = [a for a in record.plot_data.actuators if number(a.rms_before) is not None]
     if not rows:
         return None
-    units = {str(e.get("unit") or "") for e in rows}
+    units = {a.unit for a in rows}
     one = len(units) == 1
-    after = bool(record.get("effects"))
-    largest = max(_parts(e)[0] for e in rows)
+    after = bool(record.effects)
+    largest = max(_parts(a)[0] for a in rows)
     factor, unit = finer(units.pop(), largest) if one else (1.0, "")
-    table = [_scaled(e, factor, one) for e in rows]
+    table = [_scaled(a, factor, one) for a in rows]
     high = 1.06 * max([max(v) for v in table] + [1e-300])
-    names = [str(e.get("name") or "?") for e in rows]
+    names = [a.name or "?" for a in rows]
     amounts = [f"{sig(v[0])} → {sig(v[1])}" if after else sig(v[0]) for v in table]
     amounts = [f"{words} {unit or '×'}" for words in amounts]
     name_room = min(max(map(width, names)) + 6.0, 110.0)
@@ -139,8 +135,8 @@ def by_actuator(record: Record) -> BarPicture | None:
         "actuators", "Where it is: the error of each joint",
         "Joint errors that would explain the residuals, row by row; the upright lines are what "
         f"noise alone gives. {_reading(after)} {left_out(record)}".rstrip(),
-        "; ".join(f"{e.get('name')}: {sig(v[0])} before, {sig(v[1])} after, noise {sig(v[2])} "
-                  f"{unit}".rstrip() for e, v in zip(rows, table, strict=True)) + ".",
+        "; ".join(f"{name}: {sig(v[0])} before, {sig(v[1])} after, noise {sig(v[2])} "
+                  f"{unit}".rstrip() for name, v in zip(names, table, strict=True)) + ".",
         tuple(draw.parts), draw.y)
 
 
@@ -150,15 +146,14 @@ def _reading(after: bool) -> str:
     return "What is missing shows where a bar passes its line."
 
 
-def _parts(entry: Record) -> tuple[float, float, float]:
-    before, after, noise = (number(entry.get(k)) or 0.0
-                            for k in ("rms_before", "rms_after", "noise"))
+def _parts(a: PlottedActuator) -> tuple[float, float, float]:
+    before, after, noise = (number(v) or 0.0 for v in (a.rms_before, a.rms_after, a.noise))
     return before, after, noise
 
 
-def _scaled(entry: Record, factor: float, one: bool) -> tuple[float, float, float]:
+def _scaled(a: PlottedActuator, factor: float, one: bool) -> tuple[float, float, float]:
     """Return before, after, noise in the unit shown; over the noise where units differ."""
-    before, after, noise = _parts(entry)
+    before, after, noise = _parts(a)
     scale = factor if one else 1.0 / max(noise, svg.LEAST)
     return before * scale, after * scale, noise * scale
 
@@ -181,15 +176,15 @@ LONG_ODDS = 150.0
 """Beyond these an alternative is in the set only for what it can imitate."""
 
 
-def confusion(record: Record) -> BarPicture | None:
+def confusion(record: DiagnosisRecord) -> BarPicture | None:
     """Return for each named effect what could take its place, and how likely that is."""
     groups = []
-    for e in together(record):
-        names = e.get("alternatives_on") or e.get("alternatives") or []
-        odds = [number(o) for o in e.get("odds") or []]
-        pairs = [(str(n), o) for n, o in zip(names, odds, strict=False) if o is not None]
+    for group in together(record):
+        names = group[0].alternatives_on or group[0].alternatives
+        odds = [number(o) for o in group[0].odds]
+        pairs = [(n, o) for n, o in zip(names, odds, strict=False) if o is not None]
         if pairs:
-            groups.append((effect_name(record, e), sorted(pairs, key=lambda p: p[1])))
+            groups.append((group_name(record, group), sorted(pairs, key=lambda p: p[1])))
     if not groups:
         return None
     high = max([LONG_ODDS] + [min(o, 1e6) for _, pairs in groups for _, o in pairs])
@@ -207,7 +202,7 @@ def confusion(record: Record) -> BarPicture | None:
                                        "strong"))
             draw.y += 30.0
     draw.axis(ratio_ticks(high), "odds for the named effect against the alternative")
-    file = (record.get("next_measurements") or {}).get("file")
+    file = record.next_measurements.file
     long = any(o > LONG_ODDS for _, pairs in groups for _, o in pairs)
     return BarPicture(
         "alternatives", "What these data cannot tell apart",

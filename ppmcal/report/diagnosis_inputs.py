@@ -2,62 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_plots import PlottedSeries
+from ppmcal.io.results.diagnosis_wording import actuators, effect_name
 from ppmcal.linalg import Array
 from ppmcal.report import svg
-from ppmcal.report.diagnosis_wording import INPUTS, actuators, effect_name, finer, left_out
+from ppmcal.report.diagnosis_format import INPUTS, finer, left_out
 from ppmcal.report.format import number
 from ppmcal.report.svg_bars import BarPicture, fitting, width
 from ppmcal.wording import where
 
-Record = Mapping[str, Any]
 APART = 2.5
 """Before and after are drawn so many pixels to each side of their place."""
 CLASS_ROOM = 12.0
 """Further height below the axis for the names of classes."""
 
 
-def input_pictures(record: Record) -> list[BarPicture]:
-    """Return one panel for each series of the story."""
-    out = [_panel(record, s) for s in (record.get("story") or {}).get("series") or []]
+def input_pictures(record: DiagnosisRecord) -> list[BarPicture]:
+    """Return one panel for each series of the plot data."""
+    out = [_panel(record, s) for s in record.plot_data.series]
     return [p for p in out if p is not None]
 
 
-def _column(series: Record, name: str) -> Array:
-    values = [number(v) for v in series.get(name) or []]
-    return np.array([np.nan if v is None else v for v in values])
+def _column(values: Sequence[float | None]) -> Array:
+    known = [number(v) for v in values]
+    return np.array([np.nan if v is None else v for v in known])
 
 
-def _values(series: Record) -> tuple[Array, Array] | None:
+def _values(s: PlottedSeries) -> tuple[Array, Array] | None:
     """Return input (B,) and means and half intervals before and after (4, B), if drawable."""
-    columns = [_column(series, n) for n in ("x", "before", "before_95", "after", "after_95")]
+    columns = [_column(v) for v in (s.x, s.before, s.before_95, s.after, s.after_95)]
     size = min(map(len, columns))
     x, table = columns[0][:size], np.stack([c[:size] for c in columns[1:]])
     seen = [np.isfinite(mean + half).any() for mean, half in (table[:2], table[2:])]
     return (x, table) if size > 1 and np.isfinite(x).all() and all(seen) else None
 
 
-def _panel(record: Record, series: Record) -> BarPicture | None:
+def _panel(record: DiagnosisRecord, series: PlottedSeries) -> BarPicture | None:
     """Return one panel, None where there is too little to draw."""
     found = _values(series)
     if found is None:
         return None
     x, table = found
     size = len(x)
-    both = bool(record.get("effects"))
+    both = bool(record.effects)
     if not both:
         table[:2] = table[2:]
     ends = np.concatenate([table[0] - table[1], table[0] + table[1], table[2] - table[3],
                            table[2] + table[3]])
-    factor, unit = finer(str(series.get("unit") or ""), float(np.nanmax(np.abs(ends))))
+    factor, unit = finer(series.unit, float(np.nanmax(np.abs(ends))))
     table *= factor
-    per, x_unit = finer(str(series.get("input_unit") or ""), _largest(series, x))
+    per, x_unit = finer(series.input_unit, _largest(series, x))
     what = _what(series, actuators(record))
-    names = [str(n) for n in series.get("names") or []]
+    names = series.names
     frame = svg.Frame(svg.span(x * per, margin=0.06), svg.span(np.append(ends * factor, 0.0)))
     x_name, classes = _input_name(series, x_unit), len(names) == size
     parts = [svg.axes(frame, "" if classes else x_name, _with(f"error of {what}", unit),
@@ -67,8 +68,8 @@ def _panel(record: Record, series: Record) -> BarPicture | None:
     if both:
         parts.append(_marks(frame, x * per, table[0], table[1], "before", -APART))
     parts.append(_marks(frame, x * per, table[2], table[3], "after", APART if both else 0.0))
-    tail = f"; one period is {_period(series)}" if number(series.get("period")) else ""
-    subject = f"measured {series['coordinate']}" if series.get("coordinate") else "the joint"
+    tail = f"; one period is {_period(series)}" if number(series.period) else ""
+    subject = f"measured {series.coordinate}" if series.coordinate else "the joint"
     return BarPicture(
         "inputs", _title(record, series, what),
         f"Means of {size} {'classes' if classes else 'bins'} with 95 % bars; positive: {subject} "
@@ -82,44 +83,40 @@ def _panel(record: Record, series: Record) -> BarPicture | None:
         note="○ geometry alone, ● with what is named." if both else "● geometry alone.")
 
 
-def _largest(series: Record, x: Array) -> float:
+def _largest(series: PlottedSeries, x: Array) -> float:
     """Return the size that decides an input's unit: positions keep that of the file."""
-    keeps = series.get("input") not in ("time", "phase", "velocity")
+    keeps = series.input not in ("time", "phase", "velocity")
     return float("inf") if keeps else float(np.max(np.abs(x)))
 
 
-def _what(series: Record, total: int) -> str:
-    if series.get("coordinate"):
-        return f"measured {series['coordinate']}"
-    on = series.get("on") or []
+def _what(series: PlottedSeries, total: int) -> str:
+    if series.coordinate:
+        return f"measured {series.coordinate}"
+    on = series.on
     return where(on, total) if len(on) < 4 or len(on) == total else f"{len(on)} actuators"
 
 
-def _title(record: Record, series: Record, what: str) -> str:
-    effects = record.get("effects") or []
-    n = series.get("effect")
-    if isinstance(n, int) and 0 <= n < len(effects):
-        place = f" ({what})" if series.get("coordinate") else ""
-        return effect_name(record, effects[n]) + place
-    name = INPUTS.get(str(series.get("input")), str(series.get("input"))).partition(" (")[0]
-    which = str(series.get("which") or "")
-    against = " ".join(w for w in (what, "against", name, which) if w)
-    return f"What is left: {against}" if series.get("role") == "left" and effects else against
+def _title(record: DiagnosisRecord, series: PlottedSeries, what: str) -> str:
+    n = series.effect
+    if n is not None and 0 <= n < len(record.effects):
+        place = f" ({what})" if series.coordinate else ""
+        return effect_name(record, record.effects[n]) + place
+    name = INPUTS.get(series.input, series.input).partition(" (")[0]
+    against = " ".join(w for w in (what, "against", name, series.which) if w)
+    return f"What is left: {against}" if series.role == "left" and record.effects else against
 
 
-def _input_name(series: Record, unit: str) -> str:
-    name = INPUTS.get(str(series.get("input")), str(series.get("input") or "input"))
-    which = str(series.get("which") or "")
-    return _with(f"{name} {which}".strip(), unit)
+def _input_name(series: PlottedSeries, unit: str) -> str:
+    name = INPUTS.get(series.input, series.input or "input")
+    return _with(f"{name} {series.which}".strip(), unit)
 
 
 def _with(name: str, unit: str) -> str:
     return f"{name} ({unit})" if unit else name
 
 
-def _period(series: Record) -> str:
-    unit = str(series.get("input_unit") or "")
-    return f"{number(series.get('period')):.4g} {unit}".rstrip()
+def _period(series: PlottedSeries) -> str:
+    return f"{series.period:.4g} {series.input_unit}".rstrip()
 
 
 def _zero(frame: svg.Frame) -> str:
@@ -139,7 +136,7 @@ def _marks(frame: svg.Frame, x: Array, mean: Array, half: Array, kind: str, asid
     return f'<path class="stroke {kind}" d="{bars}"/>{dots}' if bars else ""
 
 
-def _classes(frame: svg.Frame, x: Array, names: list[str], name: str) -> str:
+def _classes(frame: svg.Frame, x: Array, names: Sequence[str], name: str) -> str:
     """Return signs below the axis, each actuator's name below its signs, and the axis' name."""
     out = []
     floor = frame.height - svg.BOTTOM

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_plots import PlottedHypothesis
+from ppmcal.io.results.diagnosis_wording import name_of
 from ppmcal.report import svg
-from ppmcal.report.diagnosis_wording import chance, effect_name, power, scientific, story
+from ppmcal.report.diagnosis_format import chance, power, scientific
 from ppmcal.report.format import number
 from ppmcal.report.svg_bars import EDGE, BarPicture, Bars, width
 
-Record = Mapping[str, Any]
 STATUS = {"named": "named", "alternative": "alternative", "explained": "explained"}
 UNSAID = ("named", "not needed", "significant")
 """Statuses that bars, bold names and lines show already."""
@@ -22,10 +22,10 @@ LEGEND = (("named", "named"), ("more", "with the other named ones in the model")
 TICKS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 150.0, 200.0, 300.0)
 
 
-def ranking(record: Record) -> BarPicture | None:
+def ranking(record: DiagnosisRecord) -> BarPicture | None:
     """Return how unlikely noise alone would show each hypothesis as strongly as the data do."""
-    rows = [(r, -value) for r in story(record, "ranking")
-            if (value := number(r.get("log10_p_alone", r.get("log10_p")))) is not None]
+    rows = [(r, -value) for r in record.plot_data.ranking if (value := number(
+        r.log10_p if r.log10_p_alone is None else r.log10_p_alone)) is not None]
     if not rows:
         return None
     limits = _limits(record)
@@ -53,9 +53,10 @@ def ranking(record: Record) -> BarPicture | None:
         f"The {len(rows)} strongest hypotheses; first: {best}.", tuple(draw.parts), draw.y)
 
 
-def _row(draw: Bars, record: Record, entry: Record, value: float, then: float | None) -> None:
+def _row(draw: Bars, record: DiagnosisRecord, entry: PlottedHypothesis, value: float,
+         then: float | None) -> None:
     """Write one hypothesis with its p-value and draw its bar below."""
-    kind, status = _class_of(entry), str(entry.get("status") or "")
+    kind, status = _class_of(entry), entry.status
     p = _p(value) if then is None else f"{_p(then)} ({_p(value)} alone)"
     end = p if status in UNSAID else f"{p} {status}".rstrip()
     draw.text(end, "", svg.WIDTH - EDGE, "end", width(end))
@@ -71,26 +72,26 @@ def _p(value: float) -> str:
     return chance(-value).removeprefix("p = ")
 
 
-def _given_others(entry: Record, value: float) -> float | None:
+def _given_others(entry: PlottedHypothesis, value: float) -> float | None:
     """Return -log10 p of a named one given the others, None where it reads the same."""
-    log10 = number(entry.get("log10_p"))
-    if entry.get("status") != "named" or log10 is None:
+    log10 = number(entry.log10_p)
+    if entry.status != "named" or log10 is None:
         return None
     return -log10 if _p(-log10) != _p(value) else None
 
 
-def _caption(record: Record, rows: list[tuple[Record, float]],
+def _caption(record: DiagnosisRecord, rows: list[tuple[PlottedHypothesis, float]],
              limits: list[tuple[str, float, str]]) -> str:
     """Return what the bars and lines say, and why what passes may not be named."""
     out = "Bars: how rarely noise alone looks so much like this effect."
     if limits:
         out += " The lines allow for the many hypotheses that were tried"
         passing = max(v for _, v in rows) > min(v for _, v, _ in limits)
-        if record.get("effects"):
+        if record.effects:
             out += "; what is named explains the others that pass"
         elif not passing:
             out += "; nothing passes them"
-        elif record.get("verdict") == "unnamed":
+        elif record.verdict == "unnamed":
             out += ("; what passes imitates something that has no name here: none explains "
                     "the residuals as far as the noise")
         else:
@@ -99,23 +100,20 @@ def _caption(record: Record, rows: list[tuple[Record, float]],
     return out
 
 
-def _class_of(entry: Record) -> str:
-    return STATUS.get(str(entry.get("status") or ""), "other")
+def _class_of(entry: PlottedHypothesis) -> str:
+    return STATUS.get(entry.status, "other")
 
 
-def _hypothesis(record: Record, entry: Record) -> str:
-    name = effect_name(record, entry)
-    form = str(entry.get("form") or "")
-    return f"{name}, {form}" if form else name
+def _hypothesis(record: DiagnosisRecord, entry: PlottedHypothesis) -> str:
+    name = name_of(record, entry.kind, entry.on)
+    return f"{name}, {entry.form}" if entry.form else name
 
 
-def _limits(record: Record) -> list[tuple[str, float, str]]:
+def _limits(record: DiagnosisRecord) -> list[tuple[str, float, str]]:
     """Return (words, -log10 p, kind of line) of the thresholds."""
-    noise = record.get("noise") or {}
     out = []
-    for key, words, kind in (("detect_p", "beyond it something is missing", "dotted"),
-                             ("name_p", "beyond it an effect may be named", "")):
-        p = number(noise.get(key))
+    for p, words, kind in ((record.noise.detect_p, "beyond it something is missing", "dotted"),
+                           (record.noise.name_p, "beyond it an effect may be named", "")):
         if p is not None and 0.0 < p < 1.0:
             out.append((f"{words}: p < {scientific(p)}", -math.log10(p), kind))
     return out

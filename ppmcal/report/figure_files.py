@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
-from typing import Any
 
 from ppmcal.errors import BadInput
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.report import svg
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.diagnosis_wording import headline
 from ppmcal.report.html import DRAWINGS, LIGHT
 from ppmcal.report.svg_bars import EDGE, BarPicture
 
@@ -27,11 +27,11 @@ TITLES = {"gap": "How the gap closes", "ranking": "What could be missing",
 EXTRA = "plots"
 
 
-def diagnosis_files(record: Mapping[str, Any], png: bool = False) -> dict[str, str | bytes]:
+def diagnosis_files(record: DiagnosisRecord, png: bool = False) -> dict[str, str | bytes]:
     """Return file name -> SVG text, and PNG bytes where wanted, of a diagnosis's pictures."""
     out: dict[str, str | bytes] = {}
     for name, drawings in pictures(record).items():
-        text = sheet(f"{record.get('name') or 'ppmcal'}: {headline(record)}",
+        text = sheet(f"{record.name or 'ppmcal'}: {headline(record)}",
                      TITLES.get(name, name), drawings)
         out[f"{name}.svg"] = text
         if png:

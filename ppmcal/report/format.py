@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -83,3 +84,11 @@ def listed(names: Sequence[str], most: int = 6) -> str:
     """Return ``a, b, c and 4 more``."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
+
+
+def typeset(text: str) -> str:
+    """Return a sentence of the console as the page writes it: ±, ×, −, χ², powers of ten."""
+    text = re.sub(r"(\d)e([-+]\d+)", lambda m: f"{m[1]}·10{str(int(m[2])).translate(_SUPER)}", text)
+    text = re.sub(r"(\d)\*", r"\1 × ", text)
+    text = re.sub(r"(^| )-(?= |\d)", r"\1−", text)
+    return text.replace("+- ", "± ").replace("chi-squared", "χ²")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -77,15 +77,14 @@ def paragraph(text: str, kind: str = "") -> str:
     return part("paragraph", text, kind) if text else ""
 
 
-def error_bar(p: Mapping[str, Any]) -> str:
+def error_bar(error: float | None, tolerance: float | None, sigma: float | None) -> str:
     """Return a small bar: the error against its tolerance, with the 95 % interval.
 
     The shaded zone is one tolerance to each side of nominal, the ends are three.
     """
-    error, tolerance = number(p.get("error")), number(p.get("tolerance"))
     if error is None or tolerance is None or not tolerance > 0.0:
         return ""
-    half = 1.96 * (number(p.get("sigma")) or 0.0)
+    half = 1.96 * (sigma or 0.0)
 
     def at(value: float) -> float:
         return 65.0 + 20.0 * max(-2.9, min(2.9, value / tolerance))

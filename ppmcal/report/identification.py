@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import numpy as np
 
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_parts import ExcludedRow, NoiseCheck, ParameterEstimate
+from ppmcal.io.results.identification_wording import combination
 from ppmcal.report.format import (
     NBSP,
     count,
@@ -13,15 +15,15 @@ from ppmcal.report.format import (
     probability,
     sig,
     to_sigma,
+    typeset,
     whole,
     with_unit,
 )
-from ppmcal.report.headlines import figure, redundancy, tolerances
+from ppmcal.report.headlines import figure
 from ppmcal.report.html import (
     MAX_ROWS,
     Cell,
     amount,
-    bullets,
     definitions,
     dotted,
     error_bar,
@@ -29,7 +31,7 @@ from ppmcal.report.html import (
     table,
     words,
 )
-from ppmcal.report.identifiability import blunder_section, told_section
+from ppmcal.report.identifiability import gross_error_section, identifiability_section
 from ppmcal.report.records import Identified
 from ppmcal.report.residual_figures import residual_figures
 from ppmcal.report.residuals import quantity_of, used
@@ -40,90 +42,85 @@ COLUMNS = ("mean", "rms", "p95", "max")
 
 def identified_section(one: Identified) -> str:
     """Return everything about one identification below the headline."""
-    units = {str(p.get("name")): str(p.get("unit") or "") for p in one.parameters}
-    return "".join([accuracy(one), parameters(one), redundant(one), correlations(one),
-                    told_section(one.record), plots(one), excluded(one),
-                    blunder_section(one.record, units)])
+    r = one.record
+    units = {p.name: p.unit for p in r.parameters}
+    return "".join([accuracy(one), parameters(r), redundant(r), correlations(r),
+                    identifiability_section(r), plots(one), excluded(one),
+                    gross_error_section(r.gross_errors, units)])
 
 
 def accuracy(one: Identified) -> str:
     """Return the table of errors before, after and held out."""
-    residual = one.record.get("residual") or {}
-    kinds = list(dict.fromkeys(k for s, _ in STAGES for k in residual.get(s) or {}))
+    residual = one.record.residual
+    kinds = list(dict.fromkeys(k for s, _ in STAGES for k in getattr(residual, s)))
     rows = []
     for kind in kinds:
         for stage, name in STAGES:
             part = figure(one, stage, kind)
-            if any(number(part.get(c)) is not None for c in COLUMNS):
-                rows.append([words(f"{kind}, {name}"), words(part.get("unit")),
-                             *(amount(part.get(c)) for c in COLUMNS)])
+            if any(getattr(part, c) is not None for c in COLUMNS):
+                rows.append([words(f"{kind}, {name}"), words(part.unit),
+                             *(amount(getattr(part, c)) for c in COLUMNS)])
     if not rows:
         return ""
-    notes = [str(one.record.get("holdout_note") or "")]
+    notes = [one.record.holdout_note]
     if "closure" in kinds:
         notes.append("Closure is the limb condition at the measured poses, as a length.")
     note = " ".join(n[0].upper() + n[1:].rstrip(".") + "." for n in notes if n)
     return ("<h2>Error before and after</h2>" + '<div class="pair">'
             + table("p95: 95 % of the rows are below it", ["error", "unit", *COLUMNS], rows)
-            + f"<div>{_fit_facts(one)}{paragraph(note, 'note')}</div></div>")
+            + f"<div>{_fit_facts(one.record)}{paragraph(note, 'note')}</div></div>")
 
 
-def _fit_facts(one: Identified) -> str:
+def _fit_facts(r: IdentificationRecord) -> str:
     """Return noise, rank, iterations and observability."""
-    r = one.record
-    noise: Mapping[str, Any] = r.get("noise") or {}
-    facts: list[tuple[str, str]] = []
-    if number(noise.get("sigma_ratio")) is not None:
-        facts.append(("Residual over stated noise", sig(noise["sigma_ratio"])))
-    own = noise.get("by_dataset") or {}
-    if len(own) > 1:
-        facts.append(("The same by file", ", ".join(f"{n} {sig(v)}" for n, v in own.items())))
-    if number(noise.get("chi2")) is not None:
-        facts.append(("χ² of data and prior", f"{sig(noise['chi2'], 4)} with "
-                      f"{sig(noise.get('degrees'), 4)} degrees of freedom, "
-                      f"{probability(noise.get('chi2_p'))}".rstrip(", ")))
-    if number(noise.get("repeat_ratio")) is not None:
-        facts.append(("Scatter of repeats over stated noise", sig(noise["repeat_ratio"])))
-    if number(r.get("rank")) is not None:
-        columns = r.get("columns")
-        size = len(columns) if isinstance(columns, list) else number(columns)
-        of = f" of {size:.0f} unknowns, frames and targets included" if size else ""
-        facts.append(("Rank", f"{r['rank']:.0f}{of}"))
-    if number(r.get("iterations")) is not None:
-        state = {True: ", converged", False: ", not converged", None: ""}[_truth(r)]
-        facts.append(("Iterations", f"{r['iterations']:.0f}{state}"))
-    scale = number(r.get("prior_scale"))
-    if scale is not None and scale != 1.0:
-        facts.append(("Tolerances scaled by", sig(scale)))
-    index = [f"{k}{NBSP}{sig(v)}" for k, v in sorted((r.get("observability") or {}).items())
+    facts = _noise_facts(r.noise)
+    if r.rank is not None:
+        of = f" of {r.columns} unknowns, frames and targets included" if r.columns else ""
+        facts.append(("Rank", f"{r.rank}{of}"))
+    if r.iterations is not None:
+        state = {True: ", converged", False: ", not converged", None: ""}[r.converged]
+        facts.append(("Iterations", f"{r.iterations}{state}"))
+    if r.prior_scale is not None and r.prior_scale != 1.0:
+        facts.append(("Tolerances scaled by", sig(r.prior_scale)))
+    index = [f"{k}{NBSP}{sig(v)}" for k, v in sorted(r.observability.items())
              if k in ("O1", "O2", "O3", "O4", "O5")]
     facts.append(("Observability indices", " · ".join(index)))
-    facts.append(("Measured region", _region(one)))
+    facts.append(("Measured region", _region(r)))
     return definitions(facts)
 
 
-def _truth(record: Mapping[str, Any]) -> bool | None:
-    """Return whether the fit converged, None if that is not said."""
-    value = record.get("converged")
-    return value if isinstance(value, bool) else None
+def _noise_facts(noise: NoiseCheck) -> list[tuple[str, str]]:
+    """Return what the residuals say about the stated noise."""
+    facts: list[tuple[str, str]] = []
+    if noise.sigma_ratio is not None:
+        facts.append(("Residual over stated noise", sig(noise.sigma_ratio)))
+    if len(noise.by_dataset) > 1:
+        facts.append(("The same by file",
+                      ", ".join(f"{n} {sig(v)}" for n, v in noise.by_dataset.items())))
+    if noise.chi2 is not None:
+        facts.append(("χ² of data and prior", f"{sig(noise.chi2, 4)} with "
+                      f"{sig(noise.degrees, 4)} degrees of freedom, "
+                      f"{probability(noise.chi2_p)}".rstrip(", ")))
+    if noise.repeat_ratio is not None:
+        facts.append(("Scatter of repeats over stated noise", sig(noise.repeat_ratio)))
+    return facts
 
 
-def _region(one: Identified) -> str:
+def _region(r: IdentificationRecord) -> str:
     """Return the ranges of the measured coordinates in words."""
     parts = []
-    for name, ends in (one.record.get("measured_volume") or {}).items():
-        unit = one.unit(quantity_of(name))
-        shown = [with_unit(e, unit, 4) for e in ends or ()]
-        parts.append(f"{name} {' … '.join(shown)}")
+    for name, ends in r.measured_volume.items():
+        unit = r.units.of_quantity(quantity_of(name))
+        parts.append(f"{name} {' … '.join(with_unit(e, unit, 4) for e in ends)}")
     return "; ".join(parts)
 
 
-def parameters(one: Identified) -> str:
+def parameters(r: IdentificationRecord) -> str:
     """Return the table of parameters; fixed ones follow in a table of their own."""
-    if not one.parameters:
+    if not r.parameters:
         return ""
-    free = [p for p in one.parameters if p.get("status") != "fixed"]
-    fixed = [p for p in one.parameters if p.get("status") == "fixed"]
+    free = [p for p in r.parameters if p.status != "fixed"]
+    fixed = [p for p in r.parameters if p.status == "fixed"]
     heads = ["parameter", "unit", "nominal", "value", "95 % interval", "error", "tolerance",
              "error against tolerance", "sigma", "sigma, data only", "status"]
     note = ("Bars: error in tolerances, shaded: one to each side, ends: three; "
@@ -131,49 +128,45 @@ def parameters(one: Identified) -> str:
     out = ("<h2>Parameters</h2>" + paragraph(note, "note")
            + table("", heads, [_row(p) for p in free], sort=True))
     if fixed:
-        rows = [[dotted(p.get("name")), amount(p.get("value"), exact(p.get("value"))),
-                 words(p.get("unit"))] for p in fixed]
+        rows = [[dotted(p.name), amount(p.value, exact(p.value)), words(p.unit)] for p in fixed]
         name = f"{count(len(fixed), 'parameter')} held fixed"
         out += (f"<details><summary>{name}</summary>"
                 + table("", ["parameter", "value", "unit"], rows) + "</details>")
     return out
 
 
-def _row(p: Mapping[str, Any]) -> list[Cell]:
-    sigma, value = number(p.get("sigma")), number(p.get("value"))
-    low, high = number(p.get("low")), number(p.get("high"))
+def _row(p: ParameterEstimate) -> list[Cell]:
+    sigma, value, low, high = p.sigma, p.value, p.low, p.high
     if low is None and high is None and sigma is not None and value is not None:
         low, high = value - 1.96 * sigma, value + 1.96 * sigma
     interval = "–" if low is None and high is None else (
         f"{to_sigma(low, sigma)} … {to_sigma(high, sigma)}")
-    away = tolerances(p)
-    status = str(p.get("status") or "")
-    return [dotted(p.get("name")), words(p.get("unit")),
-            amount(p.get("nominal"), exact(p.get("nominal"))),
+    return [dotted(p.name), words(p.unit), amount(p.nominal, exact(p.nominal)),
             amount(value, to_sigma(value, sigma)), amount(low, interval),
-            amount(p.get("error"), to_sigma(p.get("error"), sigma), bad=(away or 0.0) > 3.0),
-            amount(p.get("tolerance"), exact(p.get("tolerance"))), Cell(error_bar(p), away),
-            amount(sigma, sig(sigma, 2)), amount(p.get("sigma_data"), sig(p.get("sigma_data"), 2)),
-            words(status, "warn" if status == "redundant" else "")]
+            amount(p.error, to_sigma(p.error, sigma), bad=(p.tolerances or 0.0) > 3.0),
+            amount(p.tolerance, exact(p.tolerance)),
+            Cell(error_bar(p.error, p.tolerance, sigma), number(p.tolerances)),
+            amount(sigma, sig(sigma, 2)), amount(p.sigma_data, sig(p.sigma_data, 2)),
+            words(p.status, "warn" if p.status == "redundant" else "")]
 
 
-def redundant(one: Identified) -> str:
-    """Return the redundant parameters, each with its combination in words."""
-    entries = one.record.get("redundant") or []
-    if not entries:
+def redundant(r: IdentificationRecord) -> str:
+    """Return the unidentifiable combinations, one line for each redundant quantity."""
+    rows = [[dotted(c.name or "?"), words(typeset(combination(c)), "wrap")] for c in r.redundant]
+    if not rows:
         return ""
-    return (f"<h3>{count(len(entries), 'quantity', 'quantities')} that these data cannot tell "
-            "apart</h3>" + bullets([redundancy(e) for e in entries])
-            + paragraph("Predictions do not depend on how such a combination is split; the prior "
-                        "splits it by the tolerances. Coefficients are in the file's units.",
-                        "note"))
+    note = ("A change of the quantity and this change of the others act alike: only their "
+            "combination can be identified, and predictions do not depend on how it is split; the "
+            "prior splits it by the tolerances. Coefficients are in the file's units.")
+    return ("<h3>Unidentifiable combinations</h3>"
+            + table("", ["one unit of", "acts like"], rows) + paragraph(note, "note"))
 
 
-def correlations(one: Identified) -> str:
+def correlations(r: IdentificationRecord) -> str:
     """Return the strongest correlations."""
-    found = [c for c in one.record.get("correlations") or [] if number(c.get("value")) is not None]
-    found.sort(key=lambda c: -abs(c["value"]))
-    rows = [[dotted(c.get("a")), dotted(c.get("b")), amount(c["value"])] for c in found[:12]]
+    found = sorted(((-abs(c.value), c) for c in r.correlations if c.value is not None),
+                   key=lambda f: f[0])
+    rows = [[dotted(c.a), dotted(c.b), amount(c.value)] for _, c in found[:12]]
     more = f"the strongest 12 of {len(found)}" if len(found) > 12 else ""
     return ("<h3>Strong correlations</h3>" + table(more, ["parameter", "with", "correlation"], rows)
             if rows else "")
@@ -181,7 +174,7 @@ def correlations(one: Identified) -> str:
 
 def plots(one: Identified) -> str:
     """Return the residual plots."""
-    drawings = residual_figures(one)
+    drawings = residual_figures(one.residuals, one.record.units, one.positions)
     if not drawings or one.residuals is None:
         return ""
     keep = used(one.residuals)
@@ -197,7 +190,7 @@ def excluded(one: Identified) -> str:
     entries = excluded_rows(one)
     if not entries:
         return ""
-    rows = [[words(e["dataset"]), amount(e["row"], exact(e["row"])), words(e["reason"], "wrap")]
+    rows = [[words(e.dataset), amount(e.row, exact(e.row)), words(e.reason, "wrap")]
             for e in entries[:MAX_ROWS]]
     more = (f"the first {MAX_ROWS} of {whole(len(entries))}; residuals.csv has them all"
             if len(entries) > MAX_ROWS else "")
@@ -205,14 +198,12 @@ def excluded(one: Identified) -> str:
             + table(more, ["data set", "row", "reason"], rows, sort=True))
 
 
-def excluded_rows(one: Identified) -> list[dict[str, Any]]:
+def excluded_rows(one: Identified) -> tuple[ExcludedRow, ...]:
     """Return the rows left out, from the JSON, else from residuals.csv."""
-    if one.record.get("excluded") is not None:
-        return [{k: e.get(k) for k in ("dataset", "row", "reason")}
-                for e in one.record["excluded"]]
     t = one.residuals
-    if t is None:
-        return []
+    if "excluded" in one.record.model_fields_set or t is None:
+        return one.record.excluded
     row, names, reasons = t.number("row"), t.words("dataset"), t.words("reason")
-    return [{"dataset": names[i], "row": number(float(row[i])), "reason": reasons[i]}
-            for i in (~used(t)).nonzero()[0]]
+    return tuple(ExcludedRow(dataset=names[i], reason=reasons[i],
+                             row=int(row[i]) if np.isfinite(row[i]) else None)
+                 for i in (~used(t)).nonzero()[0])

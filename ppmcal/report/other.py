@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ppmcal.report.format import count, number, sig, to_sigma, whole
+from ppmcal.io.results.commands import accepted_sentence
+from ppmcal.io.results.kinematics import solved_sentence
+from ppmcal.report.format import count, sig, to_sigma, whole
 from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import (
     MAX_ROWS,
@@ -32,11 +34,10 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> str:
     t = rows.table
     out = ["<h2>Compensation</h2>", paragraph(f"From {rows.folder}.", "note")]
     if t is None:
-        return "".join([*out, scalars(rows.record)])
+        return "".join([*out, scalars(rows.record.entries())])
     good = np.ones(t.size, dtype=bool)
     good[list(rows.flagged)] = False
-    done = whole(int(good.sum()))
-    out.append(paragraph(f"{done} of {count(t.size, 'target')} can be commanded."))
+    out.append(paragraph(f"{accepted_sentence(int(good.sum()), t.size)}."))
     stats = []
     for kind, quantity in (("position", "length"), ("rotation", "angle")):
         for stage in ("before", "after"):
@@ -103,9 +104,9 @@ def kinematics_section(rows: ResidualRows) -> str:
     """Return how many rows were solved, and those that were not."""
     size = rows.table.size if rows.table is not None else 0
     done = size - len(rows.flagged)
-    text = f"{whole(done)} of {count(size, 'row')} solved. " if size else ""
+    text = f"{solved_sentence(done, size)}. " if size else ""
     text += f"From {rows.folder}."
-    return "<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record) + refused(rows)
+    return "<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record.entries()) + refused(rows)
 
 
 def other_section(other: Other) -> str:
@@ -136,8 +137,8 @@ def scalars(record: Mapping[str, Any]) -> str:
 def simulation_section(s: Simulated, note: str = "") -> str:
     """Return what was simulated; ``note`` is what to say of its truth."""
     rows = count(s.measurements.size, "measurement") if s.measurements is not None else "no CSV"
-    seed = number((s.truth or {}).get("seed"))
-    text = f"{rows} simulated in {s.folder}" + (f", seed {seed:.0f}." if seed is not None else ".")
+    seed = None if s.truth is None else s.truth.provenance.seed
+    text = f"{rows} simulated in {s.folder}" + (f", seed {seed}." if seed is not None else ".")
     return "<h2>Simulation</h2>" + paragraph(text) + paragraph(note)
 
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from ppmcal import __version__
 from ppmcal.io.output import plain
-from ppmcal.report.comparison import comparison_section, parameters
+from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
+from ppmcal.report.comparison import comparison_section
 from ppmcal.report.comparison import verdict as comparison_verdict
 from ppmcal.report.controllers import export_section
 from ppmcal.report.design import design_headline, design_section, look_at
 from ppmcal.report.diagnosis import diagnosis_section
-from ppmcal.report.diagnosis_wording import headline as diagnosis_headline
-from ppmcal.report.format import exact, number, with_unit
+from ppmcal.report.format import exact, with_unit
 from ppmcal.report.headlines import figure, headline
 from ppmcal.report.html import CSS, SCRIPT, amount, definitions, paragraph, table, words
 from ppmcal.report.identification import excluded_rows, identified_section
@@ -28,7 +28,14 @@ from ppmcal.report.other import (
     simulation_section,
     truth_section,
 )
-from ppmcal.report.records import Columns, ComparedMachines, Identified, ReportData, ResidualRows
+from ppmcal.report.records import (
+    Columns,
+    ComparedCalibrations,
+    ComparedMachines,
+    Identified,
+    ReportData,
+    ResidualRows,
+)
 from ppmcal.report.residuals import used, white
 from ppmcal.report.truth import stray_note
 
@@ -66,8 +73,7 @@ def title(data: ReportData) -> str:
     names = list(dict.fromkeys(i.name for i in data.identified))
     if names:
         return f"Calibration report: {', '.join(names)}"
-    names = list(dict.fromkeys(str(d.record["name"]) for d in data.designed
-                               if d.record.get("name")))
+    names = list(dict.fromkeys(d.record.name for d in data.designed if d.record.name))
     return f"Error analysis: {', '.join(names)}" if names else "ppmcal report"
 
 
@@ -101,17 +107,13 @@ def _lead(data: ReportData) -> str:
 
 def _tiles(one: Identified) -> str:
     """Return the key figures: rms before, after and held out of each kind of error."""
-    residual = one.record.get("residual") or {}
     out = []
-    for kind in residual.get("after") or {}:
-        stages = [figure(one, s, kind) for s in ("before", "after")]
-        unit = str(stages[1].get("unit") or "")
-        flow = '<i>→</i>'.join(escape(with_unit(s.get("rms"), unit)) for s in stages
-                               if number(s.get("rms")) is not None)
-        held = figure(one, "holdout", kind)
-        more = [f"{name} {with_unit(part.get(key), unit)}" for name, part, key in
-                (("held out", held, "rms"), ("largest after", stages[1], "max"))
-                if number(part.get(key)) is not None]
+    for kind, after in one.record.residual.after.items():
+        stages, unit = (figure(one, "before", kind).rms, after.rms), after.unit
+        flow = '<i>→</i>'.join(escape(with_unit(rms, unit)) for rms in stages if rms is not None)
+        more = [f"{name} {with_unit(value, unit)}" for name, value in
+                (("held out", figure(one, "holdout", kind).rms), ("largest after", after.max))
+                if value is not None]
         if flow:
             out.append(f'<div class="tile"><div class="what">{escape(kind.capitalize())}, rms '
                        f'before → after</div><div class="flow">{flow}</div>'
@@ -134,23 +136,24 @@ def _look(data: ReportData) -> str:
 
 def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
     """Return the units of a CSV: its JSON's, else those on which all identifications agree."""
-    own = rows.record.get("units")
-    if own:
-        return {str(k): str(v) for k, v in own.items()}
-    found = [i.record.get("units") or {} for i in data.identified]
-    return found[0] if found and all(f == found[0] for f in found) else {}
+    if rows.record.units:
+        return rows.record.units
+    found = [i.record.units for i in data.identified]
+    return found[0].model_dump() if found and all(f == found[0] for f in found) else {}
 
 
 def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
     """Return every JSON that was read, as (folder: kind, record)."""
-    out = [(f"{i.folder}: identify", i.record) for i in data.identified]
-    out += [(f"{d.folder}: diagnose", d.record) for d in data.diagnosed]
-    out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record)
+    out: list[tuple[str, Mapping[str, Any]]]
+    out = [(f"{i.folder}: identify", i.record.entries()) for i in data.identified]
+    out += [(f"{d.folder}: diagnose", d.record.entries()) for d in data.diagnosed]
+    out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record.entries())
             for r in (*data.compensated, *data.kinematics)]
-    out += [(f"{d.folder}: {d.kind}", d.record) for d in data.designed]
-    out += [(f"{o.folder}: {o.kind}", o.record)
-            for o in (*data.others, *data.compared, *data.exported)]
-    out += [(f"{s.folder}: simulate", s.truth or {}) for s in data.simulated]
+    out += [(f"{d.folder}: {d.kind}", d.record.entries()) for d in data.designed]
+    out += [(f"{o.folder}: {o.kind}", o.record) for o in data.others]
+    out += [(f"{c.folder}: compare", c.record.entries()) for c in data.compared]
+    out += [(f"{e.folder}: export", e.record.entries()) for e in data.exported]
+    out += [(f"{s.folder}: simulate", s.truth.entries()) for s in data.simulated if s.truth]
     return out
 
 
@@ -194,44 +197,45 @@ def to_json(data: ReportData) -> dict[str, Any]:
         "folders": list(data.folders), "headline": summary(data),
         "attention": [{"where": w, "what": t} for w, t in look_at(data)],
         "identifications": [_identified(i) for i in data.identified],
-        "diagnoses": [{"folder": d.folder, "diagnosis": d.record, "candidates": _rows(d.effects)}
-                      for d in data.diagnosed],
+        "diagnoses": [{"folder": d.folder, "diagnosis": d.record.entries(),
+                       "candidates": _rows(d.effects)} for d in data.diagnosed],
         "compensations": [_table(r) for r in data.compensated],
         "kinematics": [_table(r) for r in data.kinematics],
-        "simulations": [{"folder": s.folder, "truth": s.truth,
+        "simulations": [{"folder": s.folder, "truth": s.truth and s.truth.entries(),
                          "rows": s.measurements.size if s.measurements is not None else None,
                          "sha256": s.digest, "note": stray_note(s, data.identified)}
                         for s in data.simulated],
         "others": [{"folder": o.folder, "kind": o.kind, "record": o.record,
                     "rows": o.table.size if o.table is not None else None} for o in data.others],
-        "designs": [{"folder": d.folder, "kind": d.kind, "record": d.record, "rows": d.rows,
+        "designs": [{"folder": d.folder, "kind": d.kind, "record": d.record.entries(),
+                     "rows": d.rows,
                      "pictures": [{"file": p.file, "caption": p.caption, "size": p.size,
                                    "problem": p.problem} for p in d.pictures]}
                     for d in data.designed],
-        "comparisons": [{"folder": o.folder, "comparison": o.record, "parameters": parameters(o)}
-                        for o in data.compared],
-        "exports": [{"folder": o.folder, "export": o.record} for o in data.exported],
+        "comparisons": [_compared(c) for c in data.compared],
+        "exports": [{"folder": o.folder, "export": o.record.entries()} for o in data.exported],
         "truth_against_identified": [_comparison(c) for c in data.comparisons],
     }
     return {k: plain(v) for k, v in out.items()}
 
 
 def _identified(one: Identified) -> dict[str, Any]:
-    out: dict[str, Any] = {"folder": one.folder, "identification": one.record,
-                           "parameters": one.parameters}
+    record = one.record.entries()
+    out: dict[str, Any] = {"folder": one.folder, "identification": record,
+                           "parameters": record.get("parameters", ())}
     if one.residuals is not None:
         values = white(one.residuals)
         out["residuals"] = {
             "rows": one.residuals.size, "used": int(used(one.residuals).sum()),
             "white_rms": float(np.sqrt(np.mean(values**2))) if values.size else None,
-            "excluded": excluded_rows(one)}
+            "excluded": [e.model_dump() for e in excluded_rows(one)]}
     return out
 
 
 def _table(rows: ResidualRows) -> dict[str, Any]:
     """Return the summary of commands.csv or kinematics.csv."""
     t = rows.table
-    out: dict[str, Any] = {"folder": rows.folder, "record": rows.record}
+    out: dict[str, Any] = {"folder": rows.folder, "record": rows.record.entries()}
     if t is None:
         return out
     good = np.ones(t.size, dtype=bool)
@@ -247,6 +251,11 @@ def _table(rows: ResidualRows) -> dict[str, Any]:
     out["flagged"] = [{"row": i + 1, "status": status[i], "reason": reason[i]}
                       for i in rows.flagged]
     return out
+
+
+def _compared(c: ComparedCalibrations) -> dict[str, Any]:
+    record = c.record.entries()
+    return {"folder": c.folder, "comparison": record, "parameters": record.get("parameters", ())}
 
 
 def _rows(table: Columns | None) -> list[dict[str, Any]]:

@@ -8,9 +8,23 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.io.results.commands import CommandsRecord
+from ppmcal.io.results.comparison import ComparisonRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.export import ExportRecord
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.kinematics import KinematicsRecord
+from ppmcal.io.results.plan import PlanRecord
+from ppmcal.io.results.sensitivity import SensitivityRecord
+from ppmcal.io.results.simulation import TruthRecord
+from ppmcal.io.results.stiffness import StiffnessRecord
+from ppmcal.io.results.tolerances import TolerancesRecord
+from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.linalg import Array
 
 Record = Mapping[str, Any]
+DesignRecord = (SensitivityRecord | TolerancesRecord | StiffnessRecord | WorkspaceRecord
+                | PlanRecord)
 
 
 @dataclass(frozen=True)
@@ -38,41 +52,35 @@ class Identified:
 
     Attributes:
         folder: where it was found.
-        record: identification.json as it is; empty if it was not there.
-        parameters: the parameters of the JSON, or of parameters.csv.
+        record: identification.json, with the parameters of parameters.csv where it has none.
         residuals: residuals.csv.
         positions: measured x, y (N, 2) of the residual rows, nan where unknown; None where
             no measurement file with the right check sum was at hand.
     """
 
     folder: str
-    record: Record
-    parameters: tuple[Record, ...]
+    record: IdentificationRecord
     residuals: Columns | None = None
     positions: Array | None = None
 
     @property
     def name(self) -> str:
         """The mechanism's name, or the folder."""
-        return str(self.record.get("name") or self.folder)
-
-    def unit(self, quantity: str) -> str:
-        """Return the file's unit of ``length`` or ``angle``, empty if it does not say."""
-        return str((self.record.get("units") or {}).get(quantity) or "")
+        return self.record.name or self.folder
 
 
 @dataclass(frozen=True)
 class Simulated:
     """Output of ``simulate``; ``digest`` is the SHA-256 of its measurements.csv.
 
-    ``twins``: check sums of other files that hold the same measurements to round-off.
+    ``copies``: check sums of other files that hold the same measurements to round-off.
     """
 
     folder: str
-    truth: Record | None
+    truth: TruthRecord | None
     measurements: Columns | None
     digest: str = ""
-    twins: tuple[str, ...] = ()
+    copies: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,7 @@ class ResidualRows:
 
     folder: str
     kind: str
-    record: Record
+    record: CommandsRecord | KinematicsRecord
     table: Columns | None
 
     @property
@@ -103,19 +111,35 @@ class Diagnosed:
     """Output of ``diagnose``."""
 
     folder: str
-    record: Record
+    record: DiagnosisRecord
     effects: Columns | None
     residuals: Columns | None = None
 
 
 @dataclass(frozen=True)
 class Other:
-    """Any further output: check, compare, export, a table without its record."""
+    """Any further output: check, a table without its record."""
 
     folder: str
     kind: str
     record: Record
     table: Columns | None = None
+
+
+@dataclass(frozen=True)
+class ControllerExport:
+    """Output of ``export``."""
+
+    folder: str
+    record: ExportRecord
+
+
+@dataclass(frozen=True)
+class ComparedCalibrations:
+    """Output of ``compare``; ``record`` has the parameters of compare.csv where it has none."""
+
+    folder: str
+    record: ComparisonRecord
 
 
 @dataclass(frozen=True)
@@ -135,14 +159,14 @@ class Designed:
 
     Attributes:
         folder: where it was found; kind: the command.
-        record: its JSON as it is, empty if it was not there.
+        record: its JSON, empty if it was not there.
         rows: rows of each of its tables, by file.
         pictures: those that the record lists.
     """
 
     folder: str
     kind: str
-    record: Record
+    record: DesignRecord
     rows: Mapping[str, int]
     pictures: tuple[Picture, ...] = ()
 
@@ -188,6 +212,6 @@ class ReportData:
     simulated: tuple[Simulated, ...] = ()
     others: tuple[Other, ...] = ()
     designed: tuple[Designed, ...] = ()
-    compared: tuple[Other, ...] = ()
-    exported: tuple[Other, ...] = ()
+    compared: tuple[ComparedCalibrations, ...] = ()
+    exported: tuple[ControllerExport, ...] = ()
     comparisons: tuple[ComparedMachines, ...] = field(default=())

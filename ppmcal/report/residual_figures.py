@@ -7,10 +7,11 @@ from html import escape
 
 import numpy as np
 
+from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array, Bools
 from ppmcal.report import svg
 from ppmcal.report.format import count, sig, whole, with_unit
-from ppmcal.report.records import Columns, ComparedMachines, Identified, ResidualRows
+from ppmcal.report.records import Columns, ComparedMachines, ResidualRows
 from ppmcal.report.residuals import (
     BINS,
     POINTS,
@@ -42,17 +43,17 @@ def with_label(name: str, unit: str) -> str:
     return f"{name} ({unit})" if unit else name
 
 
-def residual_figures(one: Identified) -> list[str]:
-    """Return all drawings of residuals.csv."""
-    table = one.residuals
+def residual_figures(table: Columns | None, units: UnitNames, positions: Array | None = None
+                     ) -> list[str]:
+    """Return all drawings of residuals.csv; ``positions``: measured x, y (N, 2) of its rows."""
     if table is None or not table.size:
         return []
     out = [histogram(white(table))]
-    out += [by_row(table, g, one.unit(g.quantity)) for g in groups(table)]
+    out += [by_row(table, g, units.of_quantity(g.quantity)) for g in groups(table)]
     have = coordinates(table)
-    out += [coordinate(table, c, one.unit(quantity_of(c))) for c in have]
+    out += [coordinate(table, c, units.of_quantity(quantity_of(c))) for c in have]
     if "x" in have and "y" in have:
-        out += plane(one, table)
+        out += plane(table, units.length, positions)
     return [f for f in out if f]
 
 
@@ -166,17 +167,17 @@ def _left_out(frame: svg.Frame, values: Array, keep: Bools) -> str:
     return svg.crosses(frame, rows + 1.0, values[rows], "out")
 
 
-def plane(one: Identified, table: Columns) -> list[str]:
+def plane(table: Columns, unit: str, positions: Array | None) -> list[str]:
     """Return error vectors where they were measured, or their scatter where that is unknown."""
-    unit, keep = one.unit("length"), used(table)
+    keep = used(table)
     out = []
     for stage in ("before", "after"):
         vector = np.column_stack([table.number(f"{stage}_x"), table.number(f"{stage}_y")])
         vector[~keep] = np.nan
         if not np.isfinite(vector).all(axis=1).any():
             continue
-        if one.positions is not None:
-            out.append(arrows(one.positions, vector, stage, unit))
+        if positions is not None:
+            out.append(arrows(positions, vector, stage, unit))
         elif stage == "after":
             out.append(scatter(vector, unit))
     return out

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ppmcal.io.results.record import UnitNames
+from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report.format import number
-from ppmcal.report.records import ComparedMachines, Identified, Record, Simulated, TruthRow
+from ppmcal.report.records import ComparedMachines, Identified, Simulated, TruthRow
 from ppmcal.units import ANGLES, LENGTHS
 
 PER_UNIT = "/unit"
@@ -30,10 +32,10 @@ def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
 def belongs(source: Simulated, one: Identified) -> bool:
     """Whether the identification used these measurements: it names the check sum of a file of them.
 
-    A campaign that was simulated again elsewhere differs in its last digits: a twin.
+    A campaign that was simulated again elsewhere differs in its last digits: a copy.
     """
-    inputs = ((one.record.get("provenance") or {}).get("inputs") or {}).values()
-    return any(d in inputs for d in (source.digest, *source.twins) if d)
+    inputs = one.record.provenance.inputs.values()
+    return any(d in inputs for d in (source.digest, *source.copies) if d)
 
 
 def stray_note(source: Simulated, identified: Sequence[Identified]) -> str:
@@ -44,55 +46,27 @@ def stray_note(source: Simulated, identified: Sequence[Identified]) -> str:
             "used other measurements, so nothing is compared.")
 
 
-def true_errors(truth: Record) -> dict[str, tuple[float, str]]:
-    """Return (error, unit) by parameter, from ``errors`` or ``parameters`` of truth.json."""
-    out: dict[str, tuple[float, str]] = {}
-    for part in (truth.get("parameters"), truth.get("errors")):
-        pairs = part.items() if isinstance(part, dict) else (
-            [(e.get("name"), e) for e in part if isinstance(e, dict)]
-            if isinstance(part, list) else [])
-        for name, entry in pairs:
-            unit = ""
-            if isinstance(entry, dict):
-                unit = str(entry.get("unit") or "")
-                value = number(entry.get("error"))
-                low, high = number(entry.get("nominal")), number(entry.get("value"))
-                if value is None and low is not None and high is not None:
-                    value = high - low
-            else:
-                value = number(entry) if part is truth.get("errors") else None
-            if value is not None and isinstance(name, str):
-                out[name] = (value, unit or out.get(name, (0.0, ""))[1])
-    return out
-
-
-def _rows(one: Identified, truth: Record) -> tuple[tuple[TruthRow, ...], list[str]]:
+def _rows(one: Identified, truth: TruthRecord) -> tuple[tuple[TruthRow, ...], list[str]]:
     """Return the parameters that both know, and those whose units do not match."""
-    errors = true_errors(truth)
-    units = truth.get("units") or {}
+    errors = {n: e for n, value in truth.errors.items() if (e := number(value)) is not None}
     rows, skipped = [], []
-    for p in one.parameters:
-        name, found = str(p.get("name") or ""), number(p.get("error"))
-        if found is None or (name not in errors and p.get("status") == "fixed"):
+    for p in one.record.parameters if errors else ():
+        if p.error is None or (p.name not in errors and p.status == "fixed"):
             continue
-        if name not in errors and not errors:
-            continue
-        true, unit = errors.get(name, (0.0, ""))
-        own = str(p.get("unit") or "")
-        factor = _factor(unit or _same_quantity(own, units), own)
+        factor = _factor(_same_quantity(p.unit, truth.units), p.unit)
         if factor is None:
-            skipped.append(name)
+            skipped.append(p.name)
             continue
-        rows.append(TruthRow(name, own, true * factor, found, number(p.get("sigma")),
-                             str(p.get("status") or "")))
+        rows.append(TruthRow(p.name, p.unit, errors.get(p.name, 0.0) * factor, p.error, p.sigma,
+                             p.status))
     return tuple(rows), skipped
 
 
-def _same_quantity(unit: str, units: Record) -> str:
+def _same_quantity(unit: str, units: UnitNames) -> str:
     """Return the truth file's unit of the quantity that ``unit`` measures (``mm``, ``mm/unit``)."""
     bare = unit.removesuffix(PER_UNIT)
     quantity = "length" if bare in LENGTHS else "angle" if bare in ANGLES else ""
-    own = str(units.get(quantity) or "")
+    own = units.of_quantity(quantity) if quantity else ""
     return own + unit.removeprefix(bare) if own else ""
 
 

@@ -1,4 +1,4 @@
-"""Simulated measurements of a machine whose true geometry differs from the drawing.
+"""Simulated measurements of a machine whose true geometry is not the nominal one.
 
 The controller turns wanted poses into joints with the nominal machine; the true machine
 goes where its own closure puts it; the instrument sees that pose from its frame, at its

@@ -19,7 +19,7 @@ from ppmcal.model.mechanism import Mechanism
 STOPS = 8
 """Places along each move at which it is looked at."""
 SWEEPS = 200
-SINGULAR_WAY = "the way meets a singularity"
+SINGULAR_PATH = "the path meets a singularity"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,19 +114,19 @@ def moves(drawn: Mechanism, start: Array, end: Array) -> tuple[str, ...]:
     here, there = forward(model, start), forward(model, end)
     onward = forward(model, end, start=here.pose, start_q=start)
     out = np.full(len(end), "", dtype=object)
-    out[~same_pose(onward.pose, there.pose, drawn)] = "the way leads to another assembly mode"
-    out[~onward.converged | ~there.converged] = SINGULAR_WAY
+    out[~same_pose(onward.pose, there.pose, drawn)] = "the path leads to another assembly mode"
+    out[~onward.converged | ~there.converged] = SINGULAR_PATH
     part = np.linspace(0.0, 1.0, STOPS + 2)[1:-1]
     between = (start[:, None] + part[:, None] * (end - start)[:, None]).reshape(-1, end.shape[1])
     found = forward(model, between)
     good = np.flatnonzero(found.converged)
-    bad = np.full(len(between), SINGULAR_WAY, dtype=object)
+    bad = np.full(len(between), SINGULAR_PATH, dtype=object)
     if good.size:
         value, sign = smallest_singular_value(model.closure(between[good]), found.pose[good])
         home, side = home_singular_value(drawn)
         close = too_close(model, between[good], pose_vector(found.pose[good]))
-        bad[good] = np.where((value < SINGULAR * home) | (sign != side), SINGULAR_WAY,
-                             np.where(close, "the legs come too close on the way", ""))
+        bad[good] = np.where((value < SINGULAR * home) | (sign != side), SINGULAR_PATH,
+                             np.where(close, "the legs come too close on the path", ""))
     first = [next((str(w) for w in row if w), "") for row in bad.reshape(-1, STOPS)]
     return tuple(str(a) or b for a, b in zip(out, first, strict=True))
 

@@ -1,4 +1,4 @@
-"""The whole plan: candidates, choice, accuracy ahead, and a way through the poses."""
+"""The whole plan: candidates, choice, predicted accuracy, and a path through the poses."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
                                                     options.seed)
     acting = with_kinds(mechanism, options.asked, pool.q)
     pose, columns = offered(acting, options.asked, pool.q, options.seed)
-    progress("working out what each would tell")
+    progress("information of each candidate")
     space = _PoseSpace(drawn, region if not columns else None, instrument, pool,
                    offer(acting, instrument, pool, pose, columns), columns)
     aims = _aims(space, options, tasks)

@@ -1,4 +1,4 @@
-"""Moving chosen poses to where they tell more: no draw of candidates meets the best ones.
+"""Local refinement of the chosen poses: no draw of candidates meets the best ones.
 
 In six coordinates some hundred candidates are far apart. Each chosen pose in turn is exchanged
 for the best of its neighbours, first in wide, then in narrow steps (the continuous form of

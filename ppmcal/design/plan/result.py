@@ -23,7 +23,7 @@ class Plan:
         offer: what could be measured; rows: chosen ones in the order of the route (n,).
         columns: settings of the chosen rows (n,) each.
         gain: by how much log det falls without a row (n,).
-        way: the route; ``chosen``: rows in the order of selection.
+        route: the order; ``chosen``: rows in the order of selection.
         planned: accuracy of the nested design after each row; random: mean of random ones.
         best: (rows, position, rotation) of exchanged designs at a few sizes.
         least: fewest rows that determine everything; pays: from where one more hardly helps, 0
@@ -48,7 +48,7 @@ class Plan:
     rows: Ints
     columns: Mapping[str, Array]
     gain: Array
-    way: Route
+    route: Route
     chosen: tuple[int, ...]
     planned: Curve
     random: Curve

@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ppmcal.calibration.compensation import Knowledge
 from ppmcal.calibration.posterior import Posterior
 from ppmcal.errors import BadInput
-from ppmcal.io.json import FINITE, TEXT, read_json
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_parts import (
+    CovarianceEntry,
+    FittedDataset,
+    Numbers,
+    ResidualSummary,
+)
+from ppmcal.io.results.record import Part
 from ppmcal.io.results.units import column_factor
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, Registration
 from ppmcal.units import Units
+
+AGAIN = "Run identify again"
+WITHOUT = "Run identify again, or remove it to go on without uncertainties"
+LONGEST = 1e15
+"""File units: no value of a parameter and no pose is as large."""
 
 
 def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
@@ -23,85 +37,25 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     Raises:
         BadInput: not readable, not such a file, or of another machine.
     """
-    content = read_content(path, WITHOUT)
+    record = _read(path, WITHOUT)
+    units = _units(record, path)
     try:
-        names = tuple(str(n) for n in content["covariance"]["names"])
-        units = _units(content, path)
-        matrix = np.array(content["covariance"]["matrix"], dtype=float)
-        matrix = matrix.reshape(len(names), len(names))
-        volume = {str(c): _ends(low, high) for c, (low, high) in
-                  content["measured_volume"].items()}
-        turn = {str(n): np.array(p, dtype=float) * units.factor("length") for n, p in
-                content["covariance"]["frames_turn_about"].items()}
-        before = {str(d["name"]): _registration(d["registration_before"], units)
-                  for d in content["datasets"]}
-        left = content.get("unexplained") or {}
-        unexplained = (left.get("position", {}).get("rms", 0.0) * units.factor("length"),
-                       left.get("rotation", {}).get("rms", 0.0) * units.factor("angle"))
-    except FORMS as error:
+        covariance = _part(record.covariance, "names", "matrix", "frames_turn_about")
+        _part(record, "measured_volume", "datasets")
+        names = covariance.names
+        matrix = _matrix(covariance.matrix, len(names), len(names))
+        volume = {c: _range(ends, mechanism, c) for c, ends in record.measured_volume.items()}
+        turn = {n: _finite(p, 3) * units.factor("length")
+                for n, p in covariance.frames_turn_about.items()}
+        before = {d.name: _registration(d, units) for d in record.datasets}
+    except _Incomplete as error:
         raise _no_such(path, WITHOUT) from error
     of_machine(names, mechanism, path)
     factor = np.array([column_factor(mechanism, n) for n in names])
-    scaled = {c: (low * _unit(mechanism, c), high * _unit(mechanism, c))
-              for c, (low, high) in volume.items()}
-    return Knowledge(names, matrix * np.outer(factor, factor), scaled, turn, before, unexplained)
-
-
-FORMS = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError)
-"""What reading a file of another form raises."""
-LONGEST = 1e15
-"""File units: no value of a parameter and no pose is as large."""
-_SHAPE = {
-    "format": TEXT, "units": {"*": TEXT}, "measured_volume": {"*": [FINITE]},
-    "parameters": [{"name": TEXT, "value": FINITE}],
-    "covariance": {
-        "names": [TEXT], "prior": (FINITE,), "inflation": FINITE, "matrix": [(FINITE,)],
-        "data": {"matrix": [[FINITE]], "right": [FINITE], "unit_of_parameters": [FINITE]},
-        "frames_turn_about": {"*": [FINITE]}},
-    "unexplained": {"*": {"rms": FINITE, "unit": TEXT}},
-    "datasets": [{"name": TEXT, "source": TEXT, "registration_before": {"*": [FINITE]}}],
-    "provenance": {"inputs": {"*": TEXT}}, "earlier": {"*": TEXT}}
-
-
-def read_content(path: Path, mend: str) -> dict[str, Any]:
-    """Return what an identification.json holds.
-
-    Raises:
-        BadInput: not readable, not such a file, or a number in it that is none.
-    """
-    content = read_json(path, _SHAPE)
-    if content.get("format") != "ppmcal/identification/1":
-        raise _no_such(path, mend)
-    return content
-
-
-def _no_such(path: Path, mend: str) -> BadInput:
-    return BadInput("is not an identification.json of this version of ppmcal", str(path), mend)
-
-
-def _units(content: Mapping[str, Any], path: Path) -> Units:
-    try:
-        return Units(**content["units"])
-    except BadInput as error:
-        raise error.at(str(path)) from None
-
-
-def _ends(low: float, high: float) -> tuple[float, float]:
-    if not -LONGEST < low <= high < LONGEST:
-        raise ValueError("no range")
-    return float(low), float(high)
-
-
-def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
-    """Refuse a file whose parameters the machine does not have.
-
-    Raises:
-        BadInput: it belongs to another machine.
-    """
-    strangers = [n for n in names if " of " not in n and n not in mechanism.names]
-    if strangers:
-        raise BadInput(f"belongs to another machine: it has a parameter '{strangers[0]}'",
-                       str(path), "Keep MODEL and its identification.json together")
+    left = [(record.unexplained.get(kind, ResidualSummary()).rms or 0.0) * units.factor(quantity)
+            for kind, quantity in (("position", "length"), ("rotation", "angle"))]
+    return Knowledge(names, matrix * np.outer(factor, factor), volume, turn, before,
+                     (left[0], left[1]))
 
 
 def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
@@ -110,41 +64,25 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
     Raises:
         BadInput: not readable, not such a file, of another machine, or of an old version.
     """
-    content = read_content(path, AGAIN)
+    record = _read(path, AGAIN)
+    units = _units(record, path)
     try:
-        entry = content["covariance"]
-        names = [str(n) for n in entry["names"] if " of " not in n]
-        count = len(names)
-        right = np.array(entry["data"]["right"], dtype=float)
-        matrix = np.array(entry["data"]["matrix"], dtype=float).reshape(right.size, count)
-        scale = np.array(entry["data"]["unit_of_parameters"], dtype=float).reshape(count)
-        tau = np.array([np.inf if t is None else float(t) for t in entry["prior"][:count]])
-        inflation = float(entry["inflation"])
-        found = {str(p["name"]): float(p["value"]) for p in content["parameters"]}
-        units = _units(content, path)
-        value = np.array([found[n] for n in names])
-        sums = {str(k): str(v) for k, v in content["provenance"]["inputs"].items()}
-        inputs = {sums[d["source"]]: str(d["source"]) for d in content["datasets"]}
-        inputs |= {str(k): str(v) for k, v in content.get("earlier", {}).items()}
-    except FORMS as error:
+        covariance = _part(record.covariance, "names", "prior", "data", "inflation")
+        names = [n for n in covariance.names if " of " not in n]
+        known = _information(covariance, len(names))
+        value = _values(record, names)
+        inputs = _inputs(record)
+    except _Incomplete as error:
         raise _no_such(path, AGAIN) from error
-    sound = (np.all(np.abs(value) < LONGEST) and len(set(names)) == count and tau.size == count
-             and np.all(tau > 0.0) and np.all(scale > 0.0) and 1.0 <= inflation < np.inf)
-    if not sound:
-        raise _no_such(path, AGAIN)
     of_machine(names, mechanism, path)
-    if (units.length, units.angle) != (mechanism.units.length, mechanism.units.angle):
+    if units != mechanism.units:
         raise BadInput(f"is in {units.length} and {units.angle}, the machine in "
                        f"{mechanism.units.length} and {mechanism.units.angle}", str(path),
                        "Use the machine file that it was made with")
     factor = np.array([column_factor(mechanism, n) for n in names])
     return Posterior(tuple(mechanism.names.index(n) for n in names), value * factor,
-                     matrix / factor, right, tau * factor, scale * factor, inflation, inputs,
-                     str(path))
-
-
-AGAIN = "Run identify again"
-WITHOUT = "Run identify again, or remove it to go on without uncertainties"
+                     known.matrix / factor, known.right, known.tolerance * factor,
+                     known.scale * factor, known.inflation, inputs, str(path))
 
 
 def refuse_twice(before: Posterior, source: Mapping[str, Any]) -> None:
@@ -159,13 +97,131 @@ def refuse_twice(before: Posterior, source: Mapping[str, Any]) -> None:
                            "Give new measurements only, or leave out --keep")
 
 
-def _registration(entry: dict[str, list[float]], units: Units) -> Registration:
+def of_machine(names: Sequence[str], mechanism: Mechanism, path: Path) -> None:
+    """Refuse a file whose parameters the machine does not have.
+
+    Raises:
+        BadInput: it belongs to another machine.
+    """
+    strangers = [n for n in names if " of " not in n and n not in mechanism.names]
+    if strangers:
+        raise BadInput(f"belongs to another machine: it has a parameter '{strangers[0]}'",
+                       str(path), "Keep MODEL and its identification.json together")
+
+
+def _read(path: Path, mend: str) -> IdentificationRecord:
+    record = IdentificationRecord.read(path, mend)
+    if record.format != IdentificationRecord.FORMAT:
+        raise _no_such(path, mend)
+    return record
+
+
+def _no_such(path: Path, mend: str) -> BadInput:
+    return BadInput("is no identification.json of this version of ppmcal", str(path), mend)
+
+
+def _units(record: IdentificationRecord, path: Path) -> Units:
+    try:
+        return Units(record.units.length, record.units.angle)
+    except BadInput as error:
+        raise error.at(str(path)) from None
+
+
+class _Incomplete(ValueError):
+    """A part of the file that is needed is missing, or of another size."""
+
+
+P = TypeVar("P", bound=Part)
+
+
+def _part(part: P | None, *names: str) -> P:
+    """Return a part that must have these keys."""
+    if part is None or any(n not in part.model_fields_set or getattr(part, n) is None
+                           for n in names):
+        raise _Incomplete
+    return part
+
+
+def _numbers(values: Numbers, size: int) -> Array:
+    """Return so many numbers (size,), nan for null."""
+    if len(values) != size:
+        raise _Incomplete
+    return np.array(values, dtype=float)
+
+
+def _finite(values: Numbers, size: int) -> Array:
+    """Return so many numbers (size,), without null among them."""
+    found = _numbers(values, size)
+    if np.isnan(found).any():
+        raise _Incomplete
+    return found
+
+
+def _matrix(rows: Sequence[Numbers], height: int, width: int) -> Array:
+    """Return a matrix (height, width), nan for null."""
+    if len(rows) != height:
+        raise _Incomplete
+    return np.array([_numbers(r, width) for r in rows], dtype=float).reshape(height, width)
+
+
+def _range(ends: Numbers, mechanism: Mechanism, coordinate: str) -> tuple[float, float]:
+    """Return the ends of a measured range, SI."""
+    low, high = _finite(ends, 2).tolist()
+    if coordinate not in POSE_COORDINATES or not -LONGEST < low <= high < LONGEST:
+        raise _Incomplete
+    f = mechanism.units.factor("angle" if coordinate.startswith("r") else "length")
+    return low * f, high * f
+
+
+def _registration(data: FittedDataset, units: Units) -> Registration:
+    """Return where the instrument stood if the nominal geometry is believed."""
     length, angle = units.factor("length"), units.factor("angle")
-    frame = np.array(entry["frame"], dtype=float) * np.array([length] * 3 + [angle] * 3)
-    return Registration(frame, np.array(entry["target"], dtype=float) * length,
-                        np.array(entry["target_rotation"], dtype=float) * angle)
+    entry = _part(data, "name").registration_before
+    entry = _part(entry, "frame", "target", "target_rotation")
+    return Registration(_finite(entry.frame, 6) * np.array([length] * 3 + [angle] * 3),
+                        _finite(entry.target, 3) * length,
+                        _finite(entry.target_rotation, 3) * angle)
 
 
-def _unit(mechanism: Mechanism, coordinate: str) -> float:
-    index = POSE_COORDINATES.index(coordinate)
-    return mechanism.units.factor("length" if index < 3 else "angle")
+@dataclass(frozen=True, eq=False)
+class _Information:
+    """Rows |matrix s - right|^2 of steps s, with the prior's ``tolerance`` and ``scale`` (F,)."""
+
+    matrix: Array
+    right: Array
+    tolerance: Array
+    scale: Array
+    inflation: float
+
+
+def _information(entry: CovarianceEntry, count: int) -> _Information:
+    """Return what the data alone say, file units."""
+    data = _part(entry.data, "matrix", "right", "unit_of_parameters")
+    right = _finite(data.right, len(data.right))
+    matrix = _matrix(data.matrix, right.size, count)
+    scale = _finite(data.unit_of_parameters, count)
+    tolerance = _numbers(entry.prior[:count], count)
+    tolerance[np.isnan(tolerance)] = np.inf
+    inflation = entry.inflation or 0.0
+    if np.isnan(matrix).any() or not (np.all(tolerance > 0.0) and np.all(scale > 0.0)
+                                      and inflation >= 1.0):
+        raise _Incomplete
+    return _Information(matrix, right, tolerance, scale, inflation)
+
+
+def _values(record: IdentificationRecord, names: Sequence[str]) -> Array:
+    """Return the values of parameters (F,), file units."""
+    found = {p.name: p.value for p in _part(record, "parameters").parameters}
+    value = _finite(tuple(found.get(n) for n in names), len(names))
+    if len(set(names)) != len(names) or np.any(np.abs(value) >= LONGEST):
+        raise _Incomplete
+    return value
+
+
+def _inputs(record: IdentificationRecord) -> dict[str, str]:
+    """Return content hash -> name of the tables behind a calibration."""
+    sums = _part(record.provenance, "inputs").inputs
+    sources = [_part(d, "source").source for d in _part(record, "datasets").datasets]
+    if not set(sources) <= set(sums):
+        raise _Incomplete
+    return {sums[s]: s for s in sources} | dict(record.earlier)

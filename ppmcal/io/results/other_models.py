@@ -1,19 +1,49 @@
-"""Reading back the other readings of the measurements that `diagnose` wrote beside model.yaml."""
+"""The other readings of the measurements that `diagnose` wrote beside model.yaml."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 from ppmcal.calibration.model_averaging import Reading, Readings
+from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
-from ppmcal.io.json import FINITE, TEXT, read_json
+from ppmcal.io.results.record import Finite, Part, Record, Text
 from ppmcal.model.mechanism import Mechanism
 
-RECORD = "diagnosis.json"
-_SHAPE = {"format": TEXT, "other_models": [{"file": TEXT, "effect": TEXT, "instead_of": TEXT,
-                                            "odds": FINITE}]}
+
+class OtherModel(Part):
+    """A model of the same measurements in a file of its own.
+
+    ``effect`` stands in it for ``instead_of``, both empty for the model without effects;
+    ``odds`` of the diagnosed model against it.
+    """
+
+    file: Text = ""
+    effect: Text = ""
+    instead_of: Text = ""
+    odds: Finite | None = None
+
+    @classmethod
+    def of(cls, file: str, reading: Reading) -> OtherModel:
+        """Return the entry of a reading that is written to ``file``."""
+        return cls(file=file, effect=reading.effect, instead_of=reading.instead, odds=reading.odds)
+
+
+class OtherModels(Record):
+    """The part of diagnosis.json that a compensation needs."""
+
+    FILE: ClassVar[str] = "diagnosis.json"
+    FORMAT: ClassVar[str] = "ppmcal/diagnosis/1"
+
+    other_models: tuple[OtherModel, ...] = ()
+
+
+def other_files(result: Diagnosis) -> list[tuple[str, Reading]]:
+    """Return the other models with the names of their files."""
+    return [(f"rival{n}.yaml" if other.effect else "without_effects.yaml", other)
+            for n, other in enumerate(result.others, 1)]
 
 
 def read_other_models(model: Path, mechanism: Mechanism) -> tuple[Readings, list[str]]:
@@ -26,24 +56,24 @@ def read_other_models(model: Path, mechanism: Mechanism) -> tuple[Readings, list
     Raises:
         BadInput: the record or a file that it names cannot be read, or is of another machine.
     """
-    path = model.with_name(RECORD)
+    path = model.with_name(OtherModels.FILE)
     if model.name != "model.yaml" or not path.exists():
         return Readings((), None), []
     others, without, read = [], None, [str(path)]
-    for entry in read_json(path, _SHAPE).get("other_models") or []:
+    for entry in OtherModels.read(path).other_models:
         file, other = _read(model, entry, mechanism, path)
         read.append(file)
-        if entry.get("effect"):
-            odds = max(float(entry.get("odds") or 1.0), 1e-3)
-            others.append(Reading(entry["effect"], entry.get("instead_of") or "", odds, other))
+        if entry.effect:
+            odds = max(entry.odds or 1.0, 1e-3)
+            others.append(Reading(entry.effect, entry.instead_of, odds, other))
         else:
             without = other
     return Readings(tuple(others), without), read
 
 
-def _read(model: Path, entry: dict[str, Any], mechanism: Mechanism, path: Path
+def _read(model: Path, entry: OtherModel, mechanism: Mechanism, path: Path
           ) -> tuple[str, Mechanism]:
-    name = str(entry.get("file") or "")
+    name = entry.file
     if not name or Path(name).name != name:
         raise BadInput(f"names '{name}', which is no file beside it", f"{path}: other_models",
                        "Run diagnose again")

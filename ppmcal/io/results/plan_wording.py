@@ -17,11 +17,11 @@ FEWEST = 2
 SHOWN = 6
 
 
-def said(plan: Plan, wanted: float | None, notes: Sequence[str]) -> list[str]:
+def sentences(plan: Plan, wanted: float | None, notes: Sequence[str]) -> list[str]:
     """Return the result in sentences, the most important first."""
-    return [what_to_do(plan), accuracy(plan), *_reached(plan, wanted), pays(plan), observed(plan),
-            *effects(plan), *settings(plan), route(plan), with_what(plan), from_what(plan),
-            *_untold(plan), *_open_ended(plan), *notes]
+    return [measurements(plan), accuracy(plan), *_reached(plan, wanted), diminishing_returns(plan),
+            observability(plan), *effects(plan), *settings(plan), route(plan), instrument(plan),
+            candidates(plan), *_undetermined(plan), *_open_ended(plan), *notes]
 
 
 def findings(plan: Plan, wanted: float | None) -> list[str]:
@@ -40,10 +40,10 @@ def findings(plan: Plan, wanted: float | None) -> list[str]:
     if plan.tasks_left_out:
         out.append("Task poses that cannot be judged are left out: "
                    f"{_counts(plan.tasks_left_out)}.")
-    lost = [n + 1 for n, v in enumerate(plan.way.via) if v not in ("", "home")]
+    lost = [n + 1 for n, v in enumerate(plan.route.via) if v not in ("", "home")]
     if lost:
-        out.append(f"No way was found from the row before to row {_listed(lost)}, neither straight "
-                   "nor by way of home: see `via` in poses.csv.")
+        out.append(f"No path was found from the row before to row {_listed(lost)}, neither "
+                   "straight nor through home: see `via` in poses.csv.")
     return out
 
 
@@ -73,13 +73,13 @@ def effects(plan: Plan) -> list[str]:
             unit = f"{below or 1}/{above}"
         if size > worst.get(label, (0.0, ""))[0]:
             worst[label] = (size, unit)
-    told = ", ".join(f"{label} to {size:.3g} {unit}".rstrip()
-                     for label, (size, unit) in worst.items())
-    return [f"Effects are then known (one standard deviation, the worst actuator): {told}."
-            ] if told else []
+    known = ", ".join(f"{label} to {size:.3g} {unit}".rstrip()
+                      for label, (size, unit) in worst.items())
+    return [f"Effects are then known (one standard deviation, the worst actuator): {known}."
+            ] if known else []
 
 
-def what_to_do(plan: Plan) -> str:
+def measurements(plan: Plan) -> str:
     """Return how many measurements to take, and where they stand."""
     rows, poses = len(plan.rows), len(np.unique(plan.offer.pose[plan.rows]))
     what = f"{rows} poses" if rows == poses else f"{poses} poses, {rows} times in all,"
@@ -90,7 +90,7 @@ def accuracy(plan: Plan) -> str:
     """Return how exact the machine will then be, and how many random poses would do as much."""
     own = next((p, r) for n, p, r in plan.best if n == len(plan.rows))
     count = len(plan.rows)
-    text = (f"The calibrated machine is then known to {_figures(plan, *own)} (one standard "
+    text = (f"The calibrated machine is then known to {_accuracy_words(plan, *own)} (one standard "
             f"deviation, rms over {plan.tasks} task poses, in the instrument's frame)")
     other = (float(plan.random.position[count - 1]), float(plan.random.rotation[count - 1]))
     if not np.isfinite(other[0]):
@@ -98,10 +98,10 @@ def accuracy(plan: Plan) -> str:
     twice = reaching(plan.random.position, own[0])
     much = f"{twice} random ones do as well" if twice else (
         f"more than {len(plan.random.position)} random ones would be needed to do as well")
-    return f"{text}; {count} random ones give {_figures(plan, *other)}, {much}."
+    return f"{text}; {count} random ones give {_accuracy_words(plan, *other)}, {much}."
 
 
-def pays(plan: Plan) -> str:
+def diminishing_returns(plan: Plan) -> str:
     """Return from how many on one more hardly helps."""
     fewest = f" Fewer than {plan.least} leave something open." if plan.least > 1 else ""
     if plan.pays:
@@ -111,7 +111,7 @@ def pays(plan: Plan) -> str:
             f"lowers that error by {PAYS:.0%} or more.{fewest}")
 
 
-def observed(plan: Plan) -> str:
+def observability(plan: Plan) -> str:
     """Return how the information compares with random poses."""
     o = [plan.observability[k]["O1"] for k in ("planned", "random")]
     return (f"Observability O1: {o[0]:.3g}; {o[1]:.3g} for as many random poses. With the "
@@ -141,17 +141,17 @@ def settings(plan: Plan) -> list[str]:
 
 
 def route(plan: Plan) -> str:
-    """Return how long the way is, and whether all of it is straight."""
-    text = (f"The way through the poses is {plan.way.after:.3g} joint ranges long (the longest "
-            f"joint's travel of each move), {plan.way.before:.3g} in the order of choice.")
-    home = [n + 1 for n, v in enumerate(plan.way.via) if v == "home"]
+    """Return how long the path is, and whether all of it is straight."""
+    text = (f"The path through the poses is {plan.route.after:.3g} joint ranges long (the longest "
+            f"joint's travel of each move), {plan.route.before:.3g} in the order of choice.")
+    home = [n + 1 for n, v in enumerate(plan.route.via) if v == "home"]
     if home:
-        text += (f" Go by way of home to row {_listed(home)}: straight joint moves would meet a "
+        text += (f" Go through home to row {_listed(home)}: straight joint moves would meet a "
                  "singularity or another assembly mode.")
     return text
 
 
-def with_what(plan: Plan) -> str:
+def instrument(plan: Plan) -> str:
     """Return the instrument in words."""
     i, (length, unit) = plan.instrument, _length(plan)
     angle, turn = plan.mechanism.units.factor("angle"), plan.mechanism.units.angle
@@ -177,14 +177,14 @@ def with_what(plan: Plan) -> str:
     return text
 
 
-def from_what(plan: Plan) -> str:
+def candidates(plan: Plan) -> str:
     """Return what was chosen from."""
     text = f"Chosen from {len(plan.pool)} candidates"
     if plan.pool.rows.size:
         return f"{text} given."
-    moved = ", the last of them the chosen ones, moved to where they tell more" if (
+    refined = ", the last of them the chosen poses after local D-optimal refinement" if (
         plan.refined) else ""
-    return f"{text}{moved}; left out were: {_counts(plan.pool.left_out) or 'none'}."
+    return f"{text}{refined}; left out were: {_counts(plan.pool.left_out) or 'none'}."
 
 
 def _reached(plan: Plan, wanted: float | None) -> list[str]:
@@ -200,12 +200,12 @@ def _reached(plan: Plan, wanted: float | None) -> list[str]:
                f" (--count {plan.reached}).")]
 
 
-def _untold(plan: Plan) -> list[str]:
+def _undetermined(plan: Plan) -> list[str]:
     names = plan.offer.dropped
     if not names:
         return []
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return [f"Not told by any candidate, and without a tolerance, so left out: "
+    return [f"Not determined by any candidate, and without a tolerance, so left out: "
             f"{', '.join(names[:SHOWN])}{more}."]
 
 
@@ -216,7 +216,7 @@ def _open_ended(plan: Plan) -> list[str]:
             "bound the poses there; look whether the machine can go to them."]
 
 
-def _figures(plan: Plan, position: float, rotation: float) -> str:
+def _accuracy_words(plan: Plan, position: float, rotation: float) -> str:
     units = plan.mechanism.units
     text = f"{position / units.factor('length'):.3g} {units.length}"
     if any(c >= 3 for c in plan.mechanism.dof):

@@ -3,8 +3,8 @@
 A record is the content of one JSON file of a command, in the units that it names. The engine's
 result is turned into it once (``Record.of``); console, report and later commands use it alike, so
 that what is read back is what was written. A file may be cut off, edited by hand or written by
-another version: keys that are missing or unknown pass, a value of the wrong kind is refused with
-file and place.
+another version: keys that are missing or unknown pass, and so does null, which counts as missing
+where a field knows no null; a value of the wrong kind is refused with file and place.
 """
 
 from __future__ import annotations
@@ -15,41 +15,73 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    InstanceOf,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from ppmcal.errors import BadInput
 from ppmcal.io.json import AGAIN, LARGEST, MAX_DEPTH_MEND, read_text
 from ppmcal.io.output import csv_text, json_text, plain
 from ppmcal.units import Units
 
+_READ = "read"
+"""The context in which data come out of JSON, as they are."""
+
 Shown = Annotated[float, Field(strict=True)]
 """A number that is only shown: of any size."""
-Finite = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
-"""A number that later commands calculate with: :data:`LARGEST` at most."""
-Text = Annotated[str, Field(strict=True)]
+
+
+def _bounded(value: float, info: ValidationInfo) -> float:
+    if info.context == _READ and not abs(value) <= LARGEST:
+        raise PydanticCustomError("too_large", "too large")
+    return value
+
+
+Finite = Annotated[float, Field(strict=True, json_schema_extra={
+    "minimum": -LARGEST, "maximum": LARGEST}), AfterValidator(_bounded)]
+"""A number that is calculated with: of what is read, :data:`LARGEST` at most."""
+Text = InstanceOf[str]
+"""A text; of a file's name it may hold what UTF-8 cannot, as ``\\udcff``."""
 Whole = Annotated[int, Field(strict=True)]
+Flag = Annotated[bool, Field(strict=True)]
 
 _KINDS = {"float_type": "a number", "int_type": "a whole number",
-          "int_from_float": "a whole number", "string_type": "text",
-          "bool_type": "true or false", "dict_type": "an object",
+          "int_from_float": "a whole number", "is_instance_of": "text",
+          "bool_type": "true or false", "cell_type": "a number or text", "dict_type": "an object",
+          "mapping_type": "an object",
           "list_type": "a list", "tuple_type": "a list", "model_type": "an object",
           "model_attributes_type": "an object",
-          "less_than_equal": f"a number, {LARGEST:g} at most",
-          "greater_than_equal": f"a number, {LARGEST:g} at most"}
+          "too_large": f"a number, {LARGEST:g} at most"}
 
 
 class Part(BaseModel):
     """A part of a record: plain data, nothing but what JSON can hold; nan and inf are None."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    model_config = ConfigDict(frozen=True, extra="allow")
 
     @model_validator(mode="before")
     @classmethod
-    def _plain(cls, data: Any) -> Any:
+    def _plain(cls, data: Any, info: ValidationInfo) -> Any:
         """Turn what the engine hands over into plain data; JSON is plain already."""
         if not isinstance(data, Mapping):
             return data
-        return {k: v if isinstance(v, Part) else _parts(v) for k, v in data.items()}
+        if info.context != _READ:
+            data = {k: _parts(v) for k, v in data.items()}
+        return {k: v for k, v in data.items() if v is not None or cls._nullable(k)}
+
+    @classmethod
+    def _nullable(cls, key: str) -> bool:
+        """Whether null says something else than that a key is missing."""
+        field = cls.model_fields.get(key)
+        return field is not None and field.default is None and field.default_factory is None
 
 
 def _parts(value: Any) -> Any:
@@ -60,6 +92,33 @@ def _parts(value: Any) -> Any:
     if isinstance(value, list | tuple) and value and not isinstance(value[0], float | int):
         return [_parts(v) for v in value]
     return plain(value)
+
+
+class Provenance(Part):
+    """Where results come from: version, SHA-256 of each input, command, seed."""
+
+    version: Text = ""
+    inputs: Mapping[Text, Text] = Field(default_factory=dict)
+    command: Text = ""
+    seed: Whole | None = None
+    numpy: Text = ""
+    python: Text = ""
+
+
+class UnitNames(Part):
+    """The units of a file."""
+
+    length: Text = ""
+    angle: Text = ""
+
+    @classmethod
+    def of(cls, units: Units) -> UnitNames:
+        """Return the names of units."""
+        return cls(length=units.length, angle=units.angle)
+
+    def of_quantity(self, quantity: str) -> str:
+        """Return the unit of ``length`` or ``angle``, empty where the file does not say."""
+        return self.angle if quantity == "angle" else self.length
 
 
 class Record(Part):
@@ -93,19 +152,29 @@ class Record(Part):
             data = json.loads(read_text(path))
             if not isinstance(data, dict):
                 raise BadInput("holds no JSON object", str(path), mend)
-            found = cls.model_validate(data)
         except json.JSONDecodeError as error:
             raise BadInput(f"is not valid JSON ({error.msg}); it may be cut off",
                            f"{path}: line {error.lineno}, column {error.colno}", mend) from None
-        except ValidationError as error:
-            raise _refusal(error, path, mend) from None
         except ValueError as error:
             raise BadInput(f"cannot be read as JSON ({str(error).partition(';')[0]})", str(path),
                            mend) from None
         except RecursionError:
             raise BadInput("cannot be read as JSON", str(path), MAX_DEPTH_MEND) from None
+        return cls.checked(data, path, mend)
+
+    @classmethod
+    def checked(cls, data: Mapping[str, Any], path: Path, mend: str = AGAIN) -> Self:
+        """Return plain data, read from a file, as a record.
+
+        Raises:
+            BadInput: another format, or a value of another kind.
+        """
+        try:
+            found = cls.model_validate(data, context=_READ)
+        except ValidationError as error:
+            raise _refusal(error, path, mend) from None
         if found.format not in ("", cls.FORMAT):
-            raise BadInput(f"is not a {cls.FILE} of this version of ppmcal", str(path), mend)
+            raise BadInput(f"is no {cls.FILE} of this version of ppmcal", str(path), mend)
         return found
 
 
@@ -134,8 +203,13 @@ class Column:
     quantity: str = ""
 
 
+def in_units(columns: Sequence[Column], units: Units) -> dict[str, Any]:
+    """Return name -> values of columns in the file's units, converted here and nowhere else."""
+    return {c.name: c.values / units.factor(c.quantity) if c.quantity else c.values
+            for c in columns}
+
+
 def table_text(columns: Sequence[Column], units: Units) -> str:
-    """Return a CSV of columns, each turned into the file's units here and nowhere else."""
-    return csv_text([c.name for c in columns],
-                    [c.values / units.factor(c.quantity) if c.quantity else c.values
-                     for c in columns])
+    """Return a CSV of columns in the file's units."""
+    shown = in_units(columns, units)
+    return csv_text(list(shown), list(shown.values()))

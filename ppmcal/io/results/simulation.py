@@ -3,20 +3,67 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
+from pydantic import Field
 
 from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates_of
-from ppmcal.io import csv_text, json_text
+from ppmcal.io import csv_text
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.measurement_columns import ZERO_CELSIUS
+from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign
-from ppmcal.units import Units
+
+
+class TruthRecord(Record):
+    """truth.json, in ``units``: what was simulated, for a calibration to find.
+
+    ``errors``: parameter -> true minus nominal, where they differ; ``parameters`` -> true value;
+    ``frame``, ``target``, ``target_rotation``: where the instrument stood; ``outliers``: CSV
+    rows; ``effects``: as in a mechanism file; ``left_out``: poses that could not be reached.
+    """
+
+    FILE: ClassVar[str] = "truth.json"
+    FORMAT: ClassVar[str] = "ppmcal/truth/1"
+
+    errors: Mapping[Text, Shown] = Field(default_factory=dict)
+    parameters: Mapping[Text, Shown] = Field(default_factory=dict)
+    frame: Mapping[Text, Shown] = Field(default_factory=dict)
+    target: tuple[Shown, ...] = ()
+    target_rotation: tuple[Shown, ...] = ()
+    outliers: tuple[Whole, ...] = ()
+    effects: tuple[Mapping[str, Any], ...] = ()
+    left_out: tuple[Text, ...] = ()
+    units: UnitNames = UnitNames()
+    provenance: Provenance = Provenance()
+
+    @classmethod
+    def of(cls, mechanism: Mechanism, scenario: Scenario, campaign: Campaign,
+           provenance: Mapping[str, Any]) -> TruthRecord:
+        """Return the record of a campaign."""
+        units = mechanism.units
+        errors, values = {}, {}
+        count = len(mechanism.parameters)
+        for p, true, nominal in zip(mechanism.parameters, campaign.g[:count].tolist(),
+                                    mechanism.nominals.tolist(), strict=True):
+            f = units.factor(p.quantity)
+            values[p.name] = true / f
+            if true != nominal:
+                errors[p.name] = (true - nominal) / f
+        length, angle = units.factor("length"), units.factor("angle")
+        frame = scenario.frame / np.array([length] * 3 + [angle] * 3)
+        return cls(format=cls.FORMAT, errors=errors, parameters=values,
+                   frame=dict(zip(POSE_COORDINATES, frame.tolist(), strict=True)),
+                   target=tuple((scenario.target / length).tolist()),
+                   target_rotation=tuple((scenario.target_rotation / angle).tolist()),
+                   outliers=tuple((np.flatnonzero(campaign.outlier) + 1).tolist()),
+                   effects=tuple(effects_tree(campaign.acting)), left_out=campaign.left_out,
+                   units=UnitNames.of(units), provenance=Provenance.model_validate(provenance))
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,
@@ -44,7 +91,7 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
     header["time"] = campaign.time
     return {"measurements.csv": csv_text(list(header), list(header.values())),
             "measurements.yaml": sidecar(mechanism, scenario, name),
-            "truth.json": json_text(truth(mechanism, scenario, campaign, provenance))}
+            TruthRecord.FILE: TruthRecord.of(mechanism, scenario, campaign, provenance).text()}
 
 
 def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
@@ -80,28 +127,3 @@ def _point(scenario: Scenario, length: float) -> dict[str, Any]:
 def _sigma(value: float, factor: float) -> float:
     """A sidecar's sigma must be above 0: without noise it says how exact the numbers are."""
     return value / factor if value > 0.0 else 1e-9 / factor
-
-
-def truth(mechanism: Mechanism, scenario: Scenario, campaign: Campaign,
-          provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """Return truth.json, in the machine's units."""
-    units: Units = mechanism.units
-    errors, values = {}, {}
-    count = len(mechanism.parameters)
-    for p, true, nominal in zip(mechanism.parameters, campaign.g[:count], mechanism.nominals,
-                                strict=True):
-        f = units.factor(p.quantity)
-        values[p.name] = float(true / f)
-        if true != nominal:
-            errors[p.name] = float((true - nominal) / f)
-    length, angle = units.factor("length"), units.factor("angle")
-    scale = np.array([length] * 3 + [angle] * 3)
-    return {"format": "ppmcal/truth/1", "errors": errors, "parameters": values,
-            "frame": dict(zip(POSE_COORDINATES, (scenario.frame / scale).tolist(), strict=True)),
-            "target": (scenario.target / length).tolist(),
-            "target_rotation": (scenario.target_rotation / angle).tolist(),
-            "outliers": (np.flatnonzero(campaign.outlier) + 1).tolist(),
-            "effects": effects_tree(campaign.acting),
-            "left_out": list(campaign.left_out),
-            "units": {"length": units.length, "angle": units.angle},
-            "provenance": dict(provenance)}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ppmcal.calibration.check import SINGULAR_HOME
 from ppmcal.design.stiffness import Home, Principal, Stiffnesses
+from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy
 from ppmcal.kinematics.tables import home_singular_value
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
@@ -20,15 +20,20 @@ LINEAR = 0.01
 ALIKE = 1.001
 
 
-@dataclass(frozen=True, eq=False)
-class Load:
-    """A load at the tool point: ``wrench`` (6,) in base axes, N and N m, and in words."""
+def sentences(study: StiffnessStudy) -> list[str]:
+    """Return the result in words, the most important first."""
+    return [*_at_home(study.mechanism, study.home, study.tool, study.load),
+            *_over_poses(study.mechanism, study.found, study.home), *study.notes,
+            *_assumptions(study.mechanism)]
 
-    wrench: Array
-    words: str
+
+def findings(study: StiffnessStudy) -> list[str]:
+    """Return what the user must look at."""
+    return [*_home_findings(study.mechanism, study.home, study.load),
+            *_map_findings(study.mechanism, study.found, study.load)]
 
 
-def amount(mechanism: Mechanism, value: float, quantity: str) -> str:
+def _amount(mechanism: Mechanism, value: float, quantity: str) -> str:
     """Return an SI value in file units, with the machine builder's unit where that differs."""
     if np.isinf(value):
         return "infinite"
@@ -40,7 +45,7 @@ def amount(mechanism: Mechanism, value: float, quantity: str) -> str:
     return text
 
 
-def home_words(mechanism: Mechanism, home: Home, tool: Array, load: Load | None) -> list[str]:
+def _at_home(mechanism: Mechanism, home: Home, tool: Array, load: Load | None) -> list[str]:
     """Return what there is to say of home."""
     length = mechanism.units.factor("length")
     point = "the platform origin"
@@ -55,7 +60,7 @@ def home_words(mechanism: Mechanism, home: Home, tool: Array, load: Load | None)
         out.append("Rotational stiffness there: "
                    f"{_span(mechanism, turning, 'N.m/angle', 'axis')}.")
     if load is not None:
-        out.append(_moved_words(mechanism, home, load))
+        out.append(_deflection(mechanism, home, load))
     return out
 
 
@@ -64,7 +69,7 @@ def _span(mechanism: Mechanism, found: Principal, quantity: str, what: str) -> s
     values, ways = found.values[0], found.directions[0]
     if np.isinf(values[0]):
         return "infinite: nothing gives way"
-    first = amount(mechanism, float(values[0]), quantity)
+    first = _amount(mechanism, float(values[0]), quantity)
     if len(values) == 1 or values[-1] < ALIKE * values[0]:
         return first + ("" if len(values) == 1 else f", the same in every {what}")
     out = []
@@ -72,11 +77,11 @@ def _span(mechanism: Mechanism, found: Principal, quantity: str, what: str) -> s
         low, high = sorted((float(values[k]), float(values[beside])))
         alone = len(values) == 2 or high > ALIKE * low
         near = f", {what} {_tuple(ways[:, k])}" if alone and not np.isinf(values[k]) else ""
-        out.append(f"{amount(mechanism, float(values[k]), quantity)} ({name}{near})")
+        out.append(f"{_amount(mechanism, float(values[k]), quantity)} ({name}{near})")
     return " to ".join(out)
 
 
-def _moved_words(mechanism: Mechanism, home: Home, load: Load) -> str:
+def _deflection(mechanism: Mechanism, home: Home, load: Load) -> str:
     """Return by how far the tool gives way at home."""
     if not np.isfinite(home.compliance.shares(load.wrench)).any():
         return f"Under {load.words} nothing gives way there."
@@ -87,7 +92,7 @@ def _moved_words(mechanism: Mechanism, home: Home, load: Load) -> str:
     moved = np.where(np.abs(moved) * scale > ROUND_OFF * whole, moved, 0.0)
     length, angle = mechanism.units.factor("length"), mechanism.units.factor("angle")
     axes = [c for c in mechanism.dof if c < 3]
-    size = amount(mechanism, float(np.linalg.norm(moved[:3])), "length")
+    size = _amount(mechanism, float(np.linalg.norm(moved[:3])), "length")
     out = (f"Under {load.words} the tool there moves {size}: "
            + ", ".join(f"{POSE_COORDINATES[c]} {moved[c] / length:+.3g}" for c in axes)
            + f" {mechanism.units.length}")
@@ -97,7 +102,7 @@ def _moved_words(mechanism: Mechanism, home: Home, load: Load) -> str:
     return out + "."
 
 
-def across_words(mechanism: Mechanism, found: Stiffnesses, home: Home) -> list[str]:
+def _over_poses(mechanism: Mechanism, found: Stiffnesses, home: Home) -> list[str]:
     """Return what there is to say of the poses."""
     ok = found.ok
     out = [f"{int(ok.sum())} of {len(ok)} poses are within limits and reach."]
@@ -106,16 +111,16 @@ def across_words(mechanism: Mechanism, found: Stiffnesses, home: Home) -> list[s
         return out
     low, high = int(np.nanargmin(soft)), int(np.nanargmax(np.where(np.isinf(soft), np.nan, soft)))
     at_home = float(home.compliance.translational().values[0, 0])
-    at = [f"{amount(mechanism, float(soft[n]), 'N/length')} at {_place(mechanism, found, n)}"
+    at = [f"{_amount(mechanism, float(soft[n]), 'N/length')} at {_place(mechanism, found, n)}"
           for n in (low, high)]
     out.append(f"The softest direction's translational stiffness goes from {at[0]} to {at[1]}; "
-               f"at home it is {amount(mechanism, at_home, 'N/length')}.")
+               f"at home it is {_amount(mechanism, at_home, 'N/length')}.")
     if found.deflection is not None:
         size = np.linalg.norm(found.deflection[:, :3], axis=1)
         if np.isfinite(size).any():
             worst = int(np.nanargmax(size))
             out.append(f"The load moves the tool most at {_place(mechanism, found, worst)}: "
-                       f"{amount(mechanism, float(size[worst]), 'length')}.")
+                       f"{_amount(mechanism, float(size[worst]), 'length')}.")
     return out
 
 
@@ -135,7 +140,7 @@ def _place(mechanism: Mechanism, found: Stiffnesses, row: int) -> str:
     return ", ".join(parts)
 
 
-def model_words(mechanism: Mechanism) -> list[str]:
+def _assumptions(mechanism: Mechanism) -> list[str]:
     """Return what these numbers are, and what they leave out."""
     out = ["Translational stiffness is (C_tt)^-1, force per displacement of a tool that is free "
            "to turn; it is not the translational block of the stiffness matrix."]
@@ -155,7 +160,7 @@ def model_words(mechanism: Mechanism) -> list[str]:
     return out
 
 
-def home_findings(mechanism: Mechanism, home: Home, load: Load | None) -> list[str]:
+def _home_findings(mechanism: Mechanism, home: Home, load: Load | None) -> list[str]:
     """Return what is wrong with home."""
     out = []
     if load is not None:
@@ -172,7 +177,7 @@ def home_findings(mechanism: Mechanism, home: Home, load: Load | None) -> list[s
     return out
 
 
-def map_findings(mechanism: Mechanism, found: Stiffnesses, load: Load | None) -> list[str]:
+def _map_findings(mechanism: Mechanism, found: Stiffnesses, load: Load | None) -> list[str]:
     """Return what is wrong with the poses."""
     if not found.ok.any():
         return ["no pose has a stiffness: " + _reasons(found)]

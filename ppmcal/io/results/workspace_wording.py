@@ -1,20 +1,21 @@
-"""What ``workspace`` says: reach, singularities and assembly modes, in sentences and tables."""
+"""What ``workspace`` says: reach, singularities and assembly modes, in sentences."""
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import log10
-from typing import Any
 
-from ppmcal.design.assembly_modes import Modes
+from ppmcal.calibration.check import SINGULAR_HOME
 from ppmcal.design.workspace import Workspace
-from ppmcal.io.results.tables import pose_columns
-from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.linalg import Array
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.io.results.workspace_tables import (
+    ModeRow,
+    distance_unit,
+    places,
+    size_unit,
+    size_word,
+)
+
+LISTED = 10
+"""Rows without assembly modes that are findings of their own."""
 
 
 def reach(found: Workspace) -> list[str]:
@@ -39,13 +40,7 @@ def reach(found: Workspace) -> list[str]:
     return out
 
 
-def left_table(found: Workspace) -> dict[str, Any]:
-    """Return why poses are left out."""
-    return {"title": "Poses left out", "columns": ["left out because", "poses"], "note": "",
-            "rows": [[reason, str(count)] for reason, count in why(found).items()]}
-
-
-def singular(found: Workspace) -> list[str]:
+def singularities(found: Workspace) -> list[str]:
     """Return where the singularity nearest to home is."""
     if not found.searched:
         return ["Singularities are looked for on grids of at most three coordinates."]
@@ -74,7 +69,7 @@ def singular(found: Workspace) -> list[str]:
     return out
 
 
-def modes(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
+def assembly_modes(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
     """Return how many assembly modes home's joint values have."""
     known = [r.modes for r in rows if r.modes is not None and not r.row]
     if not known:
@@ -85,88 +80,17 @@ def modes(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
     return [f"Assembly modes at home's joint values: {len(known[0])}{end}"]
 
 
-def modes_table(found: Workspace, rows: Sequence[ModeRow]) -> dict[str, Any] | None:
-    """Return home's modes, or how many each row of the user's file has."""
-    known = [(r.row, r.modes) for r in rows if r.modes is not None]
-    if not known:
-        return None
-    if known[0][0]:
-        return {"title": "Assembly modes by row", "note": "",
-                "columns": ["row", "modes", "singular", "all of them"],
-                "rows": [[str(n), str(len(m)), str(int(m.singular.sum())),
-                          "yes" if m.complete else "there may be more"] for n, m in known]}
-    own, units = known[0][1], found.mechanism.units
-    columns = places(found.mechanism, pose_vector(own.motors))
-    cells = [[str(i + 1), *(v[i] for v in columns.values()), f"{own.sign[i]:+.0f}",
-              f"{own.condition[i]:.3g}",
-              "home" if i == own.home else "singular" if own.singular[i] else ""]
-             for i in range(len(own))]
-    heads = [f"{n} {units.angle if n.startswith('r') else units.length}" for n in columns]
-    return {"title": "Assembly modes at home's joint values", "note": "", "rows": cells,
-            "columns": ["", *heads, "det", "cond.", ""]}
-
-
-def places(mechanism: Mechanism, pose: Array) -> dict[str, list[str]]:
-    """Return poses (N, 6) as words by coordinate, with decimals that suit the machine's size."""
-    out = {}
-    for name, values in pose_columns(mechanism, pose).items():
-        size = mechanism.reach / mechanism.units.factor("length")
-        if name.startswith("r"):
-            size = 3.0 / mechanism.units.factor("angle")
-        decimals = max(0, 4 - int(log10(max(size, 1e-9))) - (len(mechanism.dof) > 3))
-        out[name] = [f"{v:.{decimals}f}" if round(v, decimals) else "0" for v in values.tolist()]
+def findings(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
+    """Return what the user must look at: home, and rows of joint values without modes."""
+    out = []
+    if found.home_limits:
+        out.append(f"home is not within limits: {found.home_limits}.")
+    if found.home.condition[0] < SINGULAR_HOME:
+        out.append("the machine is close to a singularity at home: smallest singular value "
+                   f"{found.home.condition[0]:.2g} (a sound machine has 0.1 to 1).")
+    bad = [(r.row, r.reason or "no pose closes") for r in rows if not r.modes]
+    out += [f"assembly modes of row {n}: {why}." if n else f"assembly modes at home: {why}."
+            for n, why in bad[:LISTED]]
+    if len(bad) > LISTED:
+        out.append(f"{len(bad) - LISTED} more rows without assembly modes, see modes.csv.")
     return out
-
-
-@dataclass(frozen=True, eq=False)
-class ModeRow:
-    """Assembly modes at one row of joint values.
-
-    ``row``: its number in the user's file from 1, 0 for home's joints; ``q`` (k,);
-    ``modes`` None where they could not be had, with the ``reason``.
-    """
-
-    row: int
-    q: Array
-    modes: Modes | None
-    reason: str = ""
-
-
-def distance_unit(found: Workspace) -> tuple[float, str]:
-    """Return SI value and name of the unit of distances to singularities."""
-    units = found.mechanism.units
-    return units.factor(found.distance_quantity), units.name(found.distance_quantity)
-
-
-def size_unit(found: Workspace) -> tuple[float, str]:
-    """Return SI value and name of the unit of the reachable part: ``mm^2``, ``mm^2 deg``."""
-    units = found.mechanism.units
-    factor, parts = 1.0, []
-    turns = sum(c >= 3 for c in found.grid.coordinates)
-    for quantity, count in (("length", len(found.grid.coordinates) - turns), ("angle", turns)):
-        factor *= units.factor(quantity) ** count
-        if count:
-            parts.append(units.name(quantity) + (f"^{count}" if count > 1 else ""))
-    return factor, " ".join(parts)
-
-
-def size_word(found: Workspace) -> str:
-    """Return what the size of the reachable part is called; ``extent`` where angles are in it."""
-    if any(c >= 3 for c in found.grid.coordinates):
-        return "extent"
-    return {1: "length", 2: "area", 3: "volume"}.get(len(found.grid.coordinates), "extent")
-
-
-def why(found: Workspace) -> dict[str, int]:
-    """Return why poses of the grid are left out, and how many for each reason."""
-    words: Counter[str] = Counter()
-    for status, reason in zip(found.table.status, found.table.reason, strict=True):
-        if status == "singular":
-            reason = "next to a singularity"
-        elif status == "limits":
-            reason = re.sub(r" = \S+( \w+)? is outside", " is outside", reason)
-        elif status == "unreachable":
-            reason = re.sub(r" by \S+ \w+$", "", reason.partition(":")[0])
-        if status != "ok":
-            words[reason] += 1
-    return dict(words.most_common())

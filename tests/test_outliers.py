@@ -12,15 +12,15 @@ from commands import ppmcal
 from numpy.typing import NDArray
 from test_compare import drawn, machine
 from test_compare import session as poses
+from test_identifiability import joints_at, printer, touches
 from test_instruments import data_of, truth
-from test_untold import joints_at, printer, touches
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.homing_shift import HomingShift
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.outliers import blunders
+from ppmcal.calibration.outliers import find_gross_errors
 from ppmcal.calibration.problem import Problem
-from ppmcal.io.results.outliers import sentences, shifts
+from ppmcal.io.results.gross_errors import GrossErrorSummary, row_sentences
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -50,7 +50,7 @@ def test_a_probe_that_did_not_trigger_is_named(tmp_path: Path) -> None:
     good = touches(mechanism, g, rng, 40)
     bad = replace(good, value=good.value + np.where(np.arange(40) == 17, -8e-4, 0.0))
     fit = fitted(mechanism, bad)
-    found = blunders(fit)
+    found = find_gross_errors(fit)
     (row,) = found.rows
     assert (row.row, row.number) == (good.rows[17], "height")
     assert row.value == pytest.approx(bad.value[17])
@@ -62,9 +62,9 @@ def test_a_probe_that_did_not_trigger_is_named(tmp_path: Path) -> None:
         change = whole.state.g[p] - fit.state.g[p]
         assert now == fit.state.g[p]
         assert then - now == pytest.approx(change, rel=0.1)
-    words = sentences(found, mechanism)
+    words = row_sentences(GrossErrorSummary.of(found, mechanism), mechanism)
     assert f"row {good.rows[17]}: height" in words[0] and "With them" in words[1]
-    assert not blunders(fitted(mechanism, good)).rows
+    assert not find_gross_errors(fitted(mechanism, good)).rows
 
 
 def test_a_caliper_value_typed_wrong_is_named(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_a_caliper_value_typed_wrong_is_named(tmp_path: Path) -> None:
     g = truth(mechanism, rng)
     good = calipers(mechanism, g, rng, 3)
     bad = replace(good, value=good.value + np.array([0.0, 9e-3, 0.0]))
-    (row,) = blunders(fitted(mechanism, touches(mechanism, g, rng, 40), bad)).rows
+    (row,) = find_gross_errors(fitted(mechanism, touches(mechanism, g, rng, 40), bad)).rows
     assert (row.dataset, row.row) == ("calipers", good.rows[1])
     assert row.predicted == pytest.approx(good.value[1], abs=2e-4)
 
@@ -85,10 +85,11 @@ def test_a_distance_that_stands_alone_is_unchecked(tmp_path: Path) -> None:
     g = truth(mechanism, rng, 0.01)
     bed, one = touches(mechanism, g, rng, 40), calipers(mechanism, g, rng, 1)
     fit = fitted(mechanism, bed, one)
-    assert blunders(fit).unchecked == (("calipers", (int(one.rows[0]),)),)
-    assert "would not show" in sentences(blunders(fit), mechanism)[-1]
+    assert find_gross_errors(fit).unchecked == (("calipers", (int(one.rows[0]),)),)
+    assert "would not show" in GrossErrorSummary.of(
+        find_gross_errors(fit), mechanism).unchecked_sentences()[-1]
     several = calipers(mechanism, g, rng, 5)
-    assert not blunders(fitted(mechanism, bed, several)).unchecked
+    assert not find_gross_errors(fitted(mechanism, bed, several)).unchecked
 
 
 def two_sessions(seed: int, shift: float, second: int = 20) -> tuple[Mechanism, Dataset]:
@@ -104,7 +105,7 @@ def two_sessions(seed: int, shift: float, second: int = 20) -> tuple[Mechanism, 
 
 def found_shifts(seed: int, shift: float, second: int = 20) -> tuple[HomingShift, ...]:
     mechanism, data = two_sessions(seed, shift, second)
-    return blunders(fitted(mechanism, data)).shifts
+    return find_gross_errors(fitted(mechanism, data)).homing_shifts
 
 
 @pytest.mark.parametrize("second", [20, 6])
@@ -129,7 +130,8 @@ def test_of_many_sessions_only_the_odd_ones_are_named() -> None:
     q[labels == "A", 0] -= 2e-4
     q[labels == "E", 1:] += 4e-4
     data = replace(data, q=q, sessions=tuple(labels.tolist()))
-    found = {(s.session, s.actuator): s.value for s in blunders(fitted(mechanism, data)).shifts}
+    shifts = find_gross_errors(fitted(mechanism, data)).homing_shifts
+    found = {(s.session, s.actuator): s.value for s in shifts}
     assert set(found) == {("A", "leg1"), ("E", "leg2"), ("E", "leg3")}
     assert found["A", "leg1"] == pytest.approx(2e-4, abs=3e-5)
     assert found["E", "leg3"] == pytest.approx(-4e-4, abs=3e-5)
@@ -140,12 +142,12 @@ def test_files_are_sessions_and_per_file_homing_is_not_accused() -> None:
     a, b = (replace(data.take(np.arange(60) // 40 == i), name=n, sessions=None)
             for i, n in enumerate("AB"))
     b = replace(b, frame=replace(b.frame, same_as="A"))
-    found = blunders(fitted(mechanism, a, b)).shifts
+    found = find_gross_errors(fitted(mechanism, a, b)).homing_shifts
     assert {s.session for s in found} == {"B"}
     free = [replace(d, homing="per-file") for d in (a, b)]
-    assert not blunders(fitted(mechanism, *free)).shifts
-    assert "the zero of leg2 moved in B: by +0." in shifts(
-        blunders(fitted(mechanism, a, b)), mechanism)[-1]
+    assert not find_gross_errors(fitted(mechanism, *free)).homing_shifts
+    summary = GrossErrorSummary.of(find_gross_errors(fitted(mechanism, a, b)), mechanism)
+    assert "the homing offset of leg2 shifted in B: by +0." in summary.shift_sentences()[-1]
 
 
 def test_identify_tells_of_a_moved_zero(tmp_path: Path) -> None:
@@ -164,10 +166,10 @@ def test_identify_tells_of_a_moved_zero(tmp_path: Path) -> None:
         (tmp_path / label / "measurements.yaml").write_text(yaml.safe_dump(side))
     run = ppmcal("identify", "3-RPR.yaml", "a/measurements.csv", "b/measurements.csv",
                  cwd=tmp_path, expect=1)
-    assert "the zero of leg3 moved in session b" in " ".join(run.out.split())
+    assert "the homing offset of leg3 shifted in session b" in " ".join(run.out.split())
     assert max(len(line) for line in run.out.splitlines()) <= 80
     run = ppmcal("identify", "3-RPR.yaml", "a/measurements.csv", "b/measurements.csv", "--json",
                  cwd=tmp_path, expect=1)
     moved = {(z["session"], z["actuator"]): z["value"] for z in
-             run.json["blunders"]["zeros_moved"]}
+             run.json["gross_errors"]["homing_shifts"]}
     assert moved["session b", "leg3"] == pytest.approx(0.5, abs=0.1)

@@ -1,4 +1,4 @@
-"""What the data do not tell: scale, and parameters that act as one, before and after the fit."""
+"""What the data cannot identify: scale, and parameters that act as one, before and after a fit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ppmcal.calibration.identifiability import CALIPER, identifiability, predict
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.identifiability import sentences
+from ppmcal.io.results.identifiability import IdentifiabilitySummary
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
@@ -73,7 +73,7 @@ def fitted(mechanism: Mechanism, *data: Dataset, options: FitOptions = ROBUST) -
 
 
 def test_touches_leave_scale_to_the_tolerances(tmp_path: Path) -> None:
-    """Before the fit and after it; rods and drives are one direction to a flat bed."""
+    """Before the fit and after it; rods and drives are collinear to a flat bed."""
     mechanism = printer(tmp_path)
     rng = np.random.default_rng(1)
     g = truth(mechanism, rng)
@@ -81,12 +81,12 @@ def test_touches_leave_scale_to_the_tolerances(tmp_path: Path) -> None:
     ahead = predict_identifiability(Problem(mechanism, (data,), mechanism.free), "prior")
     after = identifiability(fitted(mechanism, data))
     for found in (ahead, after):
-        assert found.scale is not None and found.scale.held and found.scale.open
-        assert ("length", "ratio") in [(t.one, t.other) for t in found.twins]
+        assert found.scale is not None and found.scale.prior_dominated and found.scale.open
+        assert ("length", "ratio") in [(t.one, t.other) for t in found.collinear]
     assert ahead.scale and after.scale
     assert ahead.scale.sigma == pytest.approx(after.scale.sigma, rel=0.1)
-    words = " ".join(sentences(after, mechanism))
-    assert "from the tolerances; the data alone leave" in words and "One distance of" in words
+    words = " ".join(IdentifiabilitySummary.of(after, mechanism).sentences())
+    assert "constrained by the prior; the data alone leave" in words and "One distance of" in words
 
 
 def test_the_promised_distance_halves_it(tmp_path: Path) -> None:
@@ -138,7 +138,8 @@ def test_positions_tell_scale() -> None:
     data = replace(Dataset.of_poses("camera", q, pose, (1e-5, 1.0), False), kind="position")
     found = identifiability(fitted(mechanism, data))
     assert found.scale is not None and not found.scale.open
-    assert not any("Scale" in s for s in sentences(found, mechanism))
+    assert not any("Scale" in s for s in IdentifiabilitySummary.of(
+        found, mechanism).sentences())
 
 
 @pytest.mark.parametrize("name", ["6-UPS", "3-RPR", "linapod"])
@@ -159,8 +160,8 @@ def test_poses_tell_scale_whatever_is_open(name: str) -> None:
         predict_identifiability(problem, "prior"),
         identifiability(identify(problem, ROBUST)),
     ):
-        assert found.scale is not None and not found.scale.lost and not found.scale.open
-        assert found.scale.alone < 5e-5
+        assert found.scale is not None and not found.scale.unobservable and not found.scale.open
+        assert found.scale.sigma_data < 5e-5
 
 
 def test_fixed_drives_tell_scale_a_little(tmp_path: Path) -> None:
@@ -171,7 +172,7 @@ def test_fixed_drives_tell_scale_a_little(tmp_path: Path) -> None:
     found = predict_identifiability(
         Problem(mechanism, (touches(mechanism, g, rng),), mechanism.free), "flat"
     )
-    assert found.scale is not None and not found.scale.lost
+    assert found.scale is not None and not found.scale.unobservable
 
 
 def test_a_flat_fit_that_would_run_off_is_refused(tmp_path: Path) -> None:
@@ -191,11 +192,11 @@ def test_a_flat_fit_that_would_run_off_is_refused(tmp_path: Path) -> None:
     run = ppmcal("identify", "printer.yaml", "bed.csv", "--prior", "flat", cwd=tmp_path, expect=2)
     assert "do not hold the machine's size" in run.err and "measured distance" in run.err
     run = ppmcal("identify", "printer.yaml", "bed.csv", cwd=tmp_path, expect=0)
-    assert "length and ratio, limb by limb, are one direction" in " ".join(run.out.split())
+    assert "length and ratio, limb by limb, are exactly correlated" in " ".join(run.out.split())
     run = ppmcal("identify", "printer.yaml", "bed.csv", "--json", cwd=tmp_path, expect=0)
     lengths = [p["value"] for p in run.json["parameters"] if p["name"].endswith(".length")]
     assert np.max(np.abs(np.array(lengths) - 300.0)) < 1.0
-    assert run.json["untold"]["scale"]["open"]
+    assert run.json["identifiability"]["scale"]["open"]
     run = ppmcal("check", "printer.yaml", "bed.csv", cwd=tmp_path, expect=0)
     assert "Scale: a distance of" in run.out
 
@@ -205,4 +206,4 @@ def test_nothing_free_leaves_nothing_to_say(tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
     data = touches(mechanism, mechanism.values, rng)
     found = predict_identifiability(Problem(mechanism, (data,), ()), "prior")
-    assert found.scale is None and found.twins == ()
+    assert found.scale is None and found.collinear == ()

@@ -1,0 +1,44 @@
+"""What the records of sensitivity, tolerances, stiffness, workspace and plan have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import AfterValidator
+from pydantic_core import PydanticCustomError
+
+from ppmcal.io.results.record import Part, Shown, Text
+from ppmcal.model.mechanism import Mechanism
+
+
+def _plain_cell(value: Any) -> Any:
+    if isinstance(value, list | tuple | Mapping):
+        raise PydanticCustomError("cell_type", "not plain")
+    return value
+
+
+PlainCell = Annotated[Any, AfterValidator(_plain_cell)]
+"""A cell of a table: a number, text, true, false or nothing."""
+
+
+class ShownTable(Part):
+    """A table for people; units of its columns are in the record's ``units``, by name."""
+
+    title: Text = ""
+    columns: tuple[Text, ...] = ()
+    rows: tuple[tuple[PlainCell, ...], ...] = ()
+    note: Text = ""
+
+
+class Quantity(Part):
+    """A number with its unit."""
+
+    value: Shown | None = None
+    unit: Text = ""
+
+
+def geometry_note(mechanism: Mechanism) -> list[str]:
+    """Return that an analysis of geometry leaves the file's effects out, if it has any."""
+    kinds = ", ".join(dict.fromkeys(e.kind.name for e in mechanism.effects))
+    return [f"Geometry only: the file's effects ({kinds}) are left out."] if kinds else []

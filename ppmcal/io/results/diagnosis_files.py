@@ -1,0 +1,102 @@
+"""The files of a diagnosis besides its record: model.yaml, effects.csv, next.csv and others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ppmcal.calibration.validation import residuals
+from ppmcal.diagnosis.added_variable_test import probability
+from ppmcal.diagnosis.result import Candidate, Diagnosis
+from ppmcal.io import write_mechanism
+from ppmcal.io.measurement_columns import ZERO_CELSIUS
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.io.results.identification_tables import residuals_csv
+from ppmcal.io.results.other_models import other_files
+from ppmcal.io.results.record import Column, table_text
+from ppmcal.io.results.tables import joint_columns
+from ppmcal.model.effects import effect_kinds
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, resolved
+
+
+def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord
+          ) -> dict[str, str]:
+    """Return file name -> text of everything that diagnose writes but pictures."""
+    found, fit = result.identification, result.identification.fit
+    before = residuals(result.before.problem, result.before.state)
+    out = {
+        "model.yaml": write_mechanism(
+            found.mechanism,
+            f"diagnosed by ppmcal {provenance.get('version', '')}: {result.verdict}; from "
+            + ", ".join(d.name for d in fit.problem.datasets)),
+        "effects.csv": effects_csv(result),
+        "residuals.csv": residuals_csv(fit, before, found.after),
+        record.FILE: record.text(),
+        "identification.json": IdentificationRecord.of(found, provenance, "prior").text(),
+    }
+    for name, other in other_files(result):
+        what = (f"diagnosed by ppmcal: {other.effect} in place of {other.instead}" if other.effect
+                else "fitted by ppmcal without the effects of model.yaml")
+        out[name] = write_mechanism(other.mechanism, what)
+    if result.proposal.rows:
+        out["next.csv"] = next_csv(result)
+    return out
+
+
+def effects_csv(result: Diagnosis) -> str:
+    """Return effects.csv: one row per candidate, in the order of what became of it.
+
+    ``p_value`` of what is named is that of diagnosis.json, given the others that are named;
+    ``p_value_alone`` is before anything was named, for every row.
+    """
+    mechanism, some, none = result.identification.mechanism, result.candidates, result.untestable
+    unknown, blank = [np.nan] * len(none), [""] * len(none)
+    smallest = [_detectable(mechanism, c) for c in some]
+    return table_text([
+        Column("kind", [*(c.hypothesis.family for c in some), *(u.kind for u in none)]),
+        Column("on", [*(" ".join(c.hypothesis.on) for c in some), *blank]),
+        Column("form", [*("shared" if c.hypothesis.shared else "each" for c in some), *blank]),
+        Column("p_value", [*(c.p_value for c in some), *unknown]),
+        Column("survival", [*(c.survival for c in some), *unknown]),
+        Column("status", [*(c.status for c in some), *["not testable"] * len(none)]),
+        Column("alternatives", [*("; ".join(c.alternatives) for c in some),
+                                *(f"needs {', '.join(u.missing)}" for u in none)]),
+        Column("detectable", [*(value for value, _ in smallest), *unknown]),
+        Column("unit", [*(unit for _, unit in smallest), *blank]),
+        Column("p_value_alone", [*(probability(c.log_p_alone) for c in some), *unknown]),
+    ], mechanism.units)
+
+
+def _detectable(mechanism: Mechanism, candidate: Candidate) -> tuple[float, str]:
+    """Return the smallest value that the data would show, and its unit."""
+    hypothesis, units = candidate.hypothesis, mechanism.units
+    if candidate.detectable <= 0.0:
+        return np.nan, ""
+    if hypothesis.slot:
+        p = next(p for p in mechanism.parameters if p.name == hypothesis.slot)
+        return candidate.detectable / units.factor(p.quantity), units.name(p.quantity)
+    spec = next(s for s in effect_kinds()[hypothesis.kind].parameters(mechanism.motion)
+                if s.name == hypothesis.names[0])
+    on = hypothesis.on or mechanism.actuators
+    joint = mechanism.actuator_quantity[mechanism.actuators.index(on[0])]
+    quantity = resolved(spec.quantity, joint)
+    value = 1.0 / candidate.detectable if spec.reciprocal else candidate.detectable
+    return value / units.factor(quantity), units.name(quantity)
+
+
+def next_csv(result: Diagnosis) -> str:
+    """Return next.csv: joints, poses and settings of the measurements to take."""
+    mechanism, wanted = result.identification.mechanism, result.proposal
+    columns = [Column(name, q) for name, q in joint_columns(mechanism, wanted.q, "q_{}").items()]
+    columns += [Column(POSE_COORDINATES[c], wanted.pose[:, c], "length" if c < 3 else "angle")
+                for c in mechanism.dof]
+    for name, values in wanted.columns.items():
+        if name.startswith("vel_"):
+            a = mechanism.actuators.index(name.removeprefix("vel_"))
+            values = values / mechanism.joint_units[a][0]
+        columns.append(Column(name, values - ZERO_CELSIUS if name.startswith("temperature")
+                              else values))
+    return table_text(columns, mechanism.units)

@@ -1,0 +1,162 @@
+"""A diagnosis in sentences: what the console and the report both say stands here once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ppmcal.io.results.diagnosis import DiagnosedEffect, DiagnosisRecord, HeldOutGap
+from ppmcal.wording import counted, shorter, where
+
+VERDICTS = {
+    "none": "No missing effect is detectable in these data.",
+    "weak": "Something may be missing, but it is too weak to be named.",
+    "named": "The missing effect is named.",
+    "named-set": "Something is missing; these data cannot tell a few effects apart.",
+    "partial": "Part of what is missing is named; something else is left.",
+    "unnamed": "Something is missing that ppmcal does not know.",
+}
+Group = Sequence[DiagnosedEffect]
+
+
+def verdict(record: DiagnosisRecord) -> str:
+    """Return the verdict as a sentence, empty where there is none."""
+    if record.verdict == "named" and len(together(record)) > 1:
+        return "The missing effects are named."
+    unknown = f"Verdict: {record.verdict}." if record.verdict else ""
+    return VERDICTS.get(record.verdict, unknown)
+
+
+def headline(record: DiagnosisRecord) -> str:
+    """Return the verdict and what was named."""
+    groups, text = together(record), verdict(record)
+    names = [group_name(record, g) for g in groups]
+    if not names:
+        return text
+    if record.verdict == "named":
+        return f"{text.removesuffix('.')}: {'; '.join(names)}."
+    if record.verdict == "named-set":
+        sets = [" or ".join([n, *rivals(record, g[0])])
+                for n, g in zip(names, groups, strict=True)]
+        return f"{text.removesuffix('.')}: {'; '.join(sets)}."
+    return f"{text} Named: {'; '.join(names)}."
+
+
+def together(record: DiagnosisRecord) -> list[Group]:
+    """Return the named effects, those of one kind and with the same alternatives as one group.
+
+    Of geometry only those of the same parameters are together.
+    """
+    groups: dict[tuple[str, ...], list[DiagnosedEffect]] = {}
+    for e in record.effects:
+        key = (e.kind, *_geometry(e), "|", *e.alternatives_on)
+        groups.setdefault(key, []).append(e)
+    return list(groups.values())
+
+
+def rivals(record: DiagnosisRecord, effect: DiagnosedEffect) -> list[str]:
+    """Return the names of an effect's alternatives."""
+    return [shorter(name, actuators(record))
+            for name in effect.alternatives_on or effect.alternatives]
+
+
+def group_name(record: DiagnosisRecord, group: Group) -> str:
+    """Return ``backlash on leg2, leg5`` for effects that are told as one."""
+    on = dict.fromkeys(a for e in group for a in e.on)
+    return name_of(record, " ".join([group[0].kind, *_geometry(group[0])]), list(on))
+
+
+def effect_name(record: DiagnosisRecord, effect: DiagnosedEffect) -> str:
+    """Return ``backlash on leg2``; geometry with the names of its parameters."""
+    return group_name(record, [effect])
+
+
+def name_of(record: DiagnosisRecord, kind: str, on: Sequence[str]) -> str:
+    """Return ``backlash on leg2, leg5`` or ``gain on all 6 actuators``."""
+    place = where(on, actuators(record))
+    return f"{kind or '?'} on {place}" if place else kind or "?"
+
+
+def _geometry(effect: DiagnosedEffect) -> list[str]:
+    return list(effect.parameters) if effect.kind == "geometry" else []
+
+
+def actuators(record: DiagnosisRecord) -> int:
+    """Return the number of actuators, 0 where the record does not say."""
+    return len(record.plot_data.actuators)
+
+
+def gap_closed(record: DiagnosisRecord) -> str:
+    """Return how much of the gap is closed on held-out poses, empty where that is unknown."""
+    gap = record.gap
+    before, after = finite(gap.before), finite(gap.after)
+    if before is None or after is None:
+        return ""
+    which = f"On {gap.poses} poses that no fit has seen" if gap.poses else "On held-out poses"
+    if not record.effects and abs(before - after) < 1e-9:
+        return f"{which} the residuals are {_ratio(before)} times the noise."
+    text = f"{which} the residuals go from {_ratio(before)} to {_ratio(after)} times the noise"
+    closed = finite(gap.closed)
+    if closed is None:
+        return f"{text}; nothing exceeded the noise before."
+    return f"{text}: {_percent(closed)} of what exceeds the noise is gone{_interval(gap)}."
+
+
+def worst_block(record: DiagnosisRecord) -> str:
+    """Return how much is closed on the stretch or condition left out that closes least."""
+    blocks = record.gap.blocks
+    judged = [(closed, b) for b in blocks if (closed := finite(b.closed)) is not None]
+    if not judged:
+        return ""
+    closed, worst = min(judged, key=lambda pair: pair[0])
+    return (f"With a third of the rows left out at a time, by {', '.join(b.by for b in blocks)}, "
+            f"{_percent(closed)} is gone where that is least, by {worst.by}{_interval(worst)}.")
+
+
+def _interval(gap: HeldOutGap) -> str:
+    ends = [end for v in gap.interval or () if (end := finite(v)) is not None]
+    return (f" (95 % interval: {_percent(ends[0])} to {_percent(ends[1])})" if len(ends) == 2
+            else "")
+
+
+def imitated(record: DiagnosisRecord) -> str:
+    """Return how many parameters had moved to imitate what is missing, empty where none had."""
+    moved = record.swallowed
+    return "" if not moved else (
+        f"{counted(len(moved), 'parameter')} had moved by more than the tolerance to imitate what "
+        f"is missing, most {moved[0].name}.")
+
+
+def next_step(record: DiagnosisRecord) -> str:
+    """Return what to measure next, and what that should settle; empty where it is not said."""
+    wanted = record.next_measurements
+    reason = wanted.reason.rstrip(".")
+    out = [f"{reason}."] if reason else []
+    if wanted.file:
+        much = f" ({counted(wanted.rows, 'row')})" if wanted.rows else ""
+        out.append(f"They are in {wanted.file}{much}.")
+        before, after = finite(wanted.odds_before), finite(wanted.odds_after)
+        if before and after:
+            out.append(f"The odds between the rivals are {_odds(before)} to 1 now and should be "
+                       f"about {_odds(after)} to 1 then.")
+    return " ".join(out)
+
+
+def finite(value: float | None) -> float | None:
+    """Return a number that can be said, else None: files may hold nan."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _ratio(value: float) -> str:
+    """Return three digits: ``0.940``, ``3.10``, ``21.9``."""
+    return f"{value:#.3g}".rstrip(".")
+
+
+def _percent(part: float) -> str:
+    return f"{100.0 * part:.0f} %"
+
+
+def _odds(odds: float) -> str:
+    if odds >= 1e6:
+        return "over a million"
+    return f"{odds:.2g}" if odds < 100.0 else f"{float(f'{odds:.1e}'):.0f}"

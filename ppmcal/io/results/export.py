@@ -1,0 +1,188 @@
+"""export.json: what a controller takes of a machine, what it gains, and what it cannot hold.
+
+Errors are in mm and degrees, the numbers in the controller's own units.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
+
+NO_GAIN = 1e-6
+"""Further than this the new numbers are worse than the old ones, mm."""
+LEAST = 1e-4
+"""Below so many mm or degrees it is arithmetic."""
+DECIMALS = {"mm": 4, "deg": 5}
+LARGEST_FIXED = 1e7
+
+
+class RotationErrors(Part):
+    """Errors of rotation over the commands compared."""
+
+    rms: Shown | None = None
+    max: Shown | None = None
+    unit: Text = ""
+
+
+class RemovedMotion(Part):
+    """Turn about z, deg, and shift in the plane of the bed, mm, taken out of the errors."""
+
+    turn: Shown | None = None
+    shift: tuple[Shown | None, ...] = ()
+
+
+class CommandErrors(Part):
+    """Errors of position over the commands compared and, if there is one, of rotation."""
+
+    rms: Shown | None = None
+    max: Shown | None = None
+    unit: Text = ""
+    rotation: RotationErrors | None = None
+    taken_out: RemovedMotion | None = None
+
+    def words(self) -> str:
+        """Return ``0.0123 mm rms, 0.0456 mm at most; 0.00120 deg rms, ...``, empty for none."""
+        out = []
+        for part in (self, self.rotation):
+            if part is not None:
+                values = ((fixed(part.rms, part.unit), "rms"), (fixed(part.max, part.unit),
+                                                               "at most"))
+                shown = [f"{value} {part.unit} {word}" for value, word in values if value]
+                out += [", ".join(shown)] if shown else []
+        return "; ".join(out)
+
+    def rms_words(self) -> str:
+        """Return ``0.012 mm and 0.0031 deg``, two digits each."""
+        return _rms_words(self.rms, self.unit, self.rotation)
+
+
+class ModelUncertainty(Part):
+    """The model's own standard deviation, rms over the poses; ``reason``: why it is unknown."""
+
+    rms: Shown | None = None
+    unit: Text = ""
+    frame: Text = ""
+    reason: Text = ""
+    rotation: RotationErrors | None = None
+
+    def rms_words(self) -> str:
+        """Return ``0.012 mm and 0.0031 deg``, two digits each."""
+        return _rms_words(self.rms, self.unit, self.rotation)
+
+
+class PredictedErrors(Part):
+    """What is left with the new numbers, rms: of the format, of the model, and of both."""
+
+    format: CommandErrors = CommandErrors()
+    model: ModelUncertainty = ModelUncertainty()
+    after: CommandErrors = CommandErrors()
+
+    def sentence(self) -> str:
+        """Return what is left with the new numbers, empty where the file does not say."""
+        if not is_known(self.format.rms):
+            return ""
+        text = (f"What the format cannot express: {self.format.rms_words()} rms; the model's own "
+                "uncertainty: ")
+        if not (is_known(self.model.rms) and is_known(self.after.rms)):
+            return f"{text}unknown, as {self.model.reason or 'the file does not say it'}."
+        base = self.model.frame in ("", "base")
+        where = "the base frame" if base else f"the frame of {self.model.frame}"
+        return (f"{text}{self.model.rms_words()} (1 sigma, rms over the poses, in {where}). "
+                f"Predicted error with the new numbers: {self.after.rms_words()} rms.")
+
+
+class Gain(Part):
+    """Errors of the machine driven with the old and with the new numbers."""
+
+    before: CommandErrors = CommandErrors()
+    after: CommandErrors = CommandErrors()
+
+
+class NotExpressedEntry(Part):
+    """One thing that the controller cannot express, and what that alone costs."""
+
+    what: Text = ""
+    parameters: tuple[Text, ...] = ()
+    cost: CommandErrors | None = None
+
+    def words(self) -> str:
+        """Return what cannot be expressed, with its cost where it is known."""
+        cost = "" if self.cost is None else self.cost.words()
+        return f"cannot be expressed: {self.what or '?'}" + (f": costs {cost}" if cost else "")
+
+
+class ExportRecord(Record):
+    """export.json; the keys from ``length_unit`` on are those of single formats."""
+
+    FILE: ClassVar[str] = "export.json"
+    FORMAT: ClassVar[str] = "ppmcal/export/1"
+
+    controller: Text = ""
+    name: Text = ""
+    units: Mapping[str, Text] = {}
+    parameters: Mapping[str, Shown | None] = {}
+    old: Mapping[str, Shown | None] = {}
+    number_units: Mapping[str, Text] = {}
+    title: Text = ""
+    said: Text = ""
+    over: Text = ""
+    predicted: PredictedErrors = PredictedErrors()
+    exact: Flag = False
+    read_back: Flag = False
+    gain: Gain = Gain()
+    not_expressed: tuple[NotExpressedEntry, ...] = ()
+    notes: tuple[Text, ...] = ()
+    advice: tuple[Text, ...] = ()
+    files: tuple[Text, ...] = ()
+    length_unit: Text = ""
+    poses: Whole = 0
+    type: Whole = 0
+    seed: Whole = 0
+    rows: Whole = 0
+    tables: Mapping[str, Any] = {}
+    left_out: Mapping[str, Whole] = {}
+    columns: Mapping[str, Text] = {}
+    grid: Mapping[str, Any] = {}
+    tried: Mapping[str, Any] = {}
+    provenance: Provenance = Provenance()
+
+    @property
+    def called(self) -> str:
+        """What people call the controller."""
+        return self.title or self.controller or "controller"
+
+    def attention(self) -> list[str]:
+        """Return what the user must look at: what cannot be expressed, numbers that are worse."""
+        out = [entry.words() for entry in self.not_expressed]
+        before, after = self.gain.before.rms, self.gain.after.rms
+        if before is not None and after is not None and after > before + NO_GAIN:
+            out.append(f"the new {self.called} numbers are worse than the old ones over this "
+                       "workspace")
+        return out
+
+
+def is_known(value: float | None) -> bool:
+    """Whether there is a finite number."""
+    return value is not None and math.isfinite(value)
+
+
+def fixed(value: float | None, unit: str = "") -> str:
+    """Return a number with the decimals that suit its unit, empty for none."""
+    if value is None or not math.isfinite(value):
+        return ""
+    return f"{value:.8g}" if abs(value) >= LARGEST_FIXED else f"{value:.{DECIMALS.get(unit, 4)}f}"
+
+
+def _rms_words(position: float | None, unit: str, rotation: RotationErrors | None) -> str:
+    parts = [(position, unit)]
+    if rotation is not None:
+        parts.append((rotation.rms, rotation.unit))
+    return " and ".join(f"{_two_digits(value)} {unit}".strip() for value, unit in parts
+                        if value is not None and math.isfinite(value))
+
+
+def _two_digits(value: float) -> str:
+    return f"{value:.2g}" if value >= LEAST else f"below {LEAST:g}"

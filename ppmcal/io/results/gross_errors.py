@@ -1,0 +1,142 @@
+"""Rows and sessions that do not belong: a part of identification.json, and what is said of it.
+
+A sentence about an entry in which a number is missing is empty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pydantic import Field
+
+from ppmcal.calibration.homing_shift import HomingShift
+from ppmcal.calibration.outliers import GrossError, GrossErrors
+from ppmcal.io.results.record import Finite, Part, Text, Whole
+from ppmcal.io.results.units import column_factor, parameter_unit
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+
+Z95 = 1.96
+SHOWN = 5
+CHANGED = 3
+ROWS = 8
+
+
+class LeftOutRow(Part):
+    """One row that was left out: what it says, ``unit``, and what the others predict there.
+
+    ``times``: how far apart, in standard deviations.
+    """
+
+    dataset: Text = ""
+    row: Whole | None = None
+    coordinate: Text = ""
+    value: Finite | None = None
+    predicted: Finite | None = None
+    unit: Text = ""
+    times: Finite | None = None
+
+    @classmethod
+    def of(cls, error: GrossError, mechanism: Mechanism) -> LeftOutRow:
+        """Return the entry of a row in file units."""
+        quantity = "length" if error.coordinate < 3 else "angle"
+        f = mechanism.units.factor(quantity)
+        return cls(dataset=error.dataset, row=error.row,
+                   coordinate=error.number or POSE_COORDINATES[error.coordinate],
+                   value=error.value / f, predicted=error.predicted / f,
+                   unit=mechanism.units.name(quantity), times=error.times)
+
+
+class ChangedEstimate(Part):
+    """A parameter now, and with the rows that were left out; unit of the parameter."""
+
+    now: Finite | None = None
+    with_them: Finite | None = None
+
+
+class HomingShiftEntry(Part):
+    """A joint's homing offset in one session against the others; an empty ``unit`` is a bare joint.
+
+    ``p_value``: of such a shift by chance.
+    """
+
+    session: Text = ""
+    actuator: Text = ""
+    value: Finite | None = None
+    sigma: Finite | None = None
+    unit: Text = ""
+    p_value: Finite | None = None
+
+    @classmethod
+    def of(cls, shift: HomingShift, mechanism: Mechanism) -> HomingShiftEntry:
+        """Return the entry of a shift in file units."""
+        factor, unit = mechanism.joint_units[mechanism.actuators.index(shift.actuator)]
+        return cls(session=shift.session, actuator=shift.actuator, value=shift.value / factor,
+                   sigma=shift.sigma / factor, unit=unit, p_value=shift.p_value)
+
+    def sentence(self) -> str:
+        """Return which joint's homing offset shifted in which session, by how much."""
+        if self.value is None or self.sigma is None or not (self.actuator and self.session):
+            return ""
+        return (f"the homing offset of {self.actuator} shifted in {self.session}: by "
+                f"{self.value:+.4g} +- {Z95 * self.sigma:.2g} {self.unit or '(bare)'} against the "
+                "others; give that session a file of its own with `homing: per-file`")
+
+
+class UncheckedRows(Part):
+    """Rows that nothing else checks."""
+
+    dataset: Text = ""
+    rows: tuple[Whole, ...] = ()
+
+    def sentence(self) -> str:
+        """Return which rows nothing else checks."""
+        if not (self.dataset and self.rows):
+            return ""
+        some = ", ".join(str(r) for r in self.rows[:ROWS]) + " ..." * (len(self.rows) > ROWS)
+        return (f"Unchecked: in {self.dataset} row{'s' if len(self.rows) > 1 else ''} {some}: "
+                "nothing else tells what they tell, so a wrong value there would not show. "
+                "Measure one more.")
+
+
+class GrossErrorSummary(Part):
+    """What does not belong; ``would_be``: parameters that the rows left out would change."""
+
+    rows: tuple[LeftOutRow, ...] = ()
+    would_be: Mapping[Text, ChangedEstimate] = Field(default_factory=dict)
+    homing_shifts: tuple[HomingShiftEntry, ...] = ()
+    unchecked: tuple[UncheckedRows, ...] = ()
+
+    @classmethod
+    def of(cls, found: GrossErrors, mechanism: Mechanism) -> GrossErrorSummary:
+        """Return the entry in file units."""
+        changed = {name: ChangedEstimate(now=now / f, with_them=then / f)
+                   for name, (now, then) in found.would.items()
+                   for f in [column_factor(mechanism, name)]}
+        return cls(rows=tuple(LeftOutRow.of(r, mechanism) for r in found.rows), would_be=changed,
+                   homing_shifts=tuple(HomingShiftEntry.of(s, mechanism)
+                                       for s in found.homing_shifts),
+                   unchecked=tuple(UncheckedRows(dataset=n, rows=r) for n, r in found.unchecked))
+
+    def shift_sentences(self) -> list[str]:
+        """Return one finding for each homing offset that shifted."""
+        return list(filter(None, (s.sentence() for s in self.homing_shifts)))
+
+    def unchecked_sentences(self) -> list[str]:
+        """Return which rows nothing else checks, one sentence for each data set."""
+        return list(filter(None, (u.sentence() for u in self.unchecked)))
+
+
+def row_sentences(found: GrossErrorSummary, mechanism: Mechanism) -> list[str]:
+    """Return which rows were left out, what for, and what they would change."""
+    out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_six(r.value)} {r.unit}, where the "
+           f"others say {_six(r.predicted)} {r.unit} ({_six(r.times, 3)} times the noise)."
+           for r in found.rows[:SHOWN]]
+    if len(found.rows) > SHOWN:
+        out.append(f"  ... and {len(found.rows) - SHOWN} more rows, see residuals.csv.")
+    return out + [f"  With them {name} would be {_six(e.with_them)} in place of {_six(e.now)} "
+                  f"{parameter_unit(mechanism, name)}."
+                  for name, e in list(found.would_be.items())[:CHANGED]]
+
+
+def _six(value: float | None, digits: int = 6) -> str:
+    return "-" if value is None else f"{value:.{digits}g}"

@@ -1,0 +1,222 @@
+"""Parts of identification.json: estimates, errors, noise, data sets, covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydantic import Field
+
+from ppmcal.calibration.noise import Noise
+from ppmcal.calibration.posterior import of_data
+from ppmcal.calibration.summary import Dependence, Estimate, Identification
+from ppmcal.io.results.record import Finite, Part, Text, Whole
+from ppmcal.io.results.units import column_factor
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism, Registration
+from ppmcal.units import Units
+
+Numbers = tuple[Finite | None, ...]
+
+
+def numbers(values: Array) -> Numbers:
+    """Return an array (N,) as plain numbers."""
+    return tuple(values.tolist())
+
+
+class ParameterEstimate(Part):
+    """One parameter, all in ``unit`` but ``of_tolerance`` (sigma over tolerance).
+
+    ``low``, ``high``: the 95 % interval; ``sigma_data``: without the prior.
+    """
+
+    name: Text = ""
+    nominal: Finite | None = None
+    value: Finite | None = None
+    error: Finite | None = None
+    sigma: Finite | None = None
+    sigma_data: Finite | None = None
+    low: Finite | None = None
+    high: Finite | None = None
+    tolerance: Finite | None = None
+    unit: Text = ""
+    status: Text = ""
+    of_tolerance: Finite | None = None
+
+    @classmethod
+    def of(cls, e: Estimate, units: Units) -> ParameterEstimate:
+        """Return the entry of an estimate in file units."""
+        f = units.factor(e.quantity)
+        low, high = e.interval or (None, None)
+        share = None if e.sigma is None or not e.tolerance or not np.isfinite(e.tolerance) else (
+            e.sigma / e.tolerance)
+        return cls(name=e.name, nominal=e.nominal / f, value=e.value / f, error=e.error / f,
+                   sigma=_over(e.sigma, f), sigma_data=_over(e.sigma_data, f), low=_over(low, f),
+                   high=_over(high, f), tolerance=_over(e.tolerance, f),
+                   unit=units.name(e.quantity) + "/unit" * e.per_unit, status=e.status,
+                   of_tolerance=share)
+
+    @property
+    def tolerances(self) -> float | None:
+        """How many tolerances the error is, None without one."""
+        return abs(self.error) / self.tolerance if (
+            self.error is not None and self.tolerance) else None
+
+
+class Combination(Part):
+    """A redundant quantity: one file unit of it acts like these amounts of the others."""
+
+    name: Text = ""
+    depends_on: Mapping[Text, Finite | None] = Field(default_factory=dict)
+
+    @classmethod
+    def of(cls, d: Dependence, mechanism: Mechanism) -> Combination:
+        """Return the entry in file units."""
+        own = column_factor(mechanism, d.name)
+        return cls(name=d.name, depends_on={n: v * own / column_factor(mechanism, n)
+                                            for n, v in d.depends_on.items()})
+
+
+class ResidualSummary(Part):
+    """Statistics of one kind of error, in ``unit``."""
+
+    mean: Finite | None = None
+    rms: Finite | None = None
+    p95: Finite | None = None
+    max: Finite | None = None
+    unit: Text = ""
+
+
+Summaries = Mapping[Text, ResidualSummary]
+"""Statistics by kind of error: position, rotation, closure, height, distance."""
+
+
+class ResidualStages(Part):
+    """Errors before the fit, after it, and on what was held out."""
+
+    before: Summaries = Field(default_factory=dict)
+    after: Summaries = Field(default_factory=dict)
+    holdout: Summaries = Field(default_factory=dict)
+
+
+class NoiseCheck(Part):
+    """Residuals against the stated noise: ratios and probabilities, all bare."""
+
+    sigma_ratio: Finite | None = None
+    chi2: Finite | None = None
+    degrees: Finite | None = None
+    chi2_p: Finite | None = None
+    repeat_ratio: Finite | None = None
+    repeat_degrees: Whole | None = None
+    by_dataset: Mapping[Text, Finite | None] = Field(default_factory=dict)
+
+    @classmethod
+    def of(cls, n: Noise) -> NoiseCheck:
+        """Return the entry."""
+        return cls(sigma_ratio=n.sigma_ratio, chi2=n.chi2, degrees=n.degrees, chi2_p=n.chi2_p,
+                   repeat_ratio=n.repeat_ratio, repeat_degrees=n.repeat_degrees,
+                   by_dataset=n.by_dataset)
+
+
+class CorrelatedPair(Part):
+    """Two parameters whose errors are strongly correlated; ``value`` is bare."""
+
+    a: Text = ""
+    b: Text = ""
+    value: Finite | None = None
+
+
+class ExcludedRow(Part):
+    """A row that the fit left out, by its number in the CSV."""
+
+    dataset: Text = ""
+    row: Whole | None = None
+    reason: Text = ""
+
+
+class RegistrationEntry(Part):
+    """Frame (6: length, then angle), target (3, length), rotation (3, angle), in file units."""
+
+    frame: Numbers = ()
+    target: Numbers = ()
+    target_rotation: Numbers = ()
+
+    @classmethod
+    def of(cls, r: Registration, units: Units) -> RegistrationEntry:
+        """Return the entry in file units."""
+        length, angle = units.factor("length"), units.factor("angle")
+        return cls(frame=numbers(r.frame[:3] / length) + numbers(r.frame[3:] / angle),
+                   target=numbers(r.target / length),
+                   target_rotation=numbers(r.target_rotation / angle))
+
+
+class FittedDataset(Part):
+    """A data set of a fit: its file, ``rows`` of which so many were ``used``, where it stood."""
+
+    name: Text = ""
+    source: Text = ""
+    kind: Text = ""
+    rows: Whole | None = None
+    used: Whole | None = None
+    registration: RegistrationEntry | None = None
+    registration_before: RegistrationEntry | None = None
+
+
+class DataInformation(Part):
+    """What the data alone say of steps of the parameters, file units: |matrix s - right|^2.
+
+    White by the stated noise, as ``inflation`` of the covariance is a factor on that.
+    """
+
+    matrix: tuple[Numbers, ...] = ()
+    right: Numbers = ()
+    unit_of_parameters: Numbers = ()
+
+
+class CovarianceEntry(Part):
+    """Covariance of all columns in file units, and the points that the frames turn about.
+
+    ``prior``: standard deviations, None without; ``inflation``: a bare factor on the noise.
+    """
+
+    names: tuple[Text, ...] = ()
+    prior: Numbers = ()
+    inflation: Finite | None = None
+    data: DataInformation | None = None
+    matrix: tuple[Numbers, ...] = ()
+    frames_turn_about: Mapping[Text, Numbers] = Field(default_factory=dict)
+
+    @classmethod
+    def of(cls, result: Identification) -> CovarianceEntry:
+        """Return the entry in file units."""
+        fit, units = result.fit, result.mechanism.units
+        f = np.array([column_factor(result.mechanism, n) for n in result.columns])
+        count = len(fit.problem.free)
+        matrix, right = of_data(fit.reduced.triangle, fit.reduced.right, count, fit.scale[:count])
+        data = DataInformation(
+            matrix=tuple(map(numbers, matrix * f[:count] * fit.noise)),
+            right=numbers(right * fit.noise),
+            unit_of_parameters=numbers(fit.scale[:count] / f[:count]))
+        prior = tuple(1.0 / w / u if w > 0.0 else None
+                      for w, u in zip(fit.prior.tolist(), f.tolist(), strict=True))
+        about = {d.name: numbers(o.about / units.factor("length"))
+                 for d, o in zip(fit.problem.datasets, fit.problem.opens, strict=True)}
+        return cls(names=result.columns, prior=prior, inflation=fit.noise, data=data,
+                   matrix=tuple(map(numbers, result.covariance / np.outer(f, f))),
+                   frames_turn_about=about)
+
+
+def summaries(values: Mapping[str, Mapping[str, float]], units: Units
+              ) -> dict[str, ResidualSummary]:
+    """Return error statistics, SI, by kind in file units."""
+    out = {}
+    for name, parts in values.items():
+        quantity = "angle" if name == "rotation" else "length"
+        f = units.factor(quantity)
+        out[name] = ResidualSummary(**{k: v / f for k, v in parts.items()},
+                                    unit=units.name(quantity))
+    return out
+
+
+def _over(value: float | None, factor: float) -> float | None:
+    return None if value is None or not np.isfinite(value) else value / factor

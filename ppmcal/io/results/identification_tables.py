@@ -1,0 +1,61 @@
+"""parameters.csv and residuals.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.observation import labels
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.validation import Residuals
+from ppmcal.io import csv_text
+from ppmcal.io.results.record import Column, table_text
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import POSE_COORDINATES
+
+PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
+              "status")
+COORDINATES = (*POSE_COORDINATES, "height", "distance")
+
+
+def parameters_csv(entries: Sequence[object]) -> str:
+    """Return parameters.csv of entries of identification.json, in their units."""
+    return csv_text(PARAMETERS, [[getattr(e, h) for e in entries] for h in PARAMETERS])
+
+
+def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> str:
+    """Return residuals.csv: one line per input row, data set by data set.
+
+    Rows that held nothing usable come last, with their reason.
+    """
+    sets = fit.problem.datasets
+    dropped = [(d.name, row, reason) for d in sets for row, reason in d.dropped]
+    columns = [
+        Column("row", [*(int(n) for d in sets for n in d.rows), *(row for _, row, _ in dropped)]),
+        Column("dataset", [*(d.name for d in sets for _ in range(len(d))),
+                           *(n for n, _, _ in dropped)]),
+        *_coordinate_columns(fit.problem, before, after, len(dropped)),
+        Column("used", [*(int(u) for k in fit.keep for u in k), *(0 for _ in dropped)]),
+        Column("reason", [*(r.get(n, "") for r, d in zip(fit.reasons, sets, strict=True)
+                            for n in range(len(d))), *(reason for _, _, reason in dropped)])]
+    return table_text(columns, fit.problem.mechanism.units)
+
+
+def _coordinate_columns(problem: Problem, before: Residuals, after: Residuals, dropped: int
+                        ) -> Iterator[Column]:
+    """Yield residuals and sigma of every measured coordinate; nan for rows without it."""
+    motion = problem.mechanism.motion
+    measured = {label for d in problem.datasets for label in labels(d, motion)}
+    for name in (c for c in COORDINATES if c in measured):
+        quantity = "angle" if name in POSE_COORDINATES[3:] else "length"
+        for stage, source in (("before", before.vector), ("after", after.vector),
+                              ("sigma", after.sigma)):
+            parts: list[Array] = []
+            for d, values in zip(problem.datasets, source, strict=True):
+                own = labels(d, motion)
+                parts.append(values[:, own.index(name)] if name in own else
+                             np.full(len(d), np.nan))
+            yield Column(f"{stage}_{name}", np.concatenate([*parts, np.full(dropped, np.nan)]),
+                         quantity)

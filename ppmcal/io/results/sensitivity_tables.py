@@ -1,0 +1,211 @@
+"""Tables and pictures of ``sensitivity``: sensitivity.csv, map.csv, linearity.csv, jacobian.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ppmcal.design.error_jacobian import Poses, determinants, error_jacobian
+from ppmcal.design.error_sources import Source
+from ppmcal.design.sensitivity import Sensitivity
+from ppmcal.io.results.design import ShownTable
+from ppmcal.io.results.record import Column, in_units
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.region import Grid
+from ppmcal.linalg import finite_rows
+from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.plotting.map_data import Map
+
+LISTED = 15
+LINEARITY = "Linear against nonlinear model at home"
+
+
+def rotates(found: Sensitivity) -> bool:
+    """Whether the platform rotates at all."""
+    return found.mechanism.motion != "translational"
+
+
+def parameter_name(found: Sensitivity, source: Source) -> str:
+    """Return the name of an error's parameter."""
+    return found.mechanism.parameters[source.parameter].name
+
+
+def parameter_unit(found: Sensitivity, source: Source) -> tuple[float, str]:
+    """Return SI value and name of an error's unit."""
+    p, units = found.mechanism.parameters[source.parameter], found.mechanism.units
+    more = " per unit" if p.per_unit else ""
+    return units.factor(p.quantity), units.name(p.quantity) + more
+
+
+def pose_quantity(coordinate: int) -> str:
+    """Return what a pose coordinate is, ``length`` or ``angle``."""
+    return "length" if coordinate < 3 else "angle"
+
+
+def ranking(found: Sensitivity) -> list[Column]:
+    """Return the columns of sensitivity.csv: one row per error, the largest part first.
+
+    ``dx ... drz``: J_g at home per unit of the error; ``position, rotation``: the same as a
+    length and an angle, rms over the poses; ``rss_...``: for one standard deviation; ``share``:
+    of the tool's variance.
+    """
+    share = found.share()
+    order = np.argsort(-share, kind="stable")
+    picked = [found.sources[i] for i in order]
+    unit = np.array([parameter_unit(found, s)[0] for s in picked])
+    sigma = found.sigma[order]
+    out = [Column("rank", np.arange(1, len(picked) + 1)),
+           Column("name", [parameter_name(found, s) for s in picked]),
+           Column("limb", [s.limb for s in picked]), Column("slot", [s.group for s in picked]),
+           Column("kind", [s.kind for s in picked]),
+           Column("unit", [parameter_unit(found, s)[1] for s in picked]),
+           Column("tolerance", np.where(sigma > 0.0, sigma, np.nan) / unit)]
+    out += [Column(f"d{c}", found.jacobian[row, order] * unit, pose_quantity(row))
+            for row, c in enumerate(POSE_COORDINATES) if row in found.mechanism.dof]
+    parts = [("position", "length", found.over.by_position[order], share[order])]
+    if rotates(found):
+        parts.append(("rotation", "angle", found.over.by_rotation[order],
+                      found.share(rotation=True)[order]))
+    for part, quantity, size, own in parts:
+        out += [Column(part, size * unit, quantity),
+                Column(f"rss_{part}", size * sigma, quantity), Column(f"share_{part}", own)]
+    return out
+
+
+def shares(found: Sensitivity, by: str) -> list[tuple[str, float, float]]:
+    """Return (group, share of position, share of rotation), largest first.
+
+    ``by``: ``limb``, ``slot``, ``kind`` or ``quantity``.
+    """
+    def group(s: Source) -> str:
+        return {"limb": s.limb, "slot": s.group, "kind": s.kind,
+                "quantity": found.mechanism.parameters[s.parameter].quantity}[by]
+
+    both = np.stack([found.share(), found.share(rotation=True)])
+    names = [group(s) for s in found.sources]
+    out = []
+    for name in dict.fromkeys(names):
+        mine = both[:, [n == name for n in names]].sum(axis=1)
+        out.append((name, float(mine[0]), float(mine[1])))
+    return sorted(out, key=lambda g: -g[1])
+
+
+def maps(found: Sensitivity, grid: Grid | None) -> list[Map]:
+    """Return what map.csv shows of the poses, in the grid's shape or one row per pose."""
+    times = found.asked.sigmas
+    most = f"every error at {times:g} standard deviation{'' if times == 1.0 else 's'}"
+    rows = [("amplification_position", "Error amplification, position", "length/length",
+             found.index[:, 0]),
+            ("amplification_rotation", "Error amplification, rotation", "angle/length",
+             found.index[:, 1]),
+            ("rss_position", "Position error from the tolerances, root sum square", "length",
+             found.over.position),
+            ("rss_rotation", "Rotation error from the tolerances, root sum square", "angle",
+             found.over.rotation),
+            ("worst_position", f"Position error, worst case, {most}", "length",
+             found.over.worst_position),
+            ("worst_rotation", f"Rotation error, worst case, {most}", "angle",
+             found.over.worst_rotation),
+            ("condition", "Smallest singular value", "1", found.table.singular_value)]
+    shape = (len(found.table.status),) if grid is None else grid.shape
+    return [Map.of(found.mechanism.units, name, title, quantity, values.reshape(shape))
+            for name, title, quantity, values in rows
+            if rotates(found) or not name.endswith("rotation")]
+
+
+def size_quantity(found: Sensitivity) -> str:
+    """Return what the linearity curve's sizes are: of the parameters moved, or bare multiples."""
+    if not found.asked.together:
+        return ""
+    return found.mechanism.parameters[found.moved[0]].quantity
+
+
+def size_unit(found: Sensitivity) -> str:
+    """Return the unit of the linearity curve's sizes."""
+    if not found.asked.together:
+        return "times the tolerances"
+    first = next(s for s in found.sources if s.parameter == found.moved[0])
+    return parameter_unit(found, first)[1]
+
+
+def linearity_table(found: Sensitivity) -> list[Column]:
+    """Return the columns of linearity.csv."""
+    curve = found.linear
+    out = [Column("size", curve.scale, size_quantity(found))]
+    parts = (("", "length"), ("rotation_", "angle"))
+    for i, (start, quantity) in enumerate(parts[:1 + rotates(found)]):
+        out += [Column(f"{start}linear", curve.linear[:, i], quantity),
+                Column(f"{start}exact", curve.exact[:, i], quantity),
+                Column(f"{start}difference", curve.apart[:, i], quantity)]
+    return [*out, Column("relative", curve.relative)]
+
+
+def jacobian_table(found: Sensitivity) -> list[Column]:
+    """Return J_g at every pose: row of the poses, error, then ``dx ... drz``."""
+    good = np.array([s == "ok" for s in found.table.status])
+    at = Poses(found.table.q[good], pose_motor(found.table.pose[good]), found.asked.tool)
+    free = [s.parameter for s in found.sources]
+    values = error_jacobian(Model(found.mechanism), at, free)
+    per = np.array([parameter_unit(found, s)[0] for s in found.sources])
+    names = [parameter_name(found, s) for s in found.sources]
+    out = [Column("row", np.repeat(np.flatnonzero(good) + 1, len(free))),
+           Column("name", names * int(good.sum()))]
+    return out + [Column(f"d{c}", (values[:, row] * per).ravel(), pose_quantity(row))
+                  for row, c in enumerate(POSE_COORDINATES) if row in found.mechanism.dof]
+
+
+def pictures(found: Sensitivity, grid: Grid | None) -> Iterator[tuple[str, bytes]]:
+    """Yield (file, PNG): maps over a grid, and the linearity curve."""
+    from ppmcal.plotting.curves import draw_curves
+    from ppmcal.plotting.maps import draw_map
+
+    if grid is not None:
+        at = np.where(finite_rows(found.table.pose)[:, None],
+                      pose_motor(np.nan_to_num(found.table.pose)), np.nan)
+        side = determinants(Model(found.mechanism), found.table.q, at)
+        for one in maps(found, grid):
+            yield f"map_{one.name}.png", draw_map(found.mechanism, grid, one,
+                                                  side.reshape(grid.shape))
+    units = found.mechanism.units
+    curve = in_units(linearity_table(found), units)
+    what = " and ".join(found.asked.together) or "every error at once, in the worst direction"
+    yield "linearity.png", draw_curves(
+        LINEARITY, f"{what}, {size_unit(found)}", f"displacement of the tool, {units.length}",
+        [("linear", curve["size"], curve["linear"]),
+         ("nonlinear", curve["size"], curve["exact"]),
+         ("difference", curve["size"], curve["difference"])], True, True)
+
+
+def captions(found: Sensitivity, grid: Grid | None) -> dict[str, str]:
+    """Return what each picture shows, by file."""
+    out = {} if grid is None else {f"map_{m.name}.png": m.title for m in maps(found, grid)}
+    return {**out, "linearity.png": LINEARITY}
+
+
+def ranking_table(found: Sensitivity) -> ShownTable:
+    """Return the largest errors as a table for the report."""
+    table = in_units(ranking(found), found.mechanism.units)
+    keep = [c for c in ("name", "tolerance", "unit", "rss_position", "share_position",
+                        "rss_rotation", "share_rotation") if c in table]
+    rows = [[_plain(table[c][i]) for c in keep] for i in range(min(LISTED, len(table["name"])))]
+    return ShownTable(title="Errors that count most", columns=tuple(keep), rows=_tuples(rows),
+                      note="rss: from one standard deviation; all errors are in sensitivity.csv")
+
+
+def share_table(found: Sensitivity, by: str) -> ShownTable:
+    """Return shares of the tool's variance by limb or by slot."""
+    both = rotates(found)
+    rows = [[g, p, r] if both else [g, p] for g, p, r in shares(found, by)]
+    return ShownTable(title=f"Share of the tool's variance by {by}", rows=_tuples(rows), note="",
+                      columns=(by, "position", *(["rotation"] if both else [])))
+
+
+def _tuples(rows: list[list[Any]]) -> tuple[tuple[Any, ...], ...]:
+    return tuple(tuple(row) for row in rows)
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, str) else float(value) if np.isfinite(value) else None

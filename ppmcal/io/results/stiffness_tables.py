@@ -1,0 +1,140 @@
+"""Tables and maps of ``stiffness``: how far the tool gives way, and what gives way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.design.stiffness import Home, Stiffnesses
+from ppmcal.io.results.design import ShownTable
+from ppmcal.kinematics.region import Grid
+from ppmcal.linalg import Array
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.plotting.map_data import Map
+
+WIDE = 30.0
+"""Colours go with the logarithm where values differ by more than this factor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A load at the tool point: ``wrench`` (6,) in base axes, N and N m, and in words."""
+
+    wrench: Array
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessStudy:
+    """What was asked, and what was found.
+
+    Attributes:
+        mechanism: as read.
+        wanted: poses (N, 6), nan where open; ``grid``: where they are one.
+        tool: tool point in platform axes (3,), m.
+        load: None without one.
+        home: compliance at home; ``found``: over the poses.
+        notes: what the command has to say itself.
+    """
+
+    mechanism: Mechanism
+    wanted: Array
+    grid: Grid | None
+    tool: Array
+    load: Load | None
+    home: Home
+    found: Stiffnesses
+    notes: tuple[str, ...] = ()
+
+
+def maps(study: StiffnessStudy) -> list[Map]:
+    """Return what the table holds, in the grid's shape, or one row per pose."""
+    units, found = study.mechanism.units, study.found
+    shape = study.grid.shape if study.grid else (len(found.determinant),)
+
+    def one(name: str, title: str, quantity: str, values: Array) -> Map:
+        shown = Map.of(units, name, title, quantity, values.reshape(shape))
+        finite = shown.values[np.isfinite(shown.values) & (shown.values > 0.0)]
+        wide = bool(finite.size) and bool(finite.max() > WIDE * finite.min())
+        return replace(shown, log=wide)
+
+    soft, stiff = found.translational.T
+    out = [one("stiffness_min", "Translational stiffness, softest direction", "N/length", soft),
+           one("stiffness_max", "Translational stiffness, stiffest direction", "N/length", stiff)]
+    turns = [c for c in study.mechanism.dof if c >= 3]
+    if turns:
+        soft, stiff = found.rotational.T
+        out += [one("rotational_min", "Rotational stiffness, softest axis", "N.m/angle", soft),
+                one("rotational_max", "Rotational stiffness, stiffest axis", "N.m/angle", stiff)]
+    if found.deflection is not None and study.load is not None:
+        size = [np.linalg.norm(found.deflection[:, part], axis=1)
+                for part in (slice(0, 3), slice(3, 6))]
+        under = f"of the tool under {study.load.words}"
+        out.append(one("deflection_position", f"Displacement {under}", "length", size[0]))
+        if turns:
+            out.append(one("deflection_rotation", f"Rotation {under}", "angle", size[1]))
+    return out
+
+
+def share_table(study: StiffnessStudy) -> ShownTable:
+    """Return which part gives way most at home: limb by limb, and part by part, in percent."""
+    found = study.home.compliance
+    wrench, what = divided_load(study)
+    share = 100.0 * found.shares(wrench)[0]
+    owners = list(dict.fromkeys(s.owner for s in found.springs))
+    parts = sorted({s.part.partition(".")[0] for s in found.springs},
+                   key=lambda p: (p.startswith("joint"), p))
+    sums = {(o, p): [float(v) for v, s in zip(share, found.springs, strict=True)
+                     if s.owner == o and s.part.partition(".")[0] == p]
+            for o in owners for p in parts}
+
+    def cell(chosen: list[str], part: list[str]) -> str:
+        values = [v for o in chosen for p in part for v in sums[o, p]]
+        return f"{sum(values):.1f}" if values else "-"
+
+    named = [*((o, [o]) for o in owners), ("all", owners)]
+    rows = tuple((name, *(cell(own, [p]) for p in parts), cell(own, parts)) for name, own in named)
+    if not np.isfinite(share).all():
+        rows = ()
+    return ShownTable(title="What gives way at home, percent", columns=("limb", *parts, "all"),
+                      rows=rows, note=f"Shares of the deflection along {what}: of twice the "
+                      "energy in the springs.")
+
+
+def divided_load(study: StiffnessStudy) -> tuple[Array, str]:
+    """Return the load whose deflection is divided up (6,), and its name."""
+    if study.load is not None:
+        return study.load.wrench, study.load.words
+    found = study.home.compliance
+    out = np.zeros(6)
+    move = [c for c in study.mechanism.dof if c < 3]
+    soft = found.translational()
+    if np.isfinite(soft.values[0, 0]):
+        out[move] = soft.directions[0, :, 0]
+        return out, "a force in the softest direction"
+    turn = [c for c in study.mechanism.dof if c >= 3]
+    soft = found.rotational()
+    if turn:
+        out[turn] = soft.directions[0, :, 0]
+    return out, "a moment about the softest axis"
+
+
+def principal_table(study: StiffnessStudy) -> ShownTable:
+    """Return the principal stiffnesses at home with their directions."""
+    mechanism, found = study.mechanism, study.home.compliance
+    rows = []
+    for word, principal, quantity in (("translation", found.translational(), "N/length"),
+                                      ("rotation", found.rotational(), "N.m/angle")):
+        axes = [c % 3 for c in mechanism.dof if (c < 3) == (word == "translation")]
+        for k, value in enumerate(principal.values[0] / mechanism.units.factor(quantity)):
+            way = np.zeros(3)
+            way[axes] = principal.directions[0, :, k]
+            text = "rigid" if np.isinf(value) else f"{value:.5g}"
+            rows.append((word, text, mechanism.units.name(quantity),
+                         *(f"{v + 0.0:.3f}" for v in np.round(way, 3))))
+    return ShownTable(
+        title="Principal stiffness at home", rows=tuple(rows),
+        columns=("motion", "stiffness", "unit", "along x", "along y", "along z"),
+        note="Inverses of the translational and the rotational block of the compliance, "
+        "from soft to stiff; directions and axes in base axes.")
