@@ -22,7 +22,7 @@ from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, moved
 from ppmcal.kinematics.registration import Station, measured_pose
-from ppmcal.model.effects.kind import Shift
+from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]

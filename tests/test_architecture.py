@@ -125,17 +125,16 @@ def test_no_class_name_twice():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder with the three modules; effect and controller are found by their entry points."""
+    """A folder with the three modules, found by the entry points of the page alone."""
     folder = tmp_path_factory.mktemp("site")
     for name, code in MODULES.items():
         (folder / f"{name}.py").write_text(code, encoding="utf-8")
-    entries = {f"ppmcal.{what}": GROUPS[f"ppmcal.{what}"] for what in ("effects", "controllers")}
     installed = folder / "workshop-1.0.dist-info"
     installed.mkdir()
     (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: workshop\nVersion: 1.0\n")
     (installed / "entry_points.txt").write_text("".join(
         f"[{group}]\n" + "".join(f"{n} = {v}\n" for n, v in lines.items())
-        for group, lines in entries.items()))
+        for group, lines in GROUPS.items()))
     return folder
 
 
@@ -161,10 +160,7 @@ LIMB = """
 import json
 import numpy as np
 import ppmcal
-from ppmcal.model.limbs.kind import register
-from workshop_limb import PRS
 
-register(PRS)
 limbs = []
 for i in range(3):
     c, s = np.cos(np.radians(90 + 120 * i)), np.sin(np.radians(90 + 120 * i))

@@ -19,13 +19,14 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import held_out_gap as gaps
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest, build_test, log_p
 from ppmcal.diagnosis.adequacy import kernel_test
-from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.candidates import library, usual_range
 from ppmcal.diagnosis.hypotheses import Library, united
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.rivals import find, rivals
 from ppmcal.diagnosis.selection import DETECT, NAME, null_scan, scan
 from ppmcal.diagnosis.stage import Stage, of_single, run_stage
 from ppmcal.diagnosis.whitening import estimate, heavy, pure_error, simulated
+from ppmcal.model.effects import EffectParameter
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 
@@ -536,3 +537,13 @@ def test_a_rival_on_several_actuators_names_them_all() -> None:
     assert (rival.form.kind, rival.form.on) == ("curvature", ("leg1", "leg3"))
     given = stage.search.test.given
     assert given(rival.form.columns).square < given(rival.form.columns[:3]).square
+
+
+@pytest.mark.parametrize(("traits", "expected"), [
+    ({}, (-np.inf, np.inf)), ({"usual": (0.0, 0.05), "of_stroke": True}, (0.0, 0.02)),
+    ({"reciprocal": True}, (0.0, np.inf)),
+    ({"reciprocal": True, "usual": (10.0, 1e4)}, (1e-4, 0.1))])
+def test_the_range_of_a_coefficient(traits: dict[str, Any], expected: tuple[float, float]) -> None:
+    """A kind that says no range has any; a reciprocal one is judged by its inverse."""
+    found = usual_range(EffectParameter("k", "joint", **traits), 0.4)
+    assert found == pytest.approx(expected)

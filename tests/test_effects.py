@@ -33,8 +33,23 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
-from ppmcal.model.dataset import Dataset, Environment, environment, unknown_environment, ways
-from ppmcal.model.effects import EffectKind, LimbSetting, Setting, effect_kinds
+from ppmcal.model.dataset import (
+    WRENCH,
+    Dataset,
+    Environment,
+    environment,
+    unknown_environment,
+    ways,
+)
+from ppmcal.model.effects import (
+    EffectKind,
+    Inputs,
+    LimbSetting,
+    ScanRange,
+    Setting,
+    effect_kinds,
+)
+from ppmcal.model.limbs import kinds as limb_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import SI
 
@@ -190,6 +205,54 @@ def test_described(kind: str) -> None:
             assert below in ("", "length", "angle", "joint", "load", "s", "K", "N", "N.m"), s.name
             assert s.low < s.high
             assert s.default is None or np.isnan(s.default) or s.low <= s.default <= s.high
+
+
+FOLLOWED = {
+    "gain": "travel", "curvature": "travel", "eccentricity": "travel", "periodic": "phase",
+    "backlash": "direction", "windup": "wound load", "lag": "velocity", "compliance": "load",
+    "clearance": "load", "base_compliance": "wrench", "leg_thermal": "temperature",
+    "base_thermal": "temperature", "platform_thermal": "temperature", "drift": "time",
+    "sensor_scale": "point", "tilt": "point"}
+
+
+@pytest.mark.parametrize("kind", CONTRACT)
+def test_what_residuals_are_drawn_against(kind: str) -> None:
+    assert effect_kinds()[kind].input.name == FOLLOWED[kind]
+
+
+@each_kind
+def test_traits_fit_together(kind: str) -> None:
+    """Traits name parameters, slots and components that there are; a scan stays in its range."""
+    found = effect_kinds()[kind]
+    slots = {s.name for limb in limb_kinds().values() for s in limb.slots}
+    assert set(found.same_as) <= slots
+    assert not found.remedy.endswith(".")
+    for motion in found.motions:
+        specs = {s.name: s for s in found.parameters(motion)}
+        assert not found.period or specs[found.period].nonlinear
+        assert len(found.stroke_ends(motion)) in (0, 2)
+        for s in specs.values():
+            assert s.component in ("", *WRENCH)
+            assert not (s.constant and s.nonlinear)
+            tried = s.scan(ScanRange(0.3, 20)) if s.scan is not None else []
+            assert all(s.low <= v <= s.high for v in tried)
+            assert (len(tried) > 1) == s.nonlinear
+    rows, k = 5, 2
+    data = Inputs(*(np.ones((rows, k)) for _ in range(4)), np.ones(rows), np.ones((rows, 6)),
+                  np.ones(rows), np.ones((rows, 6)), np.ones((rows, 3)))
+    shape = found.input.value(data).shape
+    parts = len(found.input.components)
+    assert shape == (rows, parts) if parts else shape in ((rows,), (rows, k))
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"needs": ("humidity",)}, "needs humidity; columns are dir, vel, load"),
+    ({"name": "geometry"}, "an error of slots already"),
+    ({"period": "gain"}, "the period 'gain' is no parameter with a scan")])
+def test_a_kind_that_makes_no_sense(change: dict[str, Any], words: str) -> None:
+    """An unknown column, the name of the geometry, a period that no search tries."""
+    with pytest.raises(ValueError, match=words):
+        replace(effect_kinds()["gain"], **change)
 
 
 WORKED = [  # kind, parameters, setting, what the contract's table says

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import EXECUTABLE, columns, number, pick, ppmcal, rows, write_csv
+from commands import columns, install, number, pick, ppmcal, ppmcal_process, rows, write_csv
 
 from ppmcal.io import read_mechanism
 from ppmcal.model.effects import effect_kinds
@@ -346,23 +345,14 @@ KIND = EffectKind("daily", "du = size cos(2 pi time/day)", "the workshop's diary
 
 def test_a_kind_of_another_package(tmp_path: Path) -> None:
     """Installed with the entry-point group ppmcal.effects, it is read, simulated and fitted."""
-    site = tmp_path / "site"
-    info = site / "workshop-1.0.dist-info"
-    info.mkdir(parents=True)
-    (site / "workshop.py").write_text(FOREIGN)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: workshop\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[ppmcal.effects]\ndaily = workshop:KIND\n")
+    site = install(tmp_path / "site", "workshop", FOREIGN, {"ppmcal.effects": {"daily": "KIND"}})
     own = effect("daily", ["leg2"], size=0.05)
     machine(tmp_path, "3-RPR", [], "plain.yaml")
     scenario(tmp_path, "3-RPR", [own])
     machine(tmp_path, "3-RPR", marked([own], {}), free=["*.offset"])
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(
-        [str(site), *filter(None, [os.environ.get("PYTHONPATH")])])}
     for args in (["simulate", "plain.yaml", "s.yaml", "--out", "s"],
                  ["identify", "m.yaml", "s/measurements.csv", "--holdout", "0", "--out", "i"]):
-        done = subprocess.run([*EXECUTABLE, *args], cwd=tmp_path, env=environment, timeout=60,
-                              capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
+        ppmcal_process(*args, cwd=tmp_path, site=site, expect=0)
     found = {r["name"]: r for r in rows(tmp_path / "i" / "parameters.csv")}
     size = found["daily.leg2.size"]
     assert abs(number(size, "value") - 0.05) < 4.0 * number(size, "sigma")

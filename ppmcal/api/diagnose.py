@@ -21,7 +21,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_wording import headline
-from ppmcal.model.effects import effect_kinds
+from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.report.figure_files import diagnosis_files, need_png
 
@@ -99,8 +99,8 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         NoResult: measurements that do not fit the machine at all, or no convergence.
     """
     for kind in kinds:
-        if kind != "geometry" and kind not in effect_kinds():
-            raise unknown("effect", kind, [*effect_kinds(), "geometry"], "--kind")
+        if kind != GEOMETRY and kind not in effect_kinds():
+            raise unknown("effect", kind, [*effect_kinds(), GEOMETRY], "--kind")
     if not 0.0 <= holdout <= 0.9:
         raise BadInput(f"{holdout:g} is no part of the poses", "--holdout", "Give 0 to 0.9")
     if png:

@@ -108,8 +108,8 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
         columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
         sequence: targets are visited in order, which gives the directions of approach.
 
-    An instrument's own scale error or tilt (effects ``sensor_scale``, ``tilt``) is not
-    commanded into the machine: targets are true positions in its frame.
+    An instrument's own error (its scale, say) is not commanded into the machine: targets are
+    true positions in its frame.
     """
     k = len(mechanism.actuators)
     station = station_of(registration, k) if registration else base_station(k)

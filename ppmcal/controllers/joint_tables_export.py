@@ -30,8 +30,6 @@ from ppmcal.model.mechanism import Mechanism
 SEED = 1
 MOST_TRIED = 500
 """Poses of the grid at which tables are tried, each in two directions."""
-INSTRUMENT = ("sensor_scale", "tilt")
-"""Effects of what measured the machine; nothing of them is sent to it."""
 
 
 def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
@@ -110,7 +108,7 @@ def _not_expressed(mechanism: Mechanism, tables: tuple[CorrectionTable, ...], tr
                                f"{', '.join(t.actuator for t in short)}", (), cost)
     held = joint_effects(mechanism)
     for effect in mechanism.effects:
-        if effect not in held and effect.kind.name not in INSTRUMENT:
+        if effect not in held and not effect.kind.instrument:
             needs = effect.kind.needs
             why = (f"which depends on {', '.join(needs)} and is not in the figures either"
                    if needs else "which acts on more than the joints")
@@ -162,7 +160,7 @@ def _notes(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Iterato
 def instrument_notes(mechanism: Mechanism) -> Iterator[str]:
     """Yield which effects are the instrument's, so that no controller has to know them."""
     for effect in mechanism.effects:
-        if effect.kind.name in INSTRUMENT:
+        if effect.kind.instrument:
             yield f"effect {effect.kind.name} belongs to the instrument and is not sent"
 
 

@@ -23,6 +23,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array
+from ppmcal.model.limbs.spatial import PUS
 from ppmcal.model.mechanism import Mechanism
 
 MM = 1e-3
@@ -83,11 +84,11 @@ def drive_of(mechanism: Mechanism) -> KlipperDrive:
     """
     limbs = mechanism.limbs
     kinds = {limb.kind.name for limb in limbs}
-    if (mechanism.motion != "translational" or kinds != {"(P)US"} or len(limbs) != 3
+    if (mechanism.motion != "translational" or kinds != {PUS.name} or len(limbs) != 3
             or len(mechanism.actuators) != 3):
         raise BadInput(f"the machine is {mechanism.motion} with limbs "
                        f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,
-                       "A linear delta has three limbs (P)US with `motion: translational`")
+                       f"A linear delta has three limbs {PUS.name} with `motion: translational`")
     towers = _towers(mechanism)
     zero, scale = np.zeros(3), np.zeros(3)
     nominal = mechanism.nominals

@@ -24,6 +24,7 @@ from ppmcal.controllers.klipper_config import (
 from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, project
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import csv_text
+from ppmcal.model.limbs.spatial import PUS
 from ppmcal.model.mechanism import Mechanism
 
 CONFIG = "klipper.cfg"
@@ -167,7 +168,7 @@ def _tower(printer: Printer, i: int, rods: str) -> str:
     offset = g.endstops[i] + math.sqrt(arm**2 - g.radius**2)
     return f"""\
   - name: {TOWERS[i]}
-    kind: (P)US
+    kind: {PUS.name}
     base:
       point:
         radius: {{share: delta_radius, value: {g.radius!r}}}

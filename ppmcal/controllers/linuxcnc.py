@@ -29,6 +29,7 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import U
+from ppmcal.model.limbs.spatial import UPS
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -128,12 +129,12 @@ def legs_of(mechanism: Mechanism) -> Legs:
         BadInput: the machine is not a hexapod of six driven struts.
     """
     limbs = mechanism.limbs
-    if (mechanism.motion != "spatial" or [limb.kind.name for limb in limbs] != ["U(P)S"] * STRUTS
+    if (mechanism.motion != "spatial" or [limb.kind.name for limb in limbs] != [UPS.name] * STRUTS
             or len({limb.actuator for limb in limbs}) != STRUTS):
         raise BadInput(f"the machine is {mechanism.motion} with limbs "
                        f"{', '.join(limb.kind.name for limb in limbs)}", mechanism.source,
-                       "genhexkins takes six limbs U(P)S with `motion: spatial`, each with its "
-                       "own actuator")
+                       f"genhexkins takes six limbs {UPS.name} with `motion: spatial`, each "
+                       "with its own actuator")
     model = Model(mechanism)
     u = [float(model.joint_coordinate(i, home_state(mechanism).q[None])[0]) for i in range(STRUTS)]
     rows = []

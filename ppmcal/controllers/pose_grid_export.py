@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.controllers.export import Exported, NotExpressed
-from ppmcal.controllers.joint_tables_export import INSTRUMENT, instrument_notes
+from ppmcal.controllers.joint_tables_export import instrument_notes
 from ppmcal.controllers.pose_grid import (
     BETWEEN,
     Corrected,
@@ -87,7 +87,7 @@ def _not_expressed(mechanism: Mechanism, found: Corrected, asked: bool) -> Itera
         yield NotExpressed(f"{missing} of {len(found.good)} poses, left out: {_reasons(found)}", (),
                            None)
     for effect in mechanism.effects:
-        if effect.kind.needs and effect.kind.name not in INSTRUMENT:
+        if effect.kind.needs and not effect.kind.instrument:
             yield NotExpressed(f"effect {effect.kind.name}, which depends on "
                                f"{', '.join(effect.kind.needs)}: taken without direction, speed "
                                "and load, at 20 C",

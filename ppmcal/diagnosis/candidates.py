@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from ppmcal.diagnosis.hypotheses import (
-    GEOMETRY,
     Collector,
     Hypothesis,
     Library,
@@ -20,29 +20,70 @@ from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.diagnosis.selection import Search, columns_of
 from ppmcal.kinematics.effect_response import lacking, setting
 from ppmcal.linalg import Bools, finite_rows
-from ppmcal.model.effects import EffectKind, EffectParameter, Setting, effect_kinds
+from ppmcal.model.dataset import WRENCH
+from ppmcal.model.effects import (
+    GEOMETRY,
+    EffectKind,
+    EffectParameter,
+    ScanRange,
+    Setting,
+    effect_kinds,
+)
+from ppmcal.model.mechanism import limbs_with_free
 
-KIND, PARAMETER = "compliance", "stiffness"
 ALIKE = 0.5
 """It looks like an effect if it explains this part of what the effect does."""
 
 
 def unrecorded_load(to: Collector) -> None:
-    """Add what compliance does under a constant weight of 1 N, where no load was recorded."""
+    """Add what kinds do under a constant weight of 1 N, where no load was recorded."""
     if any(finite_rows(p.response.rows.wrench).any() for p in to.system.parts):
         return
-    kind = effect_kinds()[KIND]
-    spec = next(s for s in kind.parameters(to.motion) if s.name == PARAMETER)
     settings = [_weighed(p, to) for p in to.system.parts]
+    for kind in effect_kinds().values():
+        if kind.under_weight and to.motion in kind.motions:
+            _under_weight(to, kind, settings)
+
+
+def _under_weight(to: Collector, kind: EffectKind, settings: Sequence[Setting]) -> None:
+    specs = [s for s in kind.parameters(to.motion) if not s.constant]
+    values = start_values(kind, to.motion)
     own = {}
     for a, name in enumerate(to.actuators):
         one = np.arange(len(to.actuators)) == a
-        terms = [kind.evaluate(s, one, {PARAMETER: 1.0}).by[PARAMETER] for s in settings]
-        own[name] = to.add(-to.system.column(terms))  # d/d(1/k) at k = 1
-    whole = to.add(np.sum([to.columns[c] for c in own.values()], axis=0))
-    for on, column in [((name,), c) for name, c in own.items()] + [(to.actuators, whole)]:
-        to.unrecorded.append(Hypothesis(KIND, tuple(on), True, (PARAMETER,), (0.0,), (spec.high,),
-                                  (column,)))
+        terms = [kind.evaluate(s, one, values).by for s in settings]
+        own[name] = tuple(to.add(_sign(s) * to.system.column([by[s.name] for by in terms]))
+                          for s in specs)
+    whole = tuple(to.add(np.sum([to.columns[c] for c in cs], axis=0))
+                  for cs in zip(*own.values(), strict=True))
+    for on, columns in [((name,), cs) for name, cs in own.items()] + [(to.actuators, whole)]:
+        to.unrecorded.append(Hypothesis(
+            kind.name, tuple(on), True, tuple(s.name for s in specs),
+            tuple(_lowest(s) for s in specs), tuple(s.high for s in specs), columns))
+
+
+def start_values(kind: EffectKind, motion: str) -> dict[str, float]:
+    """Return where the linear model of a kind is taken: at nothing, a reciprocal one at 1."""
+    return {s.name: 1.0 if s.reciprocal else s.default if s.constant and s.default is not None
+            else 0.0 for s in kind.parameters(motion)}
+
+
+def usual_range(spec: EffectParameter, stroke: float) -> tuple[float, float]:
+    """Return the range of a parameter's coefficient in machines, SI; ``stroke``: the longest."""
+    low, high = spec.usual
+    if spec.reciprocal:
+        return 1.0 / high, 1.0 / low if low > 0.0 else np.inf
+    scale = stroke if spec.of_stroke else 1.0
+    return scale * low, scale * high
+
+
+def _sign(spec: EffectParameter) -> float:
+    """Return the sign of d/d(1/k) at k = 1 against d/dk, for what is linear in 1/k."""
+    return -1.0 if spec.reciprocal else 1.0
+
+
+def _lowest(spec: EffectParameter) -> float:
+    return 0.0 if spec.reciprocal else spec.low
 
 
 def _weighed(part: SystemPart, to: Collector) -> Setting:
@@ -73,12 +114,6 @@ def look_alikes(search: Search, forms: Sequence[Hypothesis], chosen: Sequence[in
     return [best[1]] if best else []
 
 
-FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
-"""Periods per stroke that are tried; a longer wave is a curvature."""
-STEP = 0.4
-DIRECTIONS = 12
-
-
 class _Kinds(Collector):
     """Makes the forms of every kind of effect."""
 
@@ -87,8 +122,7 @@ class _Kinds(Collector):
         usable = self.turning if kind.joints == "turning" else np.ones_like(self.turning)
         if self.motion not in kind.motions or not usable.any():
             return
-        if kind.name == "gain":
-            usable = usable & ~self._free_ratio()
+        usable = usable & ~self._free_already(kind)
         on, missing = self._recorded(kind, usable)
         if missing:
             self.untestable.append(Untestable(
@@ -101,81 +135,59 @@ class _Kinds(Collector):
     def _forms(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
         specs = [s for s in kind.parameters(self.motion)
                  if not s.constant and s.name not in constants]
-        values = {s.name: s.default if s.constant and s.default is not None else 0.0
-                  for s in kind.parameters(self.motion)} | constants
-        values |= {s.name: 1.0 for s in specs if s.reciprocal}
-        specs = [s for s in specs if self._varies(kind, s.name)]
+        values = start_values(kind, self.motion) | constants
+        specs = [s for s in specs if self._varies(s)]
         if not specs:
             return
-        low = tuple(0.0 if s.reciprocal else s.low for s in specs)
+        low = tuple(_lowest(s) for s in specs)
         high = tuple(s.high for s in specs)
-        usual = tuple(self._usual(s) for s in specs)
+        usual = tuple(usual_range(s, self._stroke()) for s in specs)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
-        searched = int(kind.name in ("periodic", "tilt"))
-        turns = self._stroke() / constants["period"] if "period" in constants else 0.0
+        strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
+        searched = len(constants) - len(strokes)
+        turns = self._stroke() / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
         if not kind.per_actuator:
             where = self._columns(kind, on, values, specs)
             self.forms.append(Hypothesis(kind.name, (), True, names, low, high, where, usual, shown,
-                                   searched=searched, turns=turns))
+                                   searched=searched, turns=turns, strokes=strokes))
             return
         own: dict[int, tuple[int, ...]] = {}
         for a in np.flatnonzero(on):
             one = np.arange(on.size) == a
-            ends = self._ends(int(a)) if "low" in constants else {}
+            ends = self._ends(strokes, int(a))
             own[int(a)] = self._columns(kind, one, values | ends, specs)
             self.forms.append(Hypothesis(kind.name, (self.actuators[a],), True, names, low, high,
                                    own[int(a)], usual, shown | ends, searched=searched,
-                                   turns=turns))
+                                   turns=turns, strokes=strokes))
         same = len(set(self.turning[on].tolist())) == 1
         if len(own) > 1 and same:
-            where = self._columns(kind, on, values, specs) if "low" in constants else tuple(
+            where = self._columns(kind, on, values, specs) if strokes else tuple(
                 self.add(np.sum([self.columns[c] for c in cs], axis=0))
                 for cs in zip(*own.values(), strict=True))
             on_names = tuple(self.actuators[a] for a in own)
-            self.forms.append(
-                Hypothesis(
-                    kind.name,
-                    on_names,
-                    True,
-                    names,
-                    low,
-                    high,
-                    where,
-                    usual,
-                    shown,
-                    searched=searched,
-                    turns=turns,
-                )
-            )
+            self.forms.append(Hypothesis(
+                kind.name, on_names, True, names, low, high, where, usual, shown,
+                searched=searched, turns=turns, strokes=strokes))
             self.forms.append(Hypothesis(
                 kind.name, on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
                 shown,
-                searched=searched, turns=turns))
-
-    def _usual(self, spec: EffectParameter) -> tuple[float, float]:
-        """Return the range of a parameter's coefficient in machines, SI."""
-        low, high = spec.usual
-        if spec.reciprocal:
-            return 1.0 / high, 1.0 / low
-        scale = self._stroke() if spec.of_stroke else 1.0
-        return scale * low, scale * high
+                searched=searched, turns=turns, strokes=strokes))
 
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
         """Add one column for each parameter of an effect; return where they are."""
         terms = [kind.evaluate(p.setting, on, values).by for p in self.system.parts]
-        signs = [-1.0 if s.reciprocal else 1.0 for s in specs]  # d/d(1/k) at k = 1
-        return tuple(self.add(sign * self.system.column([by[s.name] for by in terms]))
-                     for s, sign in zip(specs, signs, strict=True))
+        return tuple(self.add(_sign(s) * self.system.column([by[s.name] for by in terms]))
+                     for s in specs)
 
-    def _varies(self, kind: EffectKind, name: str) -> bool:
-        """Whether the wrench component of a frame compliance is ever applied."""
-        if kind.needs != ("wrench",):
+    def _varies(self, spec: EffectParameter) -> bool:
+        """Whether the wrench component on which a parameter acts is ever applied."""
+        if not spec.component:
             return True
-        at = ("fx", "fy", "fz", "mx", "my", "mz").index(name.rsplit("_", 1)[1])
+        at = WRENCH.index(spec.component)
         return any(np.nanmax(np.abs(p.setting.wrench[:, at]), initial=0.0) > 0.0
                    for p in self.system.parts)
 
@@ -219,43 +231,45 @@ class _Kinds(Collector):
                 out.append(name)
         return out
 
-    def _free_ratio(self) -> Bools:
+    def _free_already(self, kind: EffectKind) -> Bools:
+        """Return the actuators where something free is the same as the kind (k,)."""
         out = np.zeros(self.turning.size, dtype=bool)
-        mechanism = self.system.problem.mechanism
-        for limb in mechanism.limbs:
-            for slot, p in limb.slots.direct:
-                if slot == "ratio" and p in self.system.problem.free:
-                    out[limb.actuator] = True
+        problem = self.system.problem
+        for limb in limbs_with_free(problem.mechanism, kind.same_as, problem.free):
+            out[limb.actuator] = True
         return out
 
     def _grids(self, kind: EffectKind) -> list[dict[str, float]]:
         """Return the values of a kind's nonlinear parameters that are tried, fitted ones first."""
-        if kind.name == "periodic":
-            stroke, poses = self._stroke(), np.unique(self.system.group).size
-            turns = np.arange(FEWEST_PERIODS, min(MOST_PERIODS, 2.0 * poses), STEP)
-            return self._fitted("period") + [{"period": float(stroke / f)} for f in turns]
-        if kind.name == "tilt":
-            return self._fitted("direction") + [
-                {"direction": np.pi * i / DIRECTIONS} for i in range(DIRECTIONS)]
-        if kind.name == "curvature" and not np.isfinite(
-                self.system.parts[0].setting.stroke).all():
-            return [self._ends()]
-        return [{}]
+        data = ScanRange(self._stroke(), np.unique(self.system.group).size)
+        tried = {s.name: s.scan(data) for s in kind.parameters(self.motion) if s.scan is not None}
+        grid = [dict(zip(tried, map(float, values), strict=True))
+                for values in product(*tried.values())]
+        if tried:
+            grid = self._fitted(kind, tried) + grid
+        known = np.isfinite(self.system.parts[0].setting.stroke).all()
+        ends = {} if known else self._ends(kind.stroke_ends(self.motion))
+        return [constants | ends for constants in grid]
 
-    def _fitted(self, name: str) -> list[dict[str, float]]:
-        """Return what the fit has made of a nonlinear parameter already."""
+    def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
+        """Return what the fit has made of a kind's nonlinear parameters already."""
         g = self.system.state.g
-        return [{name: float(g[e.parameters[name]])}
-                for e in self.system.problem.mechanism.effects if name in e.parameters]
+        return [{n: float(g[e.parameters[n]]) for n in names}
+                for e in self.system.problem.mechanism.effects if e.kind.name == kind.name]
 
-    def _ends(self, actuator: int | None = None) -> dict[str, float]:
-        """Return the stroke of one joint, or the range of all: limits, else as measured."""
+    def _ends(self, names: Sequence[str], actuator: int | None = None) -> dict[str, float]:
+        """Return the stroke of one joint, or the range of all: limits, else as measured.
+
+        ``names``: of the constants that are its low and its high end; none: nothing.
+        """
+        if not names:
+            return {}
         travel = np.concatenate([p.setting.travel for p in self.system.parts])
         limits = self.system.parts[0].setting.stroke
         some = slice(None) if actuator is None else [actuator]
         ends = limits[some] if np.isfinite(limits[some]).all() else np.stack(
             [travel.min(axis=0), travel.max(axis=0)], axis=-1)[some]
-        return {"low": float(ends[:, 0].min()), "high": float(ends[:, 1].max())}
+        return dict(zip(names, (float(ends[:, 0].min()), float(ends[:, 1].max())), strict=True))
 
     def _stroke(self) -> float:
         return self.system.stroke or 1.0

@@ -160,18 +160,21 @@ def _imitated(stage: Stage) -> bool:
     """Whether all that is named only makes up a shape along joints that none of it is."""
     joints = {joint for joint, _ in _neither(stage)}
     return bool(joints) and all(
-        f.on and set(f.on) <= joints and f.kind in (*SMOOTH, "periodic") for f in stage.named)
+        f.on and set(f.on) <= joints and f.effect is not None
+        and (f.effect.smooth or f.effect.period) for f in stage.named)
 
 
 def _slow(stage: Stage, form: Hypothesis) -> bool:
     """Whether a form is smooth over the stroke; a wave is if it has few periods there."""
-    if form.kind == "periodic":
-        return stage.system.stroke < FEW_PERIODS * form.constants["period"]
-    return form.kind in SMOOTH
+    kind = form.effect
+    if kind is None:
+        return False
+    if kind.period:
+        return stage.system.stroke < FEW_PERIODS * form.constants[kind.period]
+    return kind.smooth
 
 
 FEW_PERIODS = 4.0
-SMOOTH = ("curvature", "eccentricity")
 
 
 def _split(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dataset, ...]]:

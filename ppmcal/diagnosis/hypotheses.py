@@ -9,10 +9,8 @@ import numpy as np
 
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.linalg import Array
-from ppmcal.model.effects import Shift
+from ppmcal.model.effects import GEOMETRY, EffectKind, Shift, effect_kinds
 from ppmcal.model.parameters import is_joint_component
-
-GEOMETRY = "geometry"
 
 
 @dataclass(frozen=True)
@@ -24,12 +22,13 @@ class Hypothesis:
         on: actuator names, empty for the whole machine.
         shared: one value for all of ``on``, else one for each.
         names: parameters by column; with one value for each actuator ``leg1:width``.
-        constants: parameters that are not linear: period, direction.
+        constants: values of parameters that are not linear, and ends of the stroke.
         slot: the frozen parameter's name, for ``geometry``.
         anonymous: a shape without a cause; it takes part so that no kind has to imitate
             it, and is never named.
         searched: how many constants a grid has chosen.
         turns: periods per stroke of a periodic error.
+        strokes: which constants are ends of the stroke: each joint may have its own.
         choices: logarithm of the number of sets of actuators that it was chosen from.
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
@@ -49,12 +48,18 @@ class Hypothesis:
     anonymous: bool = False
     searched: int = 0
     turns: float = 0.0
+    strokes: tuple[str, ...] = ()
     choices: float = 0.0
 
     @property
     def size(self) -> int:
         """Number of columns."""
         return len(self.columns)
+
+    @property
+    def effect(self) -> EffectKind | None:
+        """The kind with its traits; None for a frozen slot or a shape without a cause."""
+        return effect_kinds().get(self.kind)
 
     @property
     def family(self) -> str:
@@ -69,7 +74,9 @@ class Hypothesis:
 
     def alike(self, other: Hypothesis) -> bool:
         """Whether the constants are the same; each joint may have a stroke of its own."""
-        return self.constants == other.constants or "low" in self.constants
+        mine, others = ({n: v for n, v in form.constants.items() if n not in self.strokes}
+                        for form in (self, other))
+        return mine == others
 
     @property
     def label(self) -> str:

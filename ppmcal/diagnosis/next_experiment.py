@@ -34,14 +34,6 @@ SETTLED = 2.0 * np.log(20.0)
 """Rivals count as told apart at odds of 20 to 1: twice the log-likelihood ratio."""
 SURE = 1.645
 """Quantile of the chance, 95 %, that the measurements' own noise does not prevent it."""
-REMEDY = {
-    "sensor_scale": "measure a known distance (a scale bar) with the same instrument",
-    "leg_thermal": "record temperature_<sensor> of legs and of the base apart",
-    "base_thermal": "record temperature_<sensor> of legs and of the base apart",
-    "platform_thermal": "record temperature_<sensor> of the platform apart",
-    "drift": "go back to one reference pose at intervals, at changing temperature",
-    "gain": "measure one joint's travel directly, or a known distance",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +104,7 @@ def wanted(start: float) -> float:
 
 
 def _remedy(a: Hypothesis, b: Hypothesis) -> str:
-    hints = [REMEDY[f.kind] for f in (a, b) if f.kind in REMEDY]
+    hints = [f.effect.remedy for f in (a, b) if f.effect is not None and f.effect.remedy]
     return hints[0] if hints else "record what the two depend on separately"
 
 

@@ -65,7 +65,8 @@ def implausible_words(found: Found, index: int) -> str:
     form = found.first.search.forms[index]
     values = fitted_values(found.first.search, index)
     motion = found.before.problem.mechanism.motion
-    specs = {s.name: s for s in find_effect(form.kind).parameters(motion)}
+    kind = find_effect(form.kind)
+    specs = {s.name: s for s in kind.parameters(motion)}
     told = []
     for name, value, (low, high) in zip(form.names, values, form.usual, strict=True):
         if low <= value <= high:
@@ -75,7 +76,7 @@ def implausible_words(found: Found, index: int) -> str:
             value, low, high = 1.0 / value, 1.0 / high, 1.0 / low
         told.append(f"{name.replace(':', ' ')} {value:.3g}, beyond {low:.2g} to {high:.2g} "
                     f"(SI; {spec.why})")
-    column = ", ".join(COLUMNS.get(n, n) for n in find_effect(form.kind).needs) or (
+    column = kind.doubt or ", ".join(COLUMNS.get(n, n) for n in kind.needs) or (
         "the joint columns and of the rotations")
     return (f"{form.label} would explain most, but with {'; '.join(told[:2])}: no machine has "
             f"that; check the unit of {column}. Nothing is named in its place")

@@ -24,10 +24,10 @@ from ppmcal.diagnosis.linear_system import (
 )
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import own_log_p
-from ppmcal.diagnosis.stage import NOT_LINEAR, named_only, without
+from ppmcal.diagnosis.stage import named_only, without
 from ppmcal.linalg import Array, Bools, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.effects import find_effect
+from ppmcal.model.effects import EffectParameter, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -154,8 +154,7 @@ def _known_size(fit: Fit, spread: Array, added: Sequence[Added], key: Key) -> fl
 def _against_zero(fit: Fit, spread: Array, columns: Sequence[int]) -> float:
     """Return the log p of the linear parameters among some columns of a fit being all 0."""
     mechanism = fit.problem.mechanism
-    linear = [c for c in columns
-              if not mechanism.parameters[fit.problem.free[c]].name.endswith(NOT_LINEAR)]
+    linear = [c for c in columns if not mechanism.parameters[fit.problem.free[c]].nonlinear]
     if not linear or not any(mechanism.parameters[fit.problem.free[c]].size for c in linear):
         return -np.inf  # a slot of the geometry
     parameters = [mechanism.parameters[fit.problem.free[c]] for c in linear]
@@ -179,13 +178,19 @@ def _outside(fit: Fit, spread: Array, found: Found, key: Key) -> float:
     It has to be in the range that machines have. Joints that are made alike have one period, and
     two waves of their own on the same joints are more often some other shape.
     """
+    kind = effect_kinds().get(key[0])
+    specs = kind.parameters(fit.problem.mechanism.motion) if kind else ()
+    return max((_none_of_machines(fit, spread, found, key, s) for s in specs if s.nonlinear),
+               default=-np.inf)
+
+
+def _none_of_machines(fit: Fit, spread: Array, found: Found, key: Key, spec: EffectParameter
+                      ) -> float:
     names = fit.problem.mechanism.names
     columns = [c for c in _columns(fit, found.added, key)
-               if names[fit.problem.free[c]].endswith(NOT_LINEAR)]
+               if names[fit.problem.free[c]].endswith(f".{spec.name}")]
     if not columns:
         return -np.inf
-    parameters = find_effect(key[0]).parameters(fit.problem.mechanism.motion)
-    spec = next(s for s in parameters if f".{s.name}" in NOT_LINEAR)
     scale = found.last.system.stroke if spec.of_stroke else 1.0
     values = np.array([fit.state.g[fit.problem.free[c]] for c in columns])
     if np.any(values < spec.usual[0] * scale) or np.any(values > spec.usual[1] * scale):

@@ -20,6 +20,7 @@ from ppmcal.calibration.problem import Rows
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE
+from ppmcal.model.effects import Inputs
 from ppmcal.model.mechanism import Mechanism
 
 MOST_ROWS = 6000
@@ -40,24 +41,6 @@ class ProfileErrors:
     joint: Array
     sigma: Array
     measured: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """What N rows depend on, SI: see :class:`ppmcal.model.effects.Setting`; nan where not recorded.
-
-    ``pose`` (N, 6) of the platform; ``point`` (N, 3) as measured; ``temperature`` deg C.
-    """
-
-    travel: Array
-    approach: Array
-    velocity: Array
-    load: Array
-    temperature: Array
-    wrench: Array
-    time: Array
-    pose: Array
-    point: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,7 +83,7 @@ def _elsewhere(search: Search, form: Hypothesis) -> list[tuple[int, ...]]:
     single: dict[str, dict[str, int]] = {}
     for i, other in enumerate(search.forms):
         if len(other.on) == 1 and other.on[0] in form.on and not other.slot and (
-                other.kind not in ("periodic", form.kind)):
+                not other.searched and other.kind != form.kind):
             single.setdefault(other.kind, {}).setdefault(other.on[0], i)
     return [tuple(have.values()) for have in single.values() if len(have) == len(form.on)]
 

@@ -29,8 +29,6 @@ from ppmcal.linalg import Array, Bools, subsample
 DRAWS = 2000
 WEAK_SURVIVAL = 0.2
 """Effects of which the geometry leaves less than this are weakly testable."""
-NOT_LINEAR = (".period", ".direction")
-"""Parameters whose contribution is not value times derivative; they only shape others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +118,7 @@ def without(system: System, added: Sequence[int]) -> System:
         value = float(system.state.g[system.problem.free[c]])
         if parameter.size is None:
             value -= parameter.nominal
-        if not parameter.name.endswith(tuple(NOT_LINEAR)):
+        if not parameter.nonlinear:  # else it only shapes others
             sign = -1.0 if parameter.reciprocal else 1.0
             residual += sign * system.jacobian[..., c] / scale[c] * value
     return replace(system, jacobian=system.jacobian[..., rest], residual=residual)

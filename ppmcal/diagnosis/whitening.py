@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.diagnosis.hypotheses import GEOMETRY, Library
+from ppmcal.diagnosis.hypotheses import Library
 from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis, unit_columns
 from ppmcal.linalg import Array
+from ppmcal.model.effects import GEOMETRY
 
 SIGNIFICANT = 1e-3
 """A covariance or correlation is whitened away where chance would show it this rarely."""
@@ -104,7 +105,7 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
         return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
     for form in library.forms:
-        if form.constants and form.kind != "curvature":
+        if form.constants and form.searched:
             if form.shared:
                 key, gain = (form.kind, form.on), explains(form.columns)
                 if gain > grid.get(key, (0.0, []))[0]:

@@ -12,13 +12,24 @@ from pydantic import BeforeValidator, Field
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.schema import Flag, Label, Number, Spread, Strict, check, refuse, show
 from ppmcal.io.yaml import to_file
-from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds, find_effect
-from ppmcal.model.mechanism import Effect, Given, Mechanism, joint_quantity, resolved, with_effect
+from ppmcal.model.effects import (
+    GEOMETRY,
+    EffectKind,
+    EffectParameter,
+    effect_kinds,
+    find_effect,
+)
+from ppmcal.model.mechanism import (
+    Effect,
+    Given,
+    Mechanism,
+    joint_quantity,
+    limbs_with_free,
+    resolved,
+    with_effect,
+)
 from ppmcal.model.parameters import free_indices
 from ppmcal.units import Units
-
-GEOMETRY = "geometry"
-"""The effect whose parameters are slots: their changes go straight into the geometry."""
 
 
 class ValueFile(Strict):
@@ -105,20 +116,23 @@ def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) 
     _known_names(one, specs, place)
     given = {s.name: _given(one, s, resolved(s.quantity, joint_quantity(mechanism, on)), machine,
                             place) for s in specs}
-    if kind.name == "gain" and any(g.free for g in given.values()):
-        _no_free_ratio(mechanism, on, place)
-    if {"low", "high"} <= set(given) and given["low"].value >= given["high"].value:
-        raise BadInput("the stroke ends where it begins, or before", f"{place}.parameters.high",
-                       "Give a `high` above `low`, or neither")
+    if any(g.free for g in given.values()):
+        _not_free_already(mechanism, kind, on, place)
+    ends = kind.stroke_ends(machine.motion)
+    if ends and given[ends[0]].value >= given[ends[1]].value:
+        raise BadInput("the stroke ends where it begins, or before",
+                       f"{place}.parameters.{ends[1]}",
+                       f"Give a `{ends[1]}` above `{ends[0]}`, or neither")
     return with_effect(mechanism, kind, on, given)
 
 
-def _no_free_ratio(mechanism: Mechanism, on: Sequence[bool], place: str) -> None:
-    for limb in mechanism.limbs:
-        for slot, p in limb.slots.direct:
-            if slot == "ratio" and on[limb.actuator] and p in mechanism.free:
-                raise BadInput(f"the ratio of {limb.name} is itself free", f"{place}.kind",
-                               "Fix the ratio, or remove the gain: they are the same")
+def _not_free_already(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool],
+                      place: str) -> None:
+    for slot in kind.same_as:
+        for limb in limbs_with_free(mechanism, (slot,), mechanism.free):
+            if on[limb.actuator]:
+                raise BadInput(f"the {slot} of {limb.name} is itself free", f"{place}.kind",
+                               f"Fix the {slot}, or remove the {kind.name}: they are the same")
 
 
 def _actuators(one: EffectFile, kind: EffectKind, machine: Machine, place: str

@@ -12,13 +12,13 @@ from typing import Any
 from pydantic import BaseModel
 
 from ppmcal.errors import unknown
-from ppmcal.io.effects import GEOMETRY, EffectFile
+from ppmcal.io.effects import EffectFile
 from ppmcal.io.mechanism_schema import DirectionFile, MechanismFile, SlotFile, groups
 from ppmcal.io.pose_fields import PoseFile
 from ppmcal.io.scenario_schema import ScenarioFile
 from ppmcal.io.sidecar import SidecarFile
 from ppmcal.io.stiffness import PARTS, TRANSLATIONS, joint_names
-from ppmcal.model.effects import effect_kinds
+from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.limbs import LimbKind, kinds
 from ppmcal.model.limbs.chain import JOINT_COMPONENTS, SlotSpec
 

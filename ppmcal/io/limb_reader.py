@@ -23,8 +23,6 @@ from ppmcal.model.limbs import LimbKind, find_kind
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.units import Units
 
-RODS = ("length", "proximal", "distal")
-
 
 def limb_kind(raw: Mapping[Any, Any], motion: str, place: str) -> LimbKind:
     """Return the kind of a limb; a leading ``3-`` or ``6-`` is not part of it."""
@@ -155,7 +153,7 @@ class LimbReader:
                 spec.tolerance_class, default=spec.default, standing=standing))
         else:
             slot = self._slot(raw, spec.name)
-            if spec.name in RODS and slot.value is not None and slot.value <= 0.0:
+            if spec.is_bar and slot.value is not None and slot.value <= 0.0:
                 raise BadInput(f"a rod of length {slot.value:g} is not possible",
                                self.at(spec.name), "Write a length greater than 0")
             if spec.name == "ratio" and slot.value == 0.0:

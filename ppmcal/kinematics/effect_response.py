@@ -69,8 +69,7 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
     for i, limb in enumerate(mechanism.limbs):
         values = model.limb_values[i]
         ratio[limb.actuator] = values.get("ratio", 1.0)
-        bars = [s.name for s in limb.kind.slots
-                if s.tolerance_class == "length" and s.name != "lateral"]
+        bars = [s.name for s in limb.kind.slots if s.is_bar]
         struts = {s: np.asarray(values[s], dtype=float) for s in bars}
         if not bars and limb.kind.actuator == "length":
             struts = {"offset": model.joint_coordinate(i, q)}
@@ -150,12 +149,12 @@ def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
     travel = setting(Model(mechanism), unknown_environment(*q.shape), q,
                      np.full((q.shape[0], 8), np.nan)).travel
     for effect in mechanism.effects:
-        ends = [effect.parameters.get(n) for n in ("low", "high")]
+        ends = [effect.parameters[n] for n in effect.kind.stroke_ends(mechanism.motion)]
         on = np.array(effect.on)
-        if None in ends or np.isfinite(mechanism.limits[on]).all():
+        if not ends or np.isfinite(mechanism.limits[on]).all():
             continue
         for p, end in zip(ends, (np.nanmin, np.nanmax), strict=True):
-            if p is not None and np.isnan(parameters[p].value):
+            if np.isnan(parameters[p].value):
                 value = float(end(travel[:, on]))
                 parameters[p] = replace(parameters[p], value=value, nominal=value)
     return replace(mechanism, parameters=tuple(parameters))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -247,6 +247,13 @@ def joint_quantity(mechanism: Mechanism, on: Sequence[bool]) -> str:
     return next(q for q, used in zip(mechanism.actuator_quantity, on, strict=True) if used)
 
 
+def limbs_with_free(mechanism: Mechanism, slots: Sequence[str], free: Collection[int]
+                    ) -> tuple[Limb, ...]:
+    """Return the limbs of which one of some slots is a parameter among ``free``."""
+    return tuple(limb for limb in mechanism.limbs
+                 if any(slot in slots and p in free for slot, p in limb.slots.direct))
+
+
 def effect_label(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool]) -> str:
     """Return a new name for an effect: ``backlash``, ``backlash.leg1+leg2``, ``backlash.2``."""
     where = "+".join(a for a, used in zip(mechanism.actuators, on, strict=True) if used)
@@ -276,7 +283,8 @@ def with_effect(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool],
         made.append(Parameter(
             f"{label}.{spec.name}", resolved(spec.quantity, joint), g.value,
             g.value if g.nominal is None else g.nominal, g.tolerance, not g.free, False, (),
-            g.sigma, g.free, 0.1 * g.value if spec.reciprocal else spec.size, spec.reciprocal))
+            g.sigma, g.free, 0.1 * g.value if spec.reciprocal else spec.size, spec.reciprocal,
+            spec.nonlinear))
     first = len(mechanism.parameters)
     index = {s.name: first + i for i, s in enumerate(kind.parameters(mechanism.motion))}
     parameters = (*mechanism.parameters, *made)

@@ -31,6 +31,7 @@ class Parameter:
         free: marked as to be fitted, with or without a tolerance (effects).
         size: a change that counts, SI, where no tolerance says so; None for geometry.
         reciprocal: predictions are linear in 1/value; steps are taken there.
+        nonlinear: of an effect that is not this value times its derivative.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Parameter:
     free: bool = False
     size: float | None = None
     reciprocal: bool = False
+    nonlinear: bool = False
 
     @property
     def prior_sigma(self) -> float | None:

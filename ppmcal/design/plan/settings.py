@@ -12,7 +12,14 @@ from ppmcal.kinematics.effect_response import with_strokes
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
-from ppmcal.model.mechanism import Given, Mechanism, joint_quantity, resolved, with_effect
+from ppmcal.model.mechanism import (
+    Given,
+    Mechanism,
+    joint_quantity,
+    limbs_with_free,
+    resolved,
+    with_effect,
+)
 from ppmcal.model.parameters import free_indices
 
 PLACE = "--for"
@@ -22,8 +29,6 @@ MOST_SETTINGS = 8
 CROSSING = 10.0
 """Seconds that a joint takes through its range at the faster of two speeds."""
 SLOWER = 0.2
-NONLINEAR = ("period", "direction")
-"""Parameters (of periodic, tilt) without which the shape of an effect is not known."""
 STIFF = 1e-6
 """A stiffness that nobody knows gives way by this part of the reach, or of 1 rad: next to
 nothing, since only how its effect is spread over the rows counts."""
@@ -108,18 +113,18 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
                            'Say between which it can be set, for example --temperature "18,26"')
     if need_load(kind) and not np.any(mechanism.gravity):
         raise BadInput(f"{name} needs the direction of weight", PLACE, "Give `gravity`")
-    if name == "clearance" and asked.payload is not None and min(asked.payload) <= 0.0:
-        raise BadInput("clearance jumps where the load changes its sign; without payload the sign "
+    if kind.by_sign and asked.payload is not None and min(asked.payload) <= 0.0:
+        raise BadInput(f"{name} jumps where the load changes its sign; without payload the sign "
                        "is not known", "--payload", "Give two payloads above 0")
     given = {e.kind.name for e in mechanism.effects}
     for spec in kind.parameters(mechanism.motion):
         if name not in given and _must_be_given(spec):
             raise BadInput(f"{name} cannot be planned for without its {spec.name}", PLACE,
                            f"Put {name} with its {spec.name} among the file's `effects`")
-    free = {p for p in mechanism.free if mechanism.parameters[p].per_unit}
-    if name == "gain" and any(p in free for limb in mechanism.limbs
-                              for slot, p in limb.slots.direct if slot == "ratio"):
-        raise BadInput("a ratio is itself free: gain is the same", PLACE, "Remove gain")
+    for slot in kind.same_as:
+        if limbs_with_free(mechanism, (slot,), mechanism.free):
+            raise BadInput(f"a {slot} is itself free: {name} is the same", PLACE,
+                           f"Remove {name}")
 
 
 def need_load(kind: EffectKind) -> bool:
@@ -129,7 +134,7 @@ def need_load(kind: EffectKind) -> bool:
 
 def _must_be_given(spec: EffectParameter) -> bool:
     """Whether an effect is not linear in a parameter and nothing says how large it is."""
-    return spec.name in NONLINEAR or (
+    return spec.nonlinear or (
         spec.default is None and spec.low > 0.0 and not spec.reciprocal)
 
 

@@ -26,6 +26,7 @@ from ppmcal.io.results.record import (
     UnitNames,
     Whole,
 )
+from ppmcal.model.effects import GEOMETRY
 from ppmcal.units import Units
 
 
@@ -283,7 +284,7 @@ def _parameters(result: Diagnosis, effect: NamedEffect) -> dict[str, EffectValue
     for name in effect.parameters:
         e = values[name]
         f = units.factor(e.quantity)
-        geometry = effect.kind == "geometry"
+        geometry = effect.kind == GEOMETRY
         known = e.sigma is not None and np.isfinite(e.sigma)
         out[name if geometry else name.rsplit(".", 1)[1]] = EffectValue(
             value=(e.error if geometry else e.value) / f,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ppmcal.io.results.diagnosis import DiagnosedEffect, DiagnosisRecord, HeldOutGap
+from ppmcal.model.effects import GEOMETRY
 from ppmcal.wording import counted, shorter, where
 
 VERDICTS = {
@@ -78,7 +79,7 @@ def name_of(record: DiagnosisRecord, kind: str, on: Sequence[str]) -> str:
 
 
 def _geometry(effect: DiagnosedEffect) -> list[str]:
-    return list(effect.parameters) if effect.kind == "geometry" else []
+    return list(effect.parameters) if effect.kind == GEOMETRY else []
 
 
 def actuators(record: DiagnosisRecord) -> int:

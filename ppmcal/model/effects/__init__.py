@@ -8,26 +8,24 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from importlib.metadata import entry_points
 
+from ppmcal.model.effects.inputs import EffectInput, Inputs
 from ppmcal.model.effects.kind import (
+    GEOMETRY,
     Derived,
     EffectKind,
     EffectParameter,
-    LimbSetting,
-    Setting,
-    Shift,
+    ScanRange,
     Terms,
     effect_kinds,
     find_effect,
     register,
-    total,
 )
+from ppmcal.model.effects.setting import LimbSetting, Setting, Shift, total
 
 for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
-for _entry in entry_points(group="ppmcal.effects"):
-    register(_entry.load())
 
-__all__ = ["Derived", "EffectKind", "EffectParameter", "LimbSetting", "Setting", "Shift", "Terms",
-           "effect_kinds", "find_effect", "register", "total"]
+__all__ = ["GEOMETRY", "Derived", "EffectInput", "EffectKind", "EffectParameter", "Inputs",
+           "LimbSetting", "ScanRange", "Setting", "Shift", "Terms", "effect_kinds", "find_effect",
+           "register", "total"]

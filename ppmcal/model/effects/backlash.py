@@ -9,13 +9,13 @@ from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,
-    Setting,
     Terms,
     Worked,
     fixed_list,
     linear,
     register,
 )
+from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:

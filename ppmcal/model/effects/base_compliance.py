@@ -7,18 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.linalg import Bools
-from ppmcal.model.effects.kind import (
-    COORDINATES,
-    PLACE,
-    EffectKind,
-    EffectParameter,
-    Setting,
-    Shift,
-    Terms,
-    Worked,
-    linear,
-    register,
-)
+from ppmcal.model.effects.kind import EffectKind, EffectParameter, Terms, Worked, linear, register
+from ppmcal.model.effects.setting import COORDINATES, PLACE, Setting, Shift
 
 WRENCH = {"planar": ("fx", "fy", "mz"), "translational": ("fx", "fy", "fz"),
           "spatial": ("fx", "fy", "fz", "mx", "my", "mz")}
@@ -29,7 +19,7 @@ def _parameters(motion: str) -> tuple[EffectParameter, ...]:
     """Return one compliance ``x_fx`` per coordinate and component of the wrench."""
     return tuple(EffectParameter(
         f"{c}_{w}", f"{'angle' if c[0] == 'r' else 'length'}/{'N.m' if w[0] == 'm' else 'N'}",
-        size=1e-8) for c in COORDINATES[motion] for w in WRENCH[motion])
+        size=1e-8, component=w) for c in COORDINATES[motion] for w in WRENCH[motion])
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:

@@ -8,13 +8,13 @@ from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
-    Setting,
     Terms,
     Worked,
     fixed_list,
     linear,
     register,
 )
+from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -27,4 +27,5 @@ BASE_THERMAL = register(EffectKind(
     "ISO 1: lengths refer to 20 degrees Celsius; ISO 230-3, thermal effects",
     fixed_list(EffectParameter("expansion", "1/K", low=-30e-6, high=30e-6, size=1e-6)),
     ("temperature",), _terms, per_actuator=False,
+    remedy="record temperature_<sensor> of legs and of the base apart",
     worked=Worked({"expansion": 11e-6}, {"temperature": 5.0, "base": 2.0}, 1.1e-4)))

@@ -11,13 +11,13 @@ from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,
-    Setting,
     Terms,
     Worked,
     fixed_list,
     linear,
     register,
 )
+from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -30,5 +30,5 @@ CLEARANCE = register(EffectKind(
     "joint clearance under load, as in stiffness analyses of parallel machines",
     fixed_list(EffectParameter("width", "joint", None, low=0.0, usual=(0.0, 0.05),
                                of_stroke=True, why=STROKE)), ("load",), _terms,
-    uses_load=True,
+    uses_load=True, by_sign=True,
     worked=Worked({"width": 2e-5}, {"load": -30.0}, -1e-5)))

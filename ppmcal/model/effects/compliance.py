@@ -8,12 +8,12 @@ from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
-    Setting,
     Terms,
     Worked,
     fixed_list,
     register,
 )
+from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -30,5 +30,5 @@ COMPLIANCE = register(EffectKind(
                                usual=(10.0, 2e9), why="a solid steel strut 50 mm thick and 200 mm "
                                "long has 2e9 N/m; [LIN] section 4.3: 6e7 to 8.1e8 N/m",
                                reciprocal=True)),
-    ("load",), _terms, uses_load=True,
+    ("load",), _terms, uses_load=True, under_weight=True,
     worked=Worked({"stiffness": 2e7}, {"load": 100.0}, 5e-6)))

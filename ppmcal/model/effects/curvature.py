@@ -12,13 +12,13 @@ from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,
-    Setting,
     Terms,
     Worked,
     fixed_list,
     linear,
     register,
 )
+from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -39,7 +39,8 @@ CURVATURE = register(EffectKind(
     "ISO 230-2, smooth part of the positioning deviation; Legendre polynomials",
     fixed_list(*(EffectParameter(f"p{n}", "joint", usual=(-0.05, 0.05), of_stroke=True, why=STROKE)
                  for n in (2, 3, 4)),
-               *(EffectParameter(n, "joint", np.nan, constant=True) for n in ("low", "high"))),
-    (), _terms,
+               *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
+                 for n in ("low", "high"))),
+    (), _terms, smooth=True,
     worked=Worked({"p2": 1e-4, "p3": 0.0, "p4": 0.0, "low": 0.0, "high": 1.0},
                   {"travel": 0.5}, -0.5e-4)))

@@ -7,18 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.linalg import Bools
-from ppmcal.model.effects.kind import (
-    COORDINATES,
-    PLACE,
-    EffectKind,
-    EffectParameter,
-    Setting,
-    Shift,
-    Terms,
-    Worked,
-    linear,
-    register,
-)
+from ppmcal.model.effects.kind import EffectKind, EffectParameter, Terms, Worked, linear, register
+from ppmcal.model.effects.setting import COORDINATES, PLACE, Setting, Shift
 
 
 def _parameters(motion: str) -> tuple[EffectParameter, ...]:
@@ -40,4 +30,5 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 DRIFT = register(EffectKind(
     "drift", "platform twist = rate time, base axes", "ISO 230-3, drift of the set-up",
     _parameters, ("time",), _terms, per_actuator=False,
+    remedy="go back to one reference pose at intervals, at changing temperature",
     worked=Worked({"x": 1e-9}, {"time": 3600.0}, 3.6e-6)))

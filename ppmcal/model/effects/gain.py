@@ -8,13 +8,13 @@ from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
-    Setting,
     Terms,
     Worked,
     fixed_list,
     linear,
     register,
 )
+from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -27,5 +27,6 @@ GAIN = register(EffectKind(
     fixed_list(EffectParameter("gain", "1", low=-0.1, high=0.1,
                                usual=(-0.03, 0.03), why="screws of ISO 3408-3 class 10 are within "
                                "7e-4, belts and spools within some percent", size=1e-5)), (),
-    _terms,
+    _terms, same_as=("ratio",),
+    remedy="measure one joint's travel directly, or a known distance",
     worked=Worked({"gain": 1e-4}, {"travel": 0.5}, 5e-5)))

@@ -1,134 +1,35 @@
-"""What an effect kind is: parameters, the columns it needs, and what it adds.
+"""What an effect kind is: parameters, the columns it needs, what it adds, and its traits.
 
-Everything that an effect can add is a :class:`Shift`: a change of limb slots row by row
-(a joint that is not where the controller believes it is a change of ``offset``), a twist
-of the platform, or a stretch of the measured positions. An effect knows slot and column
-names only; limbs know no effect, and the sum knows neither.
+An effect knows slot and column names only; limbs know no effect, and the sum knows neither.
+Whatever else the program asks of a kind (how a search scans it, what to draw it against, what
+tells it apart) is a trait with a default here: no other place knows a kind by its name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ppmcal.errors import unknown
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Bools
+from ppmcal.model.effects.inputs import BY_NEED, TRAVEL, EffectInput
+from ppmcal.model.effects.setting import Setting, Shift, total
+from ppmcal.model.registry import Registry
 
-Rows = NDArray[np.int64] | NDArray[np.bool_]
-
-COORDINATES = {"planar": ("x", "y", "rz"), "translational": ("x", "y", "z"),
-               "spatial": ("x", "y", "z", "rx", "ry", "rz")}
-PLACE = {"x": 0, "y": 1, "z": 2, "rx": 3, "ry": 4, "rz": 5}
-
-
-@dataclass(frozen=True, eq=False)
-class Shift:
-    """What effects add in N rows, SI.
-
-    Attributes:
-        slots: (limb index, slot name) -> change of that slot (N,); ``offset`` is the
-            joint's own coordinate u.
-        pose: platform displacement of the origin and rotation vector, base axes (N, 6).
-        stretch: change of the map from true to measured position, measuring frame,
-            (N or 1, 3, 3): measured = (1 + stretch) true.
-    """
-
-    slots: Mapping[tuple[int, str], Array] = field(default_factory=dict)
-    pose: Array | None = None
-    stretch: Array | None = None
-
-    def take(self, rows: Rows) -> Shift:
-        """Return the shift of some rows."""
-        stretch = self.stretch
-        if stretch is not None and stretch.shape[0] > 1:
-            stretch = stretch[rows]
-        return Shift({s: v[rows] for s, v in self.slots.items()},
-                     None if self.pose is None else self.pose[rows], stretch)
-
-    def times(self, factor: float) -> Shift:
-        """Return the shift scaled by a number."""
-        return Shift({s: factor * v for s, v in self.slots.items()},
-                     None if self.pose is None else factor * self.pose,
-                     None if self.stretch is None else factor * self.stretch)
-
-
-def total(shifts: Sequence[Shift]) -> Shift:
-    """Return the sum of shifts."""
-    slots: dict[tuple[int, str], Array] = {}
-    pose: Array | None = None
-    stretch: Array | None = None
-    for shift in shifts:
-        for name, value in shift.slots.items():
-            slots[name] = slots[name] + value if name in slots else value
-        if shift.pose is not None:
-            pose = shift.pose if pose is None else pose + shift.pose
-        if shift.stretch is not None:
-            stretch = shift.stretch if stretch is None else stretch + shift.stretch
-    return Shift(slots, pose, stretch)
+GEOMETRY = "geometry"
+"""In the place of a kind: an error of slots, which is no effect but the machine itself."""
 
 
 @dataclass(frozen=True)
-class LimbSetting:
-    """What an effect may know of one limb: its actuator and lengths, slot -> value, m.
+class ScanRange:
+    """What a scan of constants may know of the data.
 
-    ``struts``: lengths of its bars; ``offset`` stands for u where the strut is driven.
-    ``base`` and ``platform``: coordinates of its joint centres.
+    ``stroke``: the longest of the joints, m or rad; ``poses``: number of different ones.
     """
 
-    actuator: int
-    struts: Mapping[str, Array]
-    base: Mapping[str, Array]
-    platform: Mapping[str, Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What an effect may know of N rows with k actuators; nan where it was not recorded.
-
-    Attributes:
-        motion: planar, translational or spatial.
-        turning: (k,) whether the actuated joint turns; else it slides.
-        travel: ratio q (N, k), m or rad. stroke: its range (k, 2), nan where unknown.
-        approach: side from which each joint came, +1 or -1 (N, k).
-        velocity: of u (N, k), per second.
-        temperature: minus 20 degrees Celsius, K (N,).
-        wrench: on the platform at its origin, base axes (N, 6), N and N m.
-        time: s (N,).
-        limbs: one each.
-        load_of: gives the load on the actuators (N, k), N or N m.
-    """
-
-    motion: str
-    turning: Bools
-    travel: Array
-    stroke: Array
-    approach: Array
-    velocity: Array
-    temperature: Array
-    wrench: Array
-    time: Array
-    limbs: tuple[LimbSetting, ...]
-    load_of: Callable[[], Array]
-
-    @cached_property
-    def load(self) -> Array:
-        """F = J_q^T wrench (N, k): positive when it pushes towards larger u."""
-        return self.load_of()
-
-    def at_joints(self, change: Array, on: Bools) -> Shift:
-        """Return the shift of joint coordinates u by ``change`` (N, k) on some actuators."""
-        return Shift({(i, "offset"): change[:, limb.actuator]
-                      for i, limb in enumerate(self.limbs) if on[limb.actuator]})
-
-    def at_slots(self, which: str, per_unit: Array, on: Bools) -> Shift:
-        """Return relative changes ``per_unit`` (N,) of the slots ``struts``, ``base``..."""
-        return Shift({(i, slot): value * per_unit
-                      for i, limb in enumerate(self.limbs) if on[limb.actuator]
-                      for slot, value in getattr(limb, which).items()})
+    stroke: float
+    poses: int
 
 
 @dataclass(frozen=True)
@@ -142,6 +43,10 @@ class EffectParameter:
     ``of_stroke``, in parts of the joint's stroke: a value outside is not named as this effect
     (``why``: where the range is from). ``size``: a change that counts, SI. ``constant``: never
     fitted. ``reciprocal``: the effect is linear in its inverse, in which a fit takes its steps.
+    ``scan``: the values that a search tries, SI, of a parameter in which the effect is not
+    linear; a plan has to be given it. ``stroke_end``: ``low`` or ``high``, for a constant that is
+    that end of the stroke where the file leaves it open (nan). ``component``: of the wrench,
+    ``fx`` ... ``mz``, without which the parameter does nothing.
     """
 
     name: str
@@ -155,6 +60,14 @@ class EffectParameter:
     size: float = 1e-5
     constant: bool = False
     reciprocal: bool = False
+    scan: Callable[[ScanRange], Sequence[float]] | None = None
+    stroke_end: str = ""
+    component: str = ""
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether what the effect adds is not this value times its derivative."""
+        return self.scan is not None
 
 
 STROKE = "ISO 230-2: errors of a drive are small parts of its stroke"
@@ -201,6 +114,19 @@ class EffectKind:
         uses_load: whether the shift depends on the pose through the actuators' load.
         worked: a case with numbers: (parameters, setting changes, expected); see tests.
         derived: figures that follow from the parameters, told beside them.
+        follows: what its residuals are drawn against; None: the first column that it needs, or
+            the travel.
+        remedy: what to measure or record that tells it from what looks alike.
+        smooth: whether it is a slow function of the travel, so that two such kinds on one joint
+            may only make up another shape.
+        period: name of the parameter that is a period of the travel.
+        instrument: whether it acts in the instrument: no controller is told of it.
+        same_as: slots of the actuators' limbs with which, where they are free, it is one.
+        by_sign: whether it knows but the load's sign, which a plan must not leave open.
+        under_weight: whether it is an alternative where no load was recorded, by what a constant
+            weight would make it do.
+        doubt: columns whose unit is doubted where its size is none of a machine; empty: those
+            that it needs.
     """
 
     name: str
@@ -215,6 +141,38 @@ class EffectKind:
     uses_load: bool = False
     worked: Worked | None = None
     derived: tuple[Derived, ...] = ()
+    follows: EffectInput | None = None
+    remedy: str = ""
+    smooth: bool = False
+    period: str = ""
+    instrument: bool = False
+    same_as: tuple[str, ...] = ()
+    by_sign: bool = False
+    under_weight: bool = False
+    doubt: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse a name, column or period that means something else, or nothing (ValueError)."""
+        if self.name == GEOMETRY:
+            raise ValueError(f"effect '{GEOMETRY}' is an error of slots already")
+        strange = [n for n in self.needs if n not in BY_NEED]
+        if strange:
+            raise ValueError(f"effect '{self.name}' needs {', '.join(strange)}; "
+                             f"columns are {', '.join(BY_NEED)}")
+        if self.period and any(self.period not in [s.name for s in self.parameters(m) if s.scan]
+                               for m in self.motions):
+            raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
+                             "with a scan")
+
+    @property
+    def input(self) -> EffectInput:
+        """What its residuals are drawn against."""
+        return self.follows or (BY_NEED[self.needs[0]] if self.needs else TRAVEL)
+
+    def stroke_ends(self, motion: str) -> tuple[str, ...]:
+        """Return the names of the constants that are the stroke's ends, low and high; or none."""
+        ends = {s.stroke_end: s.name for s in self.parameters(motion)}
+        return tuple(ends[e] for e in ("low", "high") if e in ends)
 
 
 @dataclass(frozen=True)
@@ -241,20 +199,17 @@ def linear(values: Mapping[str, float], by: Mapping[str, Shift]) -> Terms:
     return Terms(total([s.times(values[p]) for p, s in by.items() if values[p] != 0.0]), by)
 
 
-_KINDS: dict[str, EffectKind] = {}
+_REGISTRY: Registry[EffectKind] = Registry("effect", "ppmcal.effects")
 
 
 def register(kind: EffectKind) -> EffectKind:
-    """Add a kind to the registry; its name must be new."""
-    if kind.name in _KINDS:
-        raise ValueError(f"effect kind '{kind.name}' is registered twice")
-    _KINDS[kind.name] = kind
-    return kind
+    """Add a kind; its name must be new (else ValueError)."""
+    return _REGISTRY.register(kind)
 
 
 def effect_kinds() -> dict[str, EffectKind]:
-    """Return all registered kinds by name."""
-    return dict(_KINDS)
+    """Return all kinds by name, those of other packages last."""
+    return _REGISTRY.kinds()
 
 
 def find_effect(name: str, where: str = "") -> EffectKind:
@@ -263,6 +218,4 @@ def find_effect(name: str, where: str = "") -> EffectKind:
     Raises:
         BadInput: unknown name; lists the valid ones and the nearest match.
     """
-    if name not in _KINDS:
-        raise unknown("effect", name, _KINDS, where)
-    return _KINDS[name]
+    return _REGISTRY.find(name, where)

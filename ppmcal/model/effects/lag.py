@@ -8,13 +8,13 @@ from ppmcal.linalg import Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
-    Setting,
     Terms,
     Worked,
     fixed_list,
     linear,
     register,
 )
+from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:

@@ -7,17 +7,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.linalg import Bools
+from ppmcal.model.effects.inputs import PHASE
 from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,
-    Setting,
+    ScanRange,
     Terms,
     Worked,
     fixed_list,
     register,
-    total,
 )
+from ppmcal.model.effects.setting import Setting, total
 from ppmcal.model.effects.wave import wave
 
 
@@ -31,6 +32,17 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
                  {"cos": c, "sin": s, "period": setting.at_joints(slope, on)})
 
 
+FEWEST_PERIODS, MOST_PERIODS = 1.5, 80.0
+"""Periods per stroke that a search tries; a longer wave is a smooth error."""
+STEP = 0.4
+
+
+def _periods(data: ScanRange) -> list[float]:
+    """Return the stroke over 1.5, 1.9, ... periods, at most two for each pose."""
+    counts = np.arange(FEWEST_PERIODS, min(MOST_PERIODS, 2.0 * data.poses), STEP)
+    return [float(data.stroke / n) for n in counts]
+
+
 PERIODIC = register(EffectKind(
     "periodic", "du = cos cos(2 pi q/period) + sin sin(2 pi q/period)",
     "ISO 230-2, periodic positioning deviation (screw pitch, encoder)",
@@ -38,6 +50,7 @@ PERIODIC = register(EffectKind(
                  for n in ("cos", "sin")),
                EffectParameter("period", "joint", None, low=1e-9, usual=(0.0, 1.0),
                                of_stroke=True, why="what has no whole period in the stroke is "
-                               "not seen to repeat")), (), _terms,
+                               "not seen to repeat", scan=_periods)), (), _terms,
+    period="period", follows=PHASE,
     worked=Worked({"cos": 2e-5, "sin": 1e-5, "period": 0.4}, {"travel": 0.1}, 1e-5),
     derived=wave("cos", "sin", lambda v, at: 2.0 * np.pi * at / v["period"])))

@@ -7,16 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from ppmcal.linalg import Bools
+from ppmcal.model.effects.inputs import WOUND_LOAD
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
-    Setting,
     Terms,
     Worked,
     fixed_list,
     linear,
     register,
 )
+from ppmcal.model.effects.setting import Setting
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -30,4 +31,5 @@ WINDUP = register(EffectKind(
     "Coulomb friction proportional to the load, wound up in an elastic drive",
     fixed_list(EffectParameter("width", "joint/load", None, low=0.0, size=1e-7)),
     ("dir", "load"), _terms, uses_load=True,
+    follows=WOUND_LOAD,
     worked=Worked({"width": 1e-7}, {"approach": -1.0, "load": -50.0}, -5e-6)))

@@ -49,6 +49,11 @@ class SlotSpec:
     tolerance_class: str
     default: float | None = None
 
+    @property
+    def is_bar(self) -> bool:
+        """Whether it is the length of a bar: above 0 and always given, unlike an offset."""
+        return self.tolerance_class == "length" and self.default is None
+
 
 @dataclass(frozen=True)
 class ChainStep:

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.errors import unknown
 from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import Chain, ChainStep, ErrorTwists, SlotSpec, Values
+from ppmcal.model.registry import Registry
 
 
 @dataclass(frozen=True)
@@ -145,20 +145,17 @@ def _stack(parts: list[Array], rank: int) -> Array:
     return np.stack([np.broadcast_to(p, (n, *p.shape[1:])) for p in full], axis=1)
 
 
-_KINDS: dict[str, LimbKind] = {}
+_REGISTRY: Registry[LimbKind] = Registry("limb kind", "ppmcal.limbs")
 
 
 def register(kind: LimbKind) -> LimbKind:
-    """Add a kind to the registry; its name must be new."""
-    if kind.name in _KINDS:
-        raise ValueError(f"limb kind {kind.name} is registered twice")
-    _KINDS[kind.name] = kind
-    return kind
+    """Add a kind; its name must be new (else ValueError)."""
+    return _REGISTRY.register(kind)
 
 
 def kinds() -> dict[str, LimbKind]:
-    """Return all registered kinds by name."""
-    return dict(_KINDS)
+    """Return all kinds by name, those of other packages last."""
+    return _REGISTRY.kinds()
 
 
 def find_kind(name: str, where: str = "") -> LimbKind:
@@ -167,6 +164,4 @@ def find_kind(name: str, where: str = "") -> LimbKind:
     Raises:
         BadInput: unknown name; lists the valid ones and the nearest match.
     """
-    if name not in _KINDS:
-        raise unknown("limb kind", name, _KINDS, where)
-    return _KINDS[name]
+    return _REGISTRY.find(name, where)

@@ -9,14 +9,14 @@ from ppmcal.model.limbs.surfaces import CIRCLE, SPHERE
 _BASE = shift("base.point", planar=False)
 _PLATFORM = Chain((shift("platform.point", planar=False),))
 
-register(LimbKind(
+UPS = register(LimbKind(
     "U(P)S", False, SPHERE,
     base=Chain((_BASE, joint(1))),
     middle=Chain((joint(2), slide(U, "z"), joint(3))),
     platform=_PLATFORM, actuator="length", branch="branch",
     closes_when="|B-A| = u", source="[IK] eq. 42, [LIN] section 2.1"))
 
-register(LimbKind(
+PUS = register(LimbKind(
     "(P)US", False, SPHERE,
     base=Chain((_BASE, align("base.direction"), joint(1), slide(U, "z"), joint(2))),
     middle=Chain((slide("length", "z"), joint(3))),

@@ -1,0 +1,129 @@
+"""What an effect may know of the rows (:class:`Setting`) and what it adds there (:class:`Shift`).
+
+Everything that an effect can add is a change of limb slots row by row (a joint that is not where
+the controller believes it is a change of ``offset``), a twist of the platform, or a stretch of
+the measured positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.linalg import Array, Bools
+
+Rows = NDArray[np.int64] | NDArray[np.bool_]
+
+COORDINATES = {"planar": ("x", "y", "rz"), "translational": ("x", "y", "z"),
+               "spatial": ("x", "y", "z", "rx", "ry", "rz")}
+PLACE = {"x": 0, "y": 1, "z": 2, "rx": 3, "ry": 4, "rz": 5}
+
+
+@dataclass(frozen=True, eq=False)
+class Shift:
+    """What effects add in N rows, SI.
+
+    Attributes:
+        slots: (limb index, slot name) -> change of that slot (N,); ``offset`` is the
+            joint's own coordinate u.
+        pose: platform displacement of the origin and rotation vector, base axes (N, 6).
+        stretch: change of the map from true to measured position, measuring frame,
+            (N or 1, 3, 3): measured = (1 + stretch) true.
+    """
+
+    slots: Mapping[tuple[int, str], Array] = field(default_factory=dict)
+    pose: Array | None = None
+    stretch: Array | None = None
+
+    def take(self, rows: Rows) -> Shift:
+        """Return the shift of some rows."""
+        stretch = self.stretch
+        if stretch is not None and stretch.shape[0] > 1:
+            stretch = stretch[rows]
+        return Shift({s: v[rows] for s, v in self.slots.items()},
+                     None if self.pose is None else self.pose[rows], stretch)
+
+    def times(self, factor: float) -> Shift:
+        """Return the shift scaled by a number."""
+        return Shift({s: factor * v for s, v in self.slots.items()},
+                     None if self.pose is None else factor * self.pose,
+                     None if self.stretch is None else factor * self.stretch)
+
+
+def total(shifts: Sequence[Shift]) -> Shift:
+    """Return the sum of shifts."""
+    slots: dict[tuple[int, str], Array] = {}
+    pose: Array | None = None
+    stretch: Array | None = None
+    for shift in shifts:
+        for name, value in shift.slots.items():
+            slots[name] = slots[name] + value if name in slots else value
+        if shift.pose is not None:
+            pose = shift.pose if pose is None else pose + shift.pose
+        if shift.stretch is not None:
+            stretch = shift.stretch if stretch is None else stretch + shift.stretch
+    return Shift(slots, pose, stretch)
+
+
+@dataclass(frozen=True)
+class LimbSetting:
+    """What an effect may know of one limb: its actuator and lengths, slot -> value, m.
+
+    ``struts``: lengths of its bars; ``offset`` stands for u where the strut is driven.
+    ``base`` and ``platform``: coordinates of its joint centres.
+    """
+
+    actuator: int
+    struts: Mapping[str, Array]
+    base: Mapping[str, Array]
+    platform: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What an effect may know of N rows with k actuators; nan where it was not recorded.
+
+    Attributes:
+        motion: planar, translational or spatial.
+        turning: (k,) whether the actuated joint turns; else it slides.
+        travel: ratio q (N, k), m or rad. stroke: its range (k, 2), nan where unknown.
+        approach: side from which each joint came, +1 or -1 (N, k).
+        velocity: of u (N, k), per second.
+        temperature: minus 20 degrees Celsius, K (N,).
+        wrench: on the platform at its origin, base axes (N, 6), N and N m.
+        time: s (N,).
+        limbs: one each.
+        load_of: gives the load on the actuators (N, k), N or N m.
+    """
+
+    motion: str
+    turning: Bools
+    travel: Array
+    stroke: Array
+    approach: Array
+    velocity: Array
+    temperature: Array
+    wrench: Array
+    time: Array
+    limbs: tuple[LimbSetting, ...]
+    load_of: Callable[[], Array]
+
+    @cached_property
+    def load(self) -> Array:
+        """F = J_q^T wrench (N, k): positive when it pushes towards larger u."""
+        return self.load_of()
+
+    def at_joints(self, change: Array, on: Bools) -> Shift:
+        """Return the shift of joint coordinates u by ``change`` (N, k) on some actuators."""
+        return Shift({(i, "offset"): change[:, limb.actuator]
+                      for i, limb in enumerate(self.limbs) if on[limb.actuator]})
+
+    def at_slots(self, which: str, per_unit: Array, on: Bools) -> Shift:
+        """Return relative changes ``per_unit`` (N,) of the slots ``struts``, ``base``..."""
+        return Shift({(i, slot): value * per_unit
+                      for i, limb in enumerate(self.limbs) if on[limb.actuator]
+                      for slot, value in getattr(limb, which).items()})

@@ -1,0 +1,58 @@
+"""Kinds by name: those of this package, and those that other packages install."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import Generic, Protocol, TypeVar
+
+from ppmcal.errors import unknown
+
+
+class Named(Protocol):
+    """What can be registered."""
+
+    @property
+    def name(self) -> str:
+        """As in files."""
+
+
+T = TypeVar("T", bound=Named)
+
+
+class Registry(Generic[T]):
+    """The kinds of one sort.
+
+    Another package adds kinds through an entry-point group: each entry loads a kind. Entries are
+    loaded when kinds are first asked for, since the package that they are in imports this one.
+    """
+
+    def __init__(self, sort: str, group: str) -> None:
+        self._sort, self._group = sort, group
+        self._kinds: dict[str, T] = {}
+        self._loaded = False
+
+    def register(self, kind: T) -> T:
+        """Add a kind.
+
+        Raises:
+            ValueError: its name is taken.
+        """
+        if kind.name in self._kinds:
+            raise ValueError(f"{self._sort} '{kind.name}' is registered twice")
+        self._kinds[kind.name] = kind
+        return kind
+
+    def kinds(self) -> dict[str, T]:
+        """Return all kinds by name."""
+        if not self._loaded:
+            self._loaded = True
+            for entry in entry_points(group=self._group):
+                self.register(entry.load())
+        return dict(self._kinds)
+
+    def find(self, name: str, where: str = "") -> T:
+        """Return the kind called ``name``; BadInput where there is none."""
+        kinds = self.kinds()
+        if name not in kinds:
+            raise unknown(self._sort, name, kinds, where)
+        return kinds[name]
