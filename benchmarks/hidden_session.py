@@ -19,10 +19,10 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.observation import coordinates
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.forward import conditioning, forward
+from ppmcal.kinematics.forward import forward, smallest_singular_value
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.registration import Station
-from ppmcal.kinematics.tables import home_conditioning
+from ppmcal.kinematics.tables import home_singular_value
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -142,7 +142,7 @@ def _poses(machine: Machine, count: int, rng: np.random.Generator) -> tuple[Arra
     """Return joint values (count, k) and poses (count, 8) of the nominal machine in its box."""
     mechanism = machine()
     model = Model(mechanism)
-    at_home, side = home_conditioning(mechanism)
+    at_home, side = home_singular_value(mechanism)
     found_q, found = [], []
     for _ in range(50):
         step = np.zeros((2 * count, 6))
@@ -155,7 +155,7 @@ def _poses(machine: Machine, count: int, rng: np.random.Generator) -> tuple[Arra
         low, high = mechanism.limits[:, 0], mechanism.limits[:, 1]
         good = reached.reached & ((reached.q >= low) & (reached.q <= high)).all(axis=1)
         pose, q = pose[good], reached.q[good]
-        value, sign = conditioning(model.closure(q), pose)
+        value, sign = smallest_singular_value(model.closure(q), pose)
         back = forward(model, q)
         same = np.linalg.norm(cga.translation(back.pose) - cga.translation(pose), axis=1)
         good = (back.converged & (same < 1e-9) & (sign == side)

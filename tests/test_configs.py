@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.io.scenario import Circle, Random, Scenario
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.forward import conditioning, forward
+from ppmcal.kinematics.forward import forward, smallest_singular_value
 from ppmcal.kinematics.inverse import Inverse, home_state
 from ppmcal.kinematics.partial_pose import inverse_partial
 from ppmcal.model.limbs import kinds
@@ -138,9 +138,9 @@ def test_home_closes_and_is_well_conditioned(name: str) -> None:
     mechanism = load(name).mechanism
     closure = Model(mechanism).closure(home_state(mechanism).q)
     # a machine with fewer drives than coordinates closes to the digits of its file
-    close = 1e-12 if len(mechanism.actuators) == mechanism.conditions else 1e-9
+    close = 1e-12 if len(mechanism.actuators) == mechanism.equations else 1e-9
     assert np.max(np.abs(closure.lengths(mechanism.home[None]))) < close * mechanism.reach
-    value, _ = conditioning(closure, mechanism.home[None])
+    value, _ = smallest_singular_value(closure, mechanism.home[None])
     assert value[0] > WELL_CONDITIONED
 
 
@@ -152,10 +152,10 @@ def test_the_whole_box_is_reached_without_singularity_within_limits(name: str) -
     assert np.all(found.q >= mechanism.limits[:, 0])
     assert np.all(found.q <= mechanism.limits[:, 1])
     closure = Model(mechanism).closure(found.q)
-    value, sign = conditioning(closure, found.pose)
+    value, sign = smallest_singular_value(closure, found.pose)
     at_home = Model(mechanism).closure(home_state(mechanism).q)
     assert np.all(value > WELL_CONDITIONED)
-    assert np.all(sign == conditioning(at_home, mechanism.home[None])[1])
+    assert np.all(sign == smallest_singular_value(at_home, mechanism.home[None])[1])
 
 
 @each

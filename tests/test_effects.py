@@ -22,23 +22,23 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import (
-    conditions_of,
+    environment_of,
     loads,
     missing_columns,
     shifted,
     with_strokes,
 )
-from ppmcal.kinematics.equilibrium import reach, uses_load
+from ppmcal.kinematics.equilibrium import reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
 from ppmcal.model.dataset import (
     WRENCH,
-    Conditions,
     Dataset,
-    conditions,
-    unknown_conditions,
+    Environment,
+    environment,
+    unknown_environment,
     ways,
 )
 from ppmcal.model.effects import (
@@ -133,16 +133,16 @@ def recorded(mechanism: Mechanism, n: int, seed: int = 3) -> dict[str, Array]:
 
 
 @cache
-def sample(mechanism: Mechanism, n: int = 4, size: float = 0.5) -> tuple[Array, Conditions]:
+def sample(mechanism: Mechanism, n: int = 4, size: float = 0.5) -> tuple[Array, Environment]:
     """Return joint values about home and conditions of the rows."""
     q, _ = spread(Model(mechanism), n, size=size)
-    return q, conditions(recorded(mechanism, n), mechanism.actuators, mechanism.gravity, q)
+    return q, environment(recorded(mechanism, n), mechanism.actuators, mechanism.gravity, q)
 
 
 @cache
 def bare(mechanism: Mechanism) -> Array:
     """Return the poses of the sample without effects (4, 8)."""
-    return reach(Model(mechanism), sample(mechanism)[0]).pose
+    return reached_poses(Model(mechanism), sample(mechanism)[0]).pose
 
 
 # --- the registry -------------------------------------------------------------------------------
@@ -305,7 +305,7 @@ def test_zero_parameters_change_nothing(name: str, kind: str) -> None:
     q, rows = sample(mechanism)
     still = acting(mechanism, {"kind": kind, "parameters": nothing(mechanism, kind)})
     still = still.with_values(np.where(still.values == 1e12, 1e30, still.values))
-    found = reach(Model(still), q, rows)
+    found = reached_poses(Model(still), q, rows)
     for i in range(len(mechanism.limbs)):
         np.testing.assert_array_equal(found.model.joint_coordinate(i, q),
                                       Model(mechanism).joint_coordinate(i, q))
@@ -335,7 +335,7 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
     Positions move by much less than the reach, and by more than nothing.
     """
     q, rows = sample(plain)
-    found = reach(Model(mechanism), q, rows)
+    found = reached_poses(Model(mechanism), q, rows)
     shift = found.model.shift
     assert shift is not None
     moved = np.abs(stretched(cga.translation(found.pose), shift.stretch)
@@ -490,13 +490,13 @@ def test_a_weight_pulls_struts_shut() -> None:
     """f is positive where the wrench pushes towards larger u: a weight on legs is negative."""
     legs = machine("6-UPS")
     q, pose = spread(Model(legs), 1, size=0.0)
-    rows = conditions({"payload": np.array([100.0])}, legs.actuators, legs.gravity, q)
+    rows = environment({"payload": np.array([100.0])}, legs.actuators, legs.gravity, q)
     np.testing.assert_allclose(rows.wrench[0], [0.0, 0.0, -980.665, 0.0, 0.0, 0.0], rtol=1e-15)
     f = loads(Model(legs), q, pose, rows.wrench)
     assert (f < -150.0).all()
     assert np.abs(f).max() < 980.665
     soft = Model(acting(legs, {"kind": "compliance", "parameters": {"stiffness": 1e6}}))
-    sunk = reach(soft, q, rows)
+    sunk = reached_poses(soft, q, rows)
     assert cga.translation(sunk.pose)[0, 2] < cga.translation(pose)[0, 2] - 1e-4
 
 
@@ -514,7 +514,7 @@ def test_no_load_where_nothing_bears_it() -> None:
 
 # --- equilibrium --------------------------------------------------------------------------------
 
-def soft_drive(mechanism: Mechanism, rows: Conditions, q: Array, part: float) -> float:
+def soft_drive(mechanism: Mechanism, rows: Environment, q: Array, part: float) -> float:
     """Return the stiffness at which the largest load deflects by a part of the reach, or rad."""
     f = loads(Model(mechanism), q, forward(Model(mechanism), q).pose, rows.wrench)
     return float(np.nanmax(np.abs(f)) / (part * (
@@ -528,7 +528,7 @@ def test_equilibrium_of_a_very_soft_drive(name: str) -> None:
     q, rows = sample(mechanism, 5, 0.3)
     k = soft_drive(mechanism, rows, q, 0.02)
     soft = Model(acting(mechanism, {"kind": "compliance", "parameters": {"stiffness": k}}))
-    found = reach(soft, q, rows)
+    found = reached_poses(soft, q, rows)
     assert np.isfinite(found.closed).all()
     there = inverse(Model(mechanism), found.closed)
     assert there.reached.all()
@@ -543,7 +543,7 @@ def test_equilibrium_with_a_ratio() -> None:
     mechanism = full("U(P)S")
     q, rows = sample(mechanism, 4, 0.3)
     k = soft_drive(mechanism, rows, q, 0.02)
-    found = reach(Model(acting(mechanism, {"kind": "compliance", "parameters": {
+    found = reached_poses(Model(acting(mechanism, {"kind": "compliance", "parameters": {
         "stiffness": k}})), q, rows)
     there = inverse(Model(mechanism), found.closed)
     f = loads(Model(mechanism), there.q, found.closed, rows.wrench)
@@ -559,13 +559,13 @@ def test_rows_do_not_depend_on_each_other() -> None:
     mechanism = machine("6-UPS")
     q, rows = sample(mechanism, 5)
     soft = Model(acting(mechanism, {"kind": "compliance", "parameters": {"stiffness": 1e5}}))
-    alone = reach(soft, q[3:4], rows.take(np.array([3]))).pose
+    alone = reached_poses(soft, q[3:4], rows.take(np.array([3]))).pose
     wrench = rows.wrench.copy()
     wrench[0] = np.nan
     q = q.copy()
     q[1, 0] = 50.0
     q[2, 3] = np.nan
-    found = reach(soft, q, replace(rows, wrench=wrench)).pose
+    found = reached_poses(soft, q, replace(rows, wrench=wrench)).pose
     assert np.isnan(found[:3]).all()
     np.testing.assert_allclose(found[3:4], alone, rtol=0.0, atol=1e-11)
 
@@ -575,7 +575,7 @@ def test_rows_do_not_depend_on_each_other() -> None:
 def wanted_about(mechanism: Mechanism) -> Array:
     """Return wanted poses (4, 6) about home; a machine with few drives leaves some open."""
     wanted = pose_vector(bare(mechanism))
-    short = mechanism.conditions - len(mechanism.actuators)
+    short = mechanism.equations - len(mechanism.actuators)
     if short:
         wanted[:, [0, 1, 5]] = np.nan
     if mechanism.motion == "planar":
@@ -590,7 +590,7 @@ def test_joints_that_make_up_for_effects(name: str, kind: str) -> None:
     wanted, rows = wanted_about(plain), sample(plain)[1]
     table = inverse_table(Model(mechanism), wanted, rows)
     assert set(table.status) == {"ok"}
-    found = reach(Model(mechanism), table.q, rows)
+    found = reached_poses(Model(mechanism), table.q, rows)
     named = np.isfinite(wanted)
     got = pose_vector(found.pose)
     np.testing.assert_allclose(got[named], wanted[named], rtol=0.0, atol=1e-9 * mechanism.reach)
@@ -608,8 +608,8 @@ def test_forward_table_with_effects(name: str) -> None:
     q, rows = sample(machine(name))
     table = forward_table(Model(mechanism), q, rows)
     assert set(table.status) == {"ok"}
-    np.testing.assert_allclose(table.pose, pose_vector(reach(Model(mechanism), q, rows).pose),
-                               rtol=0.0, atol=1e-11)
+    reached = reached_poses(Model(mechanism), q, rows).pose
+    np.testing.assert_allclose(table.pose, pose_vector(reached), rtol=0.0, atol=1e-11)
 
 
 def test_the_way_back_with_soft_drives_and_all_else() -> None:
@@ -625,7 +625,7 @@ def test_the_way_back_with_soft_drives_and_all_else() -> None:
                           sizes(mechanism, n).items()}} for n in kinds))
         table = inverse_table(Model(whole), wanted, rows)
         assert set(table.status) == {"ok"}, name
-        got = pose_vector(reach(Model(whole), table.q, rows).pose)
+        got = pose_vector(reached_poses(Model(whole), table.q, rows).pose)
         named = np.isfinite(wanted)
         np.testing.assert_allclose(got[named], wanted[named], rtol=0.0,
                                    atol=1e-9 * mechanism.reach)
@@ -640,8 +640,8 @@ def test_the_way_back_beyond_half_a_turn(turn: float) -> None:
     wanted = np.array([[home["x"], home["y"], 0.0, 0.0, 0.0, turn]])
     drifting = acting(mechanism, {"kind": "drift", "parameters": {
         "x": 1e-6, "y": 2e-6, "rz": 1e-6}})
-    rows = conditions({"time": np.array([100.0])}, mechanism.actuators, mechanism.gravity,
-                      np.zeros((1, 3)))
+    rows = environment({"time": np.array([100.0])}, mechanism.actuators, mechanism.gravity,
+                       np.zeros((1, 3)))
     table = inverse_table(Model(drifting), wanted, rows)
     plain = inverse_table(Model(mechanism), wanted - [[1e-4, 2e-4, 0.0, 0.0, 0.0, 1e-4]])
     np.testing.assert_allclose(table.q, plain.q, rtol=0.0, atol=1e-12)
@@ -651,7 +651,7 @@ def test_what_is_not_given_is_said_row_by_row() -> None:
     mechanism = with_kind(machine("3-RPR"), "backlash")
     wanted = wanted_about(machine("3-RPR"))[:3]
     columns = {f"dir_{a}": np.array([1.0, np.nan, -1.0]) for a in mechanism.actuators}
-    rows = conditions(columns, mechanism.actuators, mechanism.gravity, np.zeros((3, 3)))
+    rows = environment(columns, mechanism.actuators, mechanism.gravity, np.zeros((3, 3)))
     table = inverse_table(Model(mechanism), wanted, rows)
     assert [s == "ok" for s in table.status] == [True, False, True]
     assert "not given" in table.reason[1]
@@ -671,7 +671,7 @@ def test_a_machine_that_grows_evenly_keeps_its_shape(name: str) -> None:
     rows = replace(rows, temperature=np.array([15.0, -20.0, 3.0, 0.0]))
     grown = acting(mechanism, *({"kind": f"{part}_thermal", "parameters": {"expansion": 23e-6}}
                                 for part in ("leg", "base", "platform")))
-    plain, found = (pose_vector(reach(Model(m), q, rows).pose) for m in (mechanism, grown))
+    plain, found = (pose_vector(reached_poses(Model(m), q, rows).pose) for m in (mechanism, grown))
     factor = 1.0 + 23e-6 * rows.temperature
     np.testing.assert_allclose(found[:, :3], plain[:, :3] * factor[:, None], rtol=0.0,
                                atol=1e-12 * mechanism.reach)
@@ -684,13 +684,14 @@ def test_twists_of_the_platform_are_about_its_origin() -> None:
     q, rows = sample(mechanism, 3)
     plain = forward(Model(mechanism), q).pose
     values = {"x": 1e-7, "y": -2e-7, "z": 3e-7, "rx": 1e-6, "ry": 2e-6, "rz": -1e-6}
-    found = reach(Model(acting(mechanism, {"kind": "drift", "parameters": values})), q, rows)
+    drifting = acting(mechanism, {"kind": "drift", "parameters": values})
+    found = reached_poses(Model(drifting), q, rows)
     np.testing.assert_allclose(difference(found.pose, plain),
                                np.outer(rows.time, list(values.values())), rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(found.closed, plain, rtol=0.0, atol=1e-14)
     soft = acting(mechanism, {"kind": "base_compliance", "parameters": {"x_my": 1e-9,
                                                                         "rz_fz": 3e-9}})
-    moved = difference(reach(Model(soft), q, rows).pose, plain)
+    moved = difference(reached_poses(Model(soft), q, rows).pose, plain)
     np.testing.assert_allclose(moved[:, 0], 1e-9 * rows.wrench[:, 4], rtol=0.0, atol=1e-13)
     np.testing.assert_allclose(moved[:, 5], 3e-9 * rows.wrench[:, 2], rtol=0.0, atol=1e-13)
     np.testing.assert_allclose(moved[:, 1:5], 0.0, rtol=0.0, atol=1e-13)
@@ -706,7 +707,7 @@ def test_effects_add_up_and_act_where_they_are_put() -> None:
                   {"kind": "lag", "on": [a[1]], "parameters": {"tau": 1e-3}})
     assert both.names[-3:] == (f"backlash.{a[1]}.width", f"backlash.{a[1]}+{a[4]}.width",
                                f"lag.{a[1]}.tau")
-    found = reach(Model(both), q, rows).model
+    found = reached_poses(Model(both), q, rows).model
     ratio = mechanism.limbs[1].slots.values(mechanism.values)["ratio"]
     for i in range(6):
         own = Model(mechanism).joint_coordinate(i, q)
@@ -720,8 +721,8 @@ def test_limbs_that_share_a_drive_share_its_error() -> None:
     """Both rods of a pair see the same backlash: the platform stays level."""
     mechanism = delta("(P)US", 6)
     q, rows = sample(mechanism, 4)
-    found = reach(Model(acting(mechanism, {"kind": "backlash", "parameters": {"width": 1e-4}})),
-                  q, rows)
+    loose = acting(mechanism, {"kind": "backlash", "parameters": {"width": 1e-4}})
+    found = reached_poses(Model(loose), q, rows)
     same = forward(Model(mechanism), q + 0.5e-4 * rows.approach).pose
     np.testing.assert_allclose(found.pose, same, rtol=0.0, atol=1e-13)
 
@@ -734,7 +735,7 @@ def test_the_stroke_comes_from_the_file_the_limits_or_the_data() -> None:
                          (free, spread(Model(free), 5)[0])):
         curved = acting(mechanism, {"kind": "curvature", "parameters": {"p2": 1e-4}})
         known = Model(with_strokes(curved, q))
-        rows = unknown_conditions(*q.shape)
+        rows = unknown_environment(*q.shape)
         shift = shifted(known, rows, q, np.full((len(q), 8), np.nan)).shift
         change = np.stack([shift.slots[i, "offset"] for i in range(3)], axis=-1)
         assert change.max() == pytest.approx(1e-4, rel=1e-12)
@@ -742,7 +743,7 @@ def test_the_stroke_comes_from_the_file_the_limits_or_the_data() -> None:
             np.testing.assert_allclose(change, 1e-4, rtol=1e-12)
     given = acting(bounded, {"kind": "curvature", "parameters": {"p2": 1e-4, "low": 0.0,
                                                                  "high": 0.9}})
-    shift = shifted(Model(with_strokes(given, low[None])), unknown_conditions(1, 3),
+    shift = shifted(Model(with_strokes(given, low[None])), unknown_environment(1, 3),
                     np.array([[0.45, 0.9, 0.0]]), np.full((1, 8), np.nan)).shift
     np.testing.assert_allclose([shift.slots[i, "offset"][0] for i in range(3)],
                                [-0.5e-4, 1e-4, 1e-4], rtol=1e-12)
@@ -750,12 +751,12 @@ def test_the_stroke_comes_from_the_file_the_limits_or_the_data() -> None:
 
 # --- conditions ---------------------------------------------------------------------------------
 
-def test_conditions_of_columns() -> None:
+def test_environment_of_columns() -> None:
     """Payload along gravity plus the given wrench; temperature above 20 degrees Celsius."""
     columns = {"payload": np.array([2.0, np.nan]), "fy": np.array([5.0, 5.0]),
                "mz": np.array([1.0, 1.0]), "temperature": np.array([295.15, 293.15]),
                "vel_b": np.array([0.3, -0.1])}
-    rows = conditions(columns, ["a", "b"], np.array([0.0, -0.6, -0.8]), np.zeros((2, 2)))
+    rows = environment(columns, ["a", "b"], np.array([0.0, -0.6, -0.8]), np.zeros((2, 2)))
     np.testing.assert_allclose(rows.wrench[0], [0.0, 5.0 - 2.0 * 9.80665 * 0.6,
                                                 -2.0 * 9.80665 * 0.8, 0.0, 0.0, 1.0], rtol=1e-15)
     assert np.isnan(rows.wrench[1, :3]).any()
@@ -770,7 +771,7 @@ def test_ways_of_a_sequence() -> None:
     q = np.array([[0.0, 1.0, 0.0], [1.0, 1.0, -1.0], [1.0, 0.5, -1.0], [0.5, 0.5, 2.0]])
     np.testing.assert_array_equal(ways(q), [[np.nan, np.nan, np.nan], [1.0, np.nan, -1.0],
                                             [1.0, -1.0, -1.0], [-1.0, -1.0, 1.0]])
-    rows = conditions({}, ["a", "b", "c"], np.array([0.0, 0.0, -1.0]), q, sequence=True)
+    rows = environment({}, ["a", "b", "c"], np.array([0.0, 0.0, -1.0]), q, sequence=True)
     np.testing.assert_array_equal(rows.approach, ways(q))
 
 
@@ -781,13 +782,13 @@ def test_directions_of_the_platform_become_directions_of_joints() -> None:
     q, pose = spread(model, 4)
     way = np.array([[1.0, np.nan], [-1.0, np.nan], [np.nan, 1.0], [1.0, -1.0]])
     data = Dataset.of_poses("d", q, pose_vector(pose), (1.0, 1.0), fitted=False)
-    rows = conditions_of(mechanism, replace(data, columns={"dir_x": way[:, 0],
+    rows = environment_of(mechanism, replace(data, columns={"dir_x": way[:, 0],
                                                            "dir_y": way[:, 1]}))
     step = np.zeros((4, 6))
     step[:, :2] = 1e-5 * np.nan_to_num(way)
     moved = inverse(model, pose_motor(pose_vector(pose) + step)).q
     np.testing.assert_array_equal(rows.approach, np.sign(moved - q))
-    both = conditions_of(mechanism, replace(data, columns={
+    both = environment_of(mechanism, replace(data, columns={
         "dir_x": way[:, 0], "dir_y": way[:, 1], "dir_leg2": np.array([1.0, 1.0, np.nan, 1.0])}))
     np.testing.assert_array_equal(both.approach[[0, 1, 3], 1], 1.0)
     np.testing.assert_array_equal(both.approach[:, [0, 2]], rows.approach[:, [0, 2]])
@@ -801,8 +802,8 @@ NEEDED = {"backlash": "dir_leg1", "windup": "dir_leg1", "lag": "vel_leg1", "comp
 @pytest.mark.parametrize("kind", CONTRACT)
 def test_missing_columns_are_named(kind: str) -> None:
     mechanism = machine("3-RRR-1" if kind == "eccentricity" else "3-RPR")
-    found = missing_columns(with_kind(mechanism, kind), unknown_conditions(4, 3))
+    found = missing_columns(with_kind(mechanism, kind), unknown_environment(4, 3))
     assert (found[0] if found else None) == NEEDED.get(kind)
-    rows = conditions(recorded(mechanism, 4), mechanism.actuators, mechanism.gravity,
-                      np.zeros((4, 3)))
+    rows = environment(recorded(mechanism, 4), mechanism.actuators, mechanism.gravity,
+                       np.zeros((4, 3)))
     assert not missing_columns(with_kind(mechanism, kind), rows)

@@ -117,7 +117,7 @@ def limbs(draw, kind, name, shares):
 def mechanism_trees(draw):
     kind = kinds()[draw(st.sampled_from(sorted(kinds())))]
     motion = "planar" if kind.planar else draw(st.sampled_from(["spatial", "translational"]))
-    conditions = kind.surface.conditions
+    conditions = kind.surface.equations
     count, rest = divmod(6 if motion == "spatial" else 3, conditions)
     shares = []
     made = [draw(limbs(kind, f"leg{i}", shares)) for i in range(count)]

@@ -379,7 +379,7 @@ def test_crossing_a_singularity_is_marked() -> None:
     path[:, 5] = np.radians([30.0, 20.0, 10.0, 0.0, -10.0, -20.0, -30.0])
     table = inverse_table(model, path)
     assert table.status == ("ok", "ok", "ok", "singular", "crossed", "crossed", "crossed")
-    assert table.condition[3] < 1e-9
+    assert table.singular_value[3] < 1e-9
     assert all(table.reason[3:])
     # rz and -rz have the same struts: forward must come back to home's side
     back = forward_table(model, table.q)

@@ -113,7 +113,7 @@ def test_the_gap_is_the_contracts_condition_as_a_length(kind: str) -> None:
     np.testing.assert_allclose(closure.lengths(pose), expected, rtol=0.0, atol=3e-15)
     r = closure.radius
     squared = np.divide(expected * expected, 2.0 * r, out=np.zeros_like(expected), where=r > 0.0)
-    np.testing.assert_allclose(closure.gaps(pose), expected + squared, rtol=0.0, atol=3e-15)
+    np.testing.assert_allclose(closure.misclosure(pose), expected + squared, rtol=0.0, atol=3e-15)
 
 
 @each

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ppmcal.calibration.compensation import station_of
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.registration import predict
-from ppmcal.model.dataset import unknown_conditions
+from ppmcal.model.dataset import unknown_environment
 from ppmcal.model.mechanism import Registration
 from ppmcal.simulation.simulate import simulate
 
@@ -61,7 +61,7 @@ def true_error(folder: Path, commands: Path) -> float:
         rows = list(csv.DictReader(file))
     q = np.array([[float(r[f"q_leg{n}"]) for n in range(1, 7)] for r in rows]) * 1e-3
     wanted = np.array([[float(r[c]) for c in "xyz"] for r in rows])
-    pose = reach(Model(made.acting, made.g), q, unknown_conditions(*q.shape)).pose
+    pose = reached_poses(Model(made.acting, made.g), q, unknown_environment(*q.shape)).pose
     station = station_of(Registration(scenario.frame, scenario.target,
                                       scenario.target_rotation), 6)
     away = predict(station, pose)[0] * 1e3 - wanted

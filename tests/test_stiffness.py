@@ -27,13 +27,13 @@ from ppmcal.io import csv_text, read_mechanism, write_mechanism
 from ppmcal.io.results.tables import pose_columns
 from ppmcal.io.stiffness import joint_names
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.region import Grid, slice_axes
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.model.dataset import conditions
+from ppmcal.model.dataset import environment
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Limb, Mechanism
 
@@ -214,7 +214,7 @@ def numeric(mechanism: Mechanism, q: Array, pose: Array) -> tuple[Array, Array]:
                    - machines.limb_lengths(model, q, machines.displaced(pose, -s)))[0] / (2 * h)
                   for s in steps], axis=-1)
     springs = springs_of(mechanism)
-    b = np.zeros((mechanism.conditions, len(springs)))
+    b = np.zeros((mechanism.equations, len(springs)))
     where = machines.rows_of(mechanism)
     for k, spring in enumerate(springs):
         if spring.part == "bar":
@@ -294,9 +294,10 @@ def test_drives_agree_with_the_effect_compliance(tmp_path: Path, name: str) -> N
     home = stiffness_at_home(still)
     q = inverse_table(Model(still), home.pose[None]).q
     wrench = np.array([3.0, -2.0, -5.0, 0.3, 0.2, -0.4])
-    pushing = conditions({n: np.array([v]) for n, v in zip(WRENCH, wrench, strict=True)},
-                         soft.actuators, soft.gravity, q)
-    real = machines.difference(reach(Model(soft), q, pushing).pose, pose_motor(home.pose[None]))[0]
+    pushing = environment({n: np.array([v]) for n, v in zip(WRENCH, wrench, strict=True)},
+                          soft.actuators, soft.gravity, q)
+    pushed = reached_poses(Model(soft), q, pushing).pose
+    real = machines.difference(pushed, pose_motor(home.pose[None]))[0]
     linear = home.compliance.deflection(wrench)[0]
     assert np.abs(linear).max() > 1e-9
     np.testing.assert_allclose(real, linear, rtol=2e-4, atol=2e-4 * np.abs(linear).max())

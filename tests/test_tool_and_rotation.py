@@ -13,10 +13,10 @@ from ppmcal.errors import BadInput
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.partial_pose import Named, pose_motor, pose_vector
+from ppmcal.kinematics.partial_pose import PoseConvention, pose_motor, pose_vector
 from ppmcal.kinematics.rotations import ORDERS, euler_rates, from_euler, to_euler, to_quaternion
 from ppmcal.kinematics.tables import forward_table, inverse_table, tool_poses, velocity_table
-from ppmcal.model.dataset import conditions
+from ppmcal.model.dataset import environment
 
 TOOL = {"planar": np.array([0.031, -0.047, 0.0])}
 SPATIAL_TOOL = np.array([0.021, -0.034, -0.09])
@@ -47,7 +47,7 @@ def test_poses_of_the_tool_there_and_back(name):
     seen = tool_poses(model, forward_table(model, q).pose, tool)
     np.testing.assert_allclose(seen, carried(pose, tool), rtol=0, atol=1e-12)
     assert np.abs(seen - pose_vector(pose)).max() > 0.01
-    table = inverse_table(model, seen, named=Named(tool))
+    table = inverse_table(model, seen, convention=PoseConvention(tool))
     assert table.status == ("ok",) * 6
     np.testing.assert_allclose(table.q, q, rtol=0, atol=1e-10)
     np.testing.assert_allclose(table.pose, pose_vector(pose), rtol=0, atol=1e-10)
@@ -61,10 +61,10 @@ def test_open_coordinates_are_those_of_the_tool(name):
     q, pose = machines.spread(model, 6)
     wanted = carried(pose, tool)
     wanted[:, open_] = np.nan
-    table = inverse_table(model, wanted, named=Named(tool))
+    table = inverse_table(model, wanted, convention=PoseConvention(tool))
     assert table.status == ("ok",) * 6
     np.testing.assert_allclose(table.q, q, rtol=0, atol=1e-9)
-    full = inverse_table(model, carried(pose, tool), named=Named(tool))
+    full = inverse_table(model, carried(pose, tool), convention=PoseConvention(tool))
     np.testing.assert_allclose(full.q, q, rtol=0, atol=1e-9)
     bare = inverse_table(model, wanted)
     assert not np.allclose(bare.q, q, atol=1e-6)
@@ -82,7 +82,7 @@ def test_velocities_of_the_tool_are_derivatives(name):
     if name in SHORT:
         twist[:, list(SHORT[name][1])] = np.nan
     at = carried(pose, tool)
-    table = velocity_table(model, at, twist, named=Named(tool))
+    table = velocity_table(model, at, twist, convention=PoseConvention(tool))
     assert table.status == ("ok",) * 5
     np.testing.assert_allclose(table.rate, rate, rtol=0, atol=1e-7 * np.abs(rate).max())
     if not name.startswith("delta"):  # a delta does not turn: all its points move alike
@@ -96,16 +96,17 @@ def test_the_tool_of_a_machine_with_effects():
         {"kind": "base_compliance", "parameters": {"z_fz": 1e-3, "rx_fz": 1e-4}}])
     mechanism = machines.read_text(text)
     model = Model(mechanism)
-    load = conditions({"payload": np.array([20.0, 20.0])}, mechanism.actuators, mechanism.gravity,
-                      np.zeros((2, 6)))
+    load = environment({"payload": np.array([20.0, 20.0])}, mechanism.actuators, mechanism.gravity,
+                       np.zeros((2, 6)))
     wanted = np.tile(carried(mechanism.home[None], SPATIAL_TOOL), (2, 1))
     wanted[1] += [0.01, -0.02, 0.0, 0.05, 0.0, 0.02]
-    table = inverse_table(model, wanted, load, Named(SPATIAL_TOOL))
+    table = inverse_table(model, wanted, load, PoseConvention(SPATIAL_TOOL))
     assert table.status == ("ok", "ok")
     back = forward_table(model, table.q, load)
     np.testing.assert_allclose(tool_poses(model, back.pose, SPATIAL_TOOL), wanted, rtol=0,
                                atol=1e-9)
-    rigid = inverse_table(Model(machines.plain("U(P)S")), wanted, named=Named(SPATIAL_TOOL))
+    rigid = inverse_table(Model(machines.plain("U(P)S")), wanted,
+                          convention=PoseConvention(SPATIAL_TOOL))
     assert np.abs(rigid.q - table.q).max() > 1e-5
 
 
@@ -158,14 +159,14 @@ def test_rates_of_euler_angles_are_derivatives(order):
 def test_single_euler_angles_can_be_left_open(order):
     """Of a tripod that names z and two angles, with a tool; the third follows."""
     mechanism = machines.plain("R(P)S")
-    model, named = Model(mechanism), Named(SPATIAL_TOOL, f"euler-{order}")
+    model, convention = Model(mechanism), PoseConvention(SPATIAL_TOOL, f"euler-{order}")
     q, pose = machines.spread(model, 5)
     seen = carried(pose, SPATIAL_TOOL)
-    wanted = np.concatenate([seen[:, :3], to_euler(seen[:, 3:], named.rotation)[0]], axis=1)
-    full = inverse_table(model, wanted, named=named)
+    wanted = np.concatenate([seen[:, :3], to_euler(seen[:, 3:], convention.rotation)[0]], axis=1)
+    full = inverse_table(model, wanted, convention=convention)
     np.testing.assert_allclose(full.q, q, rtol=0, atol=1e-9)
     wanted[:, [0, 1, 3 + order.lower().index("z")]] = np.nan
-    table = inverse_table(model, wanted, named=named)
+    table = inverse_table(model, wanted, convention=convention)
     assert table.status == ("ok",) * 5
     np.testing.assert_allclose(table.q, q, rtol=0, atol=1e-9)
 
@@ -178,7 +179,7 @@ def test_the_parasitic_turn_of_a_tripod():
     a, b = np.array([0.1, -0.25]), np.array([0.2, 0.15])
     wanted = np.full((2, 6), np.nan)
     wanted[:, 2], wanted[:, 3], wanted[:, 4] = 0.1, a, b
-    table = inverse_table(Model(tripod), wanted, named=Named(rotation="euler-xyz"))
+    table = inverse_table(Model(tripod), wanted, convention=PoseConvention(rotation="euler-xyz"))
     assert table.status == ("ok", "ok")
     gamma = to_euler(table.pose[:, 3:], "euler-xyz")[0][:, 2]
     np.testing.assert_allclose(np.tan(gamma), np.sin(a) * np.sin(b) / (np.cos(a) + np.cos(b)),

@@ -19,7 +19,7 @@ from ppmcal.api.inputs import (
     source_of,
     table_columns,
 )
-from ppmcal.api.result import Calibrated, Result
+from ppmcal.api.result import CalibratedMachine, Result
 from ppmcal.calibration.compensation import Compensation, Knowledge
 from ppmcal.calibration.compensation import compensate as compensated
 from ppmcal.calibration.model_averaging import Readings, Targets, averaged
@@ -30,7 +30,7 @@ from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, comman
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.kinematics.effect_response import missing_columns
-from ppmcal.model.dataset import conditions
+from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism, Registration
 
 
@@ -96,7 +96,7 @@ class CompensationResult(Result):
         return before, float(np.sqrt(np.mean(left**2))) if np.isfinite(left).all() else None
 
 
-def compensate(model: Machine | Calibrated, targets: Any, *, frame: str | None = None,
+def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str | None = None,
                knowledge: Path_ | None = None, approach: str = "columns") -> CompensationResult:
     """Turn wanted poses into corrected commands of an identified machine.
 
@@ -133,17 +133,17 @@ def compensate(model: Machine | Calibrated, targets: Any, *, frame: str | None =
     return result
 
 
-def _readings(model: Machine | Calibrated, machine: Mechanism) -> tuple[Readings, list[str]]:
+def _readings(model: Machine | CalibratedMachine, machine: Mechanism) -> tuple[Readings, list[str]]:
     """Return the other readings of the measurements behind a model, and their files."""
-    if isinstance(model, Calibrated):
+    if isinstance(model, CalibratedMachine):
         return model.readings, []
     return read_other_models(Path(machine.source), machine)
 
 
-def _known(model: Machine | Calibrated, knowledge: Path_ | None
+def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
            ) -> tuple[Mechanism, Knowledge | None, list[str], list[str]]:
     """Return the machine, what its calibration knew, the file of that, and notes."""
-    if isinstance(model, Calibrated):
+    if isinstance(model, CalibratedMachine):
         return model.mechanism, Knowledge.of(model.identification), [], []
     machine = load(model)
     notes = list(machine.findings)
@@ -178,7 +178,7 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     n = len(poses.rows)
     # in a sequence every joint's direction follows from the order
     joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
-    rows = conditions(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
+    rows = environment(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
     missing = missing_columns(mechanism, rows)
     if missing:
         raise BadInput(f"the model's effects depend on {', '.join(missing)}, which is not there",

@@ -19,7 +19,7 @@ from ppmcal.io.folder import current
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.templates import find_template
-from ppmcal.kinematics.effect_response import conditions_of, missing_columns, with_strokes
+from ppmcal.kinematics.effect_response import environment_of, missing_columns, with_strokes
 from ppmcal.kinematics.tables import with_joints
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -162,7 +162,7 @@ def datasets_of(mechanism: Mechanism, data: Measurements) -> tuple[Dataset, ...]
 
 def _refuse_unrecorded(mechanism: Mechanism, data: Dataset) -> None:
     """Refuse data without a column that the machine's effects depend on."""
-    missing = missing_columns(mechanism, conditions_of(mechanism, data))
+    missing = missing_columns(mechanism, environment_of(mechanism, data))
     if missing:
         raise BadInput(f"the effects of {mechanism.source} depend on {', '.join(missing)}, which "
                        "is not there", f"{data.source}: header",

@@ -21,7 +21,7 @@ from ppmcal.io.results.kinematics import PoseFormat, kinematics_files, solved_se
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, shifted
-from ppmcal.kinematics.partial_pose import Named, pose_motor
+from ppmcal.kinematics.partial_pose import PoseConvention, pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.kinematics.tables import (
     KinematicsTable,
@@ -31,7 +31,7 @@ from ppmcal.kinematics.tables import (
     velocity_table,
 )
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import Conditions, conditions
+from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 
 WHICH = ("inverse", "forward", "velocity")
@@ -201,30 +201,30 @@ def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | 
 
 
 def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | None, str],
-            method: str) -> tuple[KinematicsTable, Conditions]:
+            method: str) -> tuple[KinematicsTable, Environment]:
     """Return the kinematics of a table and the conditions of its rows."""
     model, (tool, rotation) = Model(machine), asked
     if which == "forward":
         joints = read_joints(table, machine)
-        rows = conditions(joints.conditions, machine.actuators, machine.gravity, joints.q)
+        rows = environment(joints.conditions, machine.actuators, machine.gravity, joints.q)
         _refuse_short(machine, rows, place_of(table, "joints"))
         found = forward_by_intersection(model, joints.q) if method == "intersection" else None
         return forward_table(model, joints.q, rows, found), rows
     poses = read_poses(table, machine, rotation)
-    rows = conditions(poses.conditions, machine.actuators, machine.gravity,
-                      np.zeros((len(poses.rows), len(machine.actuators))))
+    rows = environment(poses.conditions, machine.actuators, machine.gravity,
+                       np.zeros((len(poses.rows), len(machine.actuators))))
     _refuse_short(machine, rows, place_of(table, "poses"))
-    named = Named(np.zeros(3) if tool is None else tool, rotation)
+    convention = PoseConvention(np.zeros(3) if tool is None else tool, rotation)
     if which == "inverse":
-        return inverse_table(model, poses.poses, rows, named), rows
+        return inverse_table(model, poses.poses, rows, convention), rows
     motion = twists(poses.extra, machine)
     if motion is None:
         raise BadInput("no velocity columns", place_of(table, "poses"),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
-    return velocity_table(model, poses.poses, motion, rows, named), rows
+    return velocity_table(model, poses.poses, motion, rows, convention), rows
 
 
-def _refuse_short(mechanism: Mechanism, rows: Conditions, source: str) -> None:
+def _refuse_short(mechanism: Mechanism, rows: Environment, source: str) -> None:
     """Refuse a table that lacks a column which the machine's effects depend on."""
     missing = missing_columns(mechanism, rows)
     if missing:
@@ -233,7 +233,7 @@ def _refuse_short(mechanism: Mechanism, rows: Conditions, source: str) -> None:
                        f"of {mechanism.source}")
 
 
-def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, rows: Conditions
+def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, rows: Environment
                  ) -> Array:
     """Return the poses (N, 6) as an instrument of the model's file would show them."""
     if dataset not in mechanism.registrations:

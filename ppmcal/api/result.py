@@ -109,7 +109,7 @@ class Result:
 
 
 @runtime_checkable
-class Calibrated(Protocol):
+class CalibratedMachine(Protocol):
     """A result with a machine that was fitted: what ``compensate`` takes besides files."""
 
     @property

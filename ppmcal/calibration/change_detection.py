@@ -113,7 +113,7 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES) for c in POSE_COORDINATES],
                      axis=-1)
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
-    reached = mechanism.conditions == len(mechanism.actuators)
+    reached = mechanism.equations == len(mechanism.actuators)
     return compare(mechanism, old.data(), now, poses if reached else None), notes
 
 

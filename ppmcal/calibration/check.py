@@ -23,7 +23,7 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, limb_roots, to_joint
 from ppmcal.kinematics.partial_pose import named_only
-from ppmcal.kinematics.tables import home_conditioning, inverse_table
+from ppmcal.kinematics.tables import home_singular_value, inverse_table
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -113,7 +113,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     """
     state = home_state(mechanism)
     gaps = home_gaps(mechanism)
-    value, _ = home_conditioning(mechanism)
+    value, _ = home_singular_value(mechanism)
     findings = [*mechanism.findings, *(f for d in datasets for f in d.findings), *plausibility]
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     for g in gaps:
@@ -160,7 +160,7 @@ def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:
     allowed = _allowed(closure)
     out, row = [], 0
     for limb in mechanism.limbs:
-        rows = slice(row, row + limb.kind.surface.conditions)
+        rows = slice(row, row + limb.kind.surface.equations)
         row = rows.stop
         worst = int(np.argmax(np.abs(gap[rows]) - allowed[rows]))
         out.append(LimbGap(limb.name, float(gap[rows][worst]), float(allowed[rows][worst])))
@@ -193,7 +193,7 @@ def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
             margin = abs(float(closure.lengths(pose)[0, row]))
             allowed = float(_allowed(closure)[row])
         out.append(Transmission(limb.name, limb.kind.name, value, margin, allowed))
-        row += limb.kind.surface.conditions
+        row += limb.kind.surface.equations
     return tuple(out)
 
 
@@ -246,7 +246,7 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     poses = np.tile(mechanism.home_pose, (TRIAL_POSES, 1))
     own = list(mechanism.dof)
     poses[:, own] += rng.uniform(-1.0, 1.0, (TRIAL_POSES, len(own))) * spread[own]
-    if len(mechanism.actuators) < mechanism.conditions:
+    if len(mechanism.actuators) < mechanism.equations:
         poses = named_only(mechanism, poses)
     bare = replace(mechanism, effects=(), limits=np.tile([-np.inf, np.inf],
                                                          (len(mechanism.actuators), 1)))

@@ -16,7 +16,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import (
     base_station,
@@ -28,7 +28,7 @@ from ppmcal.kinematics.partial_pose import (
 from ppmcal.kinematics.registration import Station, measured_pose, predict
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, Bools
-from ppmcal.model.dataset import Conditions, Dataset, conditions
+from ppmcal.model.dataset import Dataset, Environment, environment
 from ppmcal.model.mechanism import Mechanism, Registration
 
 FAR_OUTSIDE = 0.5
@@ -105,7 +105,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
         registration: frame and target; None for wanted platform poses in the base frame.
         knowledge: covariance and measured volume, None where not available.
         dataset: name of the data set that ``registration`` belongs to.
-        columns: what effects depend on, as in :func:`ppmcal.model.dataset.conditions`.
+        columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
         sequence: targets are visited in order, which gives the directions of approach.
 
     An instrument's own error (its scale, say) is not commanded into the machine: targets are
@@ -117,7 +117,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
     full, failed = wanted_poses(model, station, wanted)
     columns = dict(columns or {})
     rough = inverse_table(nominal, full).q if sequence else np.zeros((len(full), k))
-    rows = conditions(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
+    rows = environment(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
     table = inverse_table(model, full, rows)
     status = ["refused" if s != "ok" else "ok" for s in table.status]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
@@ -154,29 +154,29 @@ def _outside_volume(mechanism: Mechanism, full: Array, knowledge: Knowledge | No
 
 
 def _uncorrected(model: Model, nominal: Model, station: Station, believed: Station, full: Array,
-                 wanted: Array, rows: Conditions) -> tuple[tuple[Array, Array], Array]:
+                 wanted: Array, rows: Environment) -> tuple[tuple[Array, Array], Array]:
     """Errors (N,) position and rotation of the nominal commands, and those commands (N, k).
 
     The nominal machine is asked for the wanted pose in the frame in which it fits the
     measurements best, ``believed``; what its closure does not allow is left to it.
     """
     asked, _ = wanted_poses(nominal, believed, wanted)
-    if nominal.mechanism.conditions > len(nominal.mechanism.actuators):
+    if nominal.mechanism.equations > len(nominal.mechanism.actuators):
         asked = named_only(nominal.mechanism, asked)
     table = inverse_table(nominal, asked)
-    real = reach(model, table.q, rows)
+    real = reached_poses(model, table.q, rows)
     return _errors(station, real.pose, pose_motor(full)), table.q
 
 
 def _after(model: Model, nominal: Model, station: Station, q: Array, full: Array, good: Bools,
-           rows: Conditions) -> tuple[Array, Array, Array]:
+           rows: Environment) -> tuple[Array, Array, Array]:
     """Corrected pose command of the nominal model (N, 6), and errors left (N,) each."""
     command = np.full_like(full, np.nan)
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
     if good.any():
         asked = forward(nominal, q[good])
         command[good] = pose_vector(asked.pose)
-        real = reach(model, q[good], rows.take(good))
+        real = reached_poses(model, q[good], rows.take(good))
         position[good], rotation[good] = _errors(station, real.pose, pose_motor(full[good]))
     return command, position, rotation
 
@@ -189,7 +189,7 @@ def _errors(station: Station, real: Array, ideal: Array) -> tuple[Array, Array]:
 
 
 def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
-           knowledge: Knowledge | None, dataset: str, rows: Conditions) -> tuple[Array, Array]:
+           knowledge: Knowledge | None, dataset: str, rows: Environment) -> tuple[Array, Array]:
     """Return the standard deviations (N,) of the corrected position and rotation.
 
     What the identification left unexplained is there at these poses too.
@@ -219,14 +219,14 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration |
         registration: frame and target in which the pose is measured; None: the base frame.
         knowledge: what the identification knows.
         dataset: name of the data set that ``registration`` belongs to.
-        columns: what effects depend on, as in :func:`ppmcal.model.dataset.conditions`.
+        columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
 
     Poses that the machine does not take are nan.
     """
     k = len(mechanism.actuators)
     model, base = Model(mechanism), base_station(k)
     full, _ = wanted_poses(model, base, poses)
-    rows = conditions(columns, mechanism.actuators, mechanism.gravity, np.zeros((len(full), k)))
+    rows = environment(columns, mechanism.actuators, mechanism.gravity, np.zeros((len(full), k)))
     table = inverse_table(model, full, rows)
     good = np.array([s == "ok" for s in table.status])
     station = station_of(registration, k) if registration else base
@@ -234,7 +234,7 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration |
 
 
 def prediction_jacobian(model: Model, station: Station, full: Array, q: Array,
-                        knowledge: Knowledge, dataset: str, rows: Conditions) -> Array:
+                        knowledge: Knowledge, dataset: str, rows: Environment) -> Array:
     """Return d(measured pose)/d(columns) (N, m, C), columns as the identification names them.
 
     Columns of other data sets' frames, and unknown names, are 0.
@@ -248,7 +248,7 @@ def prediction_jacobian(model: Model, station: Station, full: Array, q: Array,
     data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
     about = knowledge.pivots.get(dataset, np.zeros(3))
     problem = Problem(mechanism, (data,), free, (about,), (rows,))
-    closed = reach(model, q, rows, pose_motor(full), q).closed
+    closed = reached_poses(model, q, rows, pose_motor(full), q).closed
     state = State(mechanism.values, (station,), (closed,))
     found = [r.jacobian for r in problem.rows(state)]
     own = {name: c for c, name in enumerate(problem.columns)}

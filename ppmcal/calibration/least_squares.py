@@ -37,7 +37,7 @@ def prior_weights(problem: Problem, method: str) -> Array:
     if method in ("flat", "damped"):
         return weights
     for c, p in enumerate(problem.free):
-        tau = problem.mechanism.parameters[p].spread
+        tau = problem.mechanism.parameters[p].prior_sigma
         weights[c] = 1.0 / tau if tau else 0.0
     return weights
 
@@ -52,7 +52,7 @@ def parameter_scale(problem: Problem) -> Array:
         parameter = problem.mechanism.parameters[p]
         natural = parameter.size or 1e-3 * (
             problem.mechanism.reach if parameter.quantity == "length" else 1.0)
-        out[c] = parameter.spread or natural
+        out[c] = parameter.prior_sigma or natural
     return out
 
 

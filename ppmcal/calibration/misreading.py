@@ -90,7 +90,7 @@ def explained_distances(problem: Problem, state: State) -> Distances:
 
 def _toleranced(problem: Problem) -> Problem:
     """Return the problem with every parameter free that has a tolerance: all that may be wrong."""
-    own = {i for i, p in enumerate(problem.mechanism.parameters) if p.spread and not p.fixed}
+    own = {i for i, p in enumerate(problem.mechanism.parameters) if p.prior_sigma and not p.fixed}
     return replace(problem, free=tuple(sorted(own | set(problem.free))))
 
 

@@ -15,11 +15,11 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.calibration.compensation import Compensation, Knowledge, compensate, station_of
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import base_station, pose_motor
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import conditions
+from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -133,9 +133,9 @@ def _errors(mechanism: Mechanism, q: Array, result: Compensation, targets: Targe
     k = len(mechanism.actuators)
     registration = mechanism.registrations.get(targets.dataset) if targets.dataset else None
     station = station_of(registration, k) if registration else base_station(k)
-    rows = conditions(targets.columns, mechanism.actuators, mechanism.gravity, result.q_nominal,
-                      targets.sequence)
-    reached = reach(Model(mechanism), q, rows)
+    rows = environment(targets.columns, mechanism.actuators, mechanism.gravity, result.q_nominal,
+                       targets.sequence)
+    reached = reached_poses(Model(mechanism), q, rows)
     point, turn = predict(station, reached.pose)
     wanted = result.seen[:, :3]
     miss = point - wanted

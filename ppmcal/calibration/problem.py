@@ -25,12 +25,12 @@ from ppmcal.calibration.posterior import Earlier
 from ppmcal.calibration.registration import no_pose, start_station
 from ppmcal.calibration.response import Response
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.effect_response import conditions_of, shifted
-from ppmcal.kinematics.equilibrium import platform_pose, reach, settle
+from ppmcal.kinematics.effect_response import environment_of, shifted
+from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
 from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import Station
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
-from ppmcal.model.dataset import Conditions, Dataset
+from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
 
@@ -84,7 +84,7 @@ class Problem:
     datasets: tuple[Dataset, ...]
     free: tuple[int, ...]
     pivots: tuple[Array, ...] | None = None
-    given: tuple[Conditions, ...] | None = None
+    given: tuple[Environment, ...] | None = None
     earlier: Earlier | None = None
 
     @cached_property
@@ -102,9 +102,9 @@ class Problem:
         return self._layout[1]
 
     @cached_property
-    def conditions(self) -> tuple[Conditions, ...]:
+    def environments(self) -> tuple[Environment, ...]:
         """What effects depend on, by data set."""
-        return self.given or tuple(conditions_of(self.mechanism, d) for d in self.datasets)
+        return self.given or tuple(environment_of(self.mechanism, d) for d in self.datasets)
 
     def open_scale(self) -> Array:
         """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
@@ -138,9 +138,9 @@ class Problem:
 
     def reached(self, index: int, model: Model, homing: Array | float = 0.0) -> Array:
         """Return a data set's poses (N, 8), of distances between two (N, 16), from home."""
-        data, rows = self.datasets[index], self.conditions[index]
+        data, rows = self.datasets[index], self.environments[index]
         ends = (data.q,) if data.to_q is None else (data.q, data.to_q)
-        return np.concatenate([reach(model, q + homing, rows).closed for q in ends], axis=1)
+        return np.concatenate([reached_poses(model, q + homing, rows).closed for q in ends], axis=1)
 
     def shared(self, data: Dataset) -> int:
         """Return the index of the data set whose frame ``data`` uses."""
@@ -150,7 +150,7 @@ class Problem:
         """Return the state with its poses solved anew at its parameters."""
         model = Model(self.mechanism, state.g)
         poses = tuple(np.concatenate([
-            settle(model, q, self.conditions[i], pose)[0] for q, pose in self.ends(i, state)],
+            settle(model, q, self.environments[i], pose)[0] for q, pose in self.ends(i, state)],
             axis=1) for i in range(len(self.datasets)))
         return replace(state, poses=poses)
 
@@ -195,7 +195,7 @@ class Problem:
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
         part, station, motion = data.take(index), state.stations[i], self.mechanism.motion
-        rows = self.conditions[i].take(index)
+        rows = self.environments[i].take(index)
         ends = self.ends(i, state, index)
         models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
         shift = models[0].shift

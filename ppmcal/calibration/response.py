@@ -12,7 +12,7 @@ from ppmcal.calibration.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import Conditions
+from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
 
 
@@ -29,7 +29,7 @@ class Response:
     lines: Array
     spread: Array
     seen: ResidualJacobian
-    rows: Conditions
+    rows: Environment
     end: int = 0
 
     @cached_property

@@ -87,7 +87,7 @@ def _norm(vector: Array) -> Array:
 def closure_lengths(problem: Problem, state: State, index: int) -> Array:
     """Return the limb conditions at the measured poses, as lengths (N, d); nan if unknown."""
     data, station = problem.datasets[index], state.stations[index]
-    out = np.full((len(data), problem.mechanism.conditions), np.nan)
+    out = np.full((len(data), problem.mechanism.equations), np.nan)
     position, rotation = data.position.copy(), data.rotation.copy()
     motion = problem.mechanism.motion
     if motion == "planar":
@@ -99,7 +99,7 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
         measured = np.concatenate([position[whole], rotation[whole]], axis=1)
         pose = carried_back(problem.mechanism, station, measured)
         joints = problem.joints(index, state)[whole]
-        model = shifted(Model(problem.mechanism, state.g), problem.conditions[index].take(whole),
+        model = shifted(Model(problem.mechanism, state.g), problem.environments[index].take(whole),
                         joints, pose)
         if model.shift is not None and model.shift.pose is not None:
             pose = moved(pose, -model.shift.pose)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -24,9 +24,10 @@ from ppmcal.io.results.record import Provenance
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
+GROUP = "ppmcal.controllers"
 FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
            "reprap": "reprap", "joints": "joint_tables_export", "grid": "pose_grid_export"}
-"""Formats, and the modules beside this one that write them; each is one more file."""
+"""Formats of ppmcal, and the modules beside this one that write them; each is one more file."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class Exported:
 
 
 class Exporter(Protocol):
-    """A module that writes one format."""
+    """A module, or an object, that writes one format."""
 
     def export(self, mechanism: Mechanism, old: Path | None, poses: Path | None) -> Exported:
         """Return the machine in this format.
@@ -111,15 +112,34 @@ class Exporter(Protocol):
         ...
 
 
+def formats() -> dict[str, EntryPoint]:
+    """Return by name where each format's module is, those of other packages last.
+
+    Another package adds a format through the entry-point group ``ppmcal.controllers``: the
+    entry has the format's name in small letters and loads an :class:`Exporter`.
+
+    Raises:
+        ValueError: a name is taken.
+    """
+    out: dict[str, EntryPoint] = {}
+    own = [EntryPoint(n, f"ppmcal.controllers.{m}", GROUP) for n, m in FORMATS.items()]
+    for entry in (*own, *entry_points(group=GROUP)):
+        if entry.name in out:
+            raise ValueError(f"format '{entry.name}' is registered twice")
+        out[entry.name] = entry
+    return out
+
+
 def exporter(name: str) -> Exporter:
-    """Return the module that writes format ``name``, whatever its case.
+    """Return what writes format ``name``, whatever its case; no other format's module is loaded.
 
     Raises:
         BadInput: there is no such format.
     """
-    if name.lower() not in FORMATS:
-        raise unknown("format", name, tuple(FORMATS))
-    return cast("Exporter", importlib.import_module(f"ppmcal.controllers.{FORMATS[name.lower()]}"))
+    known = formats()
+    if name.lower() not in known:
+        raise unknown("format", name, known)
+    return cast("Exporter", known[name.lower()].load())
 
 
 def record_of(exported: Exported, name: str, provenance: Mapping[str, Any]) -> ExportRecord:

@@ -22,7 +22,7 @@ from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.controllers.pose_grid import at_rest, completed_poses, default_grid
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -210,5 +210,5 @@ def predicted_errors(mechanism: Mechanism, trial: TrialCommands,
     for a, own in enumerate(tables):
         q[:, a] = table_command(own.table, own.factor, q[:, a], trial.way[:, a])
     rows = replace(at_rest(mechanism, len(q)), approach=trial.way)
-    return pose_errors(mechanism, reach(Model(mechanism), q, rows).pose,
+    return pose_errors(mechanism, reached_poses(Model(mechanism), q, rows).pose,
                        pose_motor(completed_poses(mechanism, trial.asked)))

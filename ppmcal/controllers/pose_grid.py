@@ -21,11 +21,11 @@ from ppmcal.calibration.compensation import compensate
 from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import base_station, inverse_partial, pose_motor, wanted_poses
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
 from ppmcal.linalg import Array, Bools, finite_rows
-from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Conditions, conditions
+from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Environment, environment
 from ppmcal.model.mechanism import Mechanism
 
 PLACES = {1: 101, 2: 31, 3: 11, 4: 7, 5: 5, 6: 5}
@@ -63,10 +63,10 @@ def rest_columns(mechanism: Mechanism, rows: int) -> dict[str, Array]:
             "time": none}
 
 
-def at_rest(mechanism: Mechanism, rows: int) -> Conditions:
+def at_rest(mechanism: Mechanism, rows: int) -> Environment:
     """Return the conditions of rows at rest."""
-    return conditions(rest_columns(mechanism, rows), mechanism.actuators, mechanism.gravity,
-                      np.zeros((rows, len(mechanism.actuators))))
+    return environment(rest_columns(mechanism, rows), mechanism.actuators, mechanism.gravity,
+                       np.zeros((rows, len(mechanism.actuators))))
 
 
 def default_grid(mechanism: Mechanism) -> Grid:
@@ -132,7 +132,7 @@ def interpolated(grid: Grid, found: Corrected, values: Array) -> Array:
     return out
 
 
-def driven(mechanism: Mechanism, commands: Array, rows: Conditions) -> Array:
+def driven(mechanism: Mechanism, commands: Array, rows: Environment) -> Array:
     """Return where commanded poses (N, 6) bring the machine, motors (N, 8).
 
     The commands go through the nominal inverse kinematics; nan where they do not.
@@ -140,7 +140,7 @@ def driven(mechanism: Mechanism, commands: Array, rows: Conditions) -> Array:
     asked = commands.copy()
     asked[:, [c for c in mechanism.dof if c not in named(mechanism)]] = np.nan
     q = inverse_partial(Model(mechanism.nominal()), asked).q
-    return reach(Model(mechanism), q, rows).pose
+    return reached_poses(Model(mechanism), q, rows).pose
 
 
 def completed_poses(mechanism: Mechanism, wanted: Array) -> Array:

@@ -15,9 +15,9 @@ from ppmcal.design.assembly_modes_planar import SAME, by_resultant, weights
 from ppmcal.design.assembly_modes_spatial import PLACE, FoundModes, apart, point_pair, search
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.forward import conditioning, forward
+from ppmcal.kinematics.forward import forward, smallest_singular_value
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.kinematics.tables import SINGULAR, home_conditioning
+from ppmcal.kinematics.tables import SINGULAR, home_singular_value
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 
 
@@ -28,7 +28,7 @@ class Modes:
     Attributes:
         motors: platform-to-base motors (n, 8).
         sign: of det A (n,); condition: smallest singular value of A (n,), as
-            :func:`ppmcal.kinematics.forward.conditioning`.
+            :func:`ppmcal.kinematics.forward.smallest_singular_value`.
         singular: whether condition is below :data:`tables.SINGULAR` of home's, or two
             modes coincide there as far as numbers can tell (n,).
         home: which one home's assembly mode is, as :func:`forward.forward` reaches it;
@@ -105,11 +105,11 @@ def _judged(model: Model, closure: Closure, found: FoundModes, method: str) -> M
     if not len(motors):
         none = np.zeros(0)
         return Modes(motors, none, none, none.astype(bool), None, complete, method)
-    condition, sign = conditioning(closure, motors)
+    condition, sign = smallest_singular_value(closure, motors)
     sharp = sharp & (condition > SAME)
     if sharp.all() and len(motors) % 2:
         complete = False  # simple roots come in pairs
-    singular = ~sharp | (condition < SINGULAR * home_conditioning(mechanism)[0])
+    singular = ~sharp | (condition < SINGULAR * home_singular_value(mechanism)[0])
     return Modes(motors, sign, condition, singular, None if home is None else 0, complete, method)
 
 

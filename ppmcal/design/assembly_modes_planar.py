@@ -107,7 +107,7 @@ def _rows(closure: Closure, phi: Array) -> _Rows:
         origin = (cga.coordinates(closure.fixed[0, k]) - turned)[:, :2]
     offsets = reach * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     at = (origin[None] + offsets[:, None]).reshape(-1, 2)
-    c, e, w, n, s = closure.gaps(_poses(at, np.tile(phi, 5))).reshape(5, len(phi), -1)
+    c, e, w, n, s = closure.misclosure(_poses(at, np.tile(phi, 5))).reshape(5, len(phi), -1)
     table = np.stack([0.5 * (e - w), 0.5 * (n - s), c], axis=-1)
     table /= np.where(weight == 0.0, reach, weight)[:, None]
     if not circles.size:

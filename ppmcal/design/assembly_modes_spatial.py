@@ -65,8 +65,8 @@ def closing(closure: Closure, starts: Array) -> FoundModes:
     solved, sharp, _ = newton(closure, starts)
     allowed = CLOSED * closure.model.mechanism.reach
     with np.errstate(invalid="ignore", over="ignore"):
-        ends = np.abs(closure.gaps(solved)).max(axis=1) < allowed
-        begins = np.abs(closure.gaps(starts)).max(axis=1) < allowed
+        ends = np.abs(closure.misclosure(solved)).max(axis=1) < allowed
+        begins = np.abs(closure.misclosure(starts)).max(axis=1) < allowed
     poses = np.where(ends[:, None], solved, starts)
     kept = ends | begins
     return distinct(closure.model.mechanism, FoundModes(poses[kept], (sharp & ends)[kept]))

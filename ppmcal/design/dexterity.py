@@ -28,7 +28,8 @@ class Quality:
 
     Attributes:
         determinant: det A.
-        condition: smallest singular value of A, as :func:`ppmcal.kinematics.forward.conditioning`.
+        condition: smallest singular value of A
+            (:func:`ppmcal.kinematics.forward.smallest_singular_value`).
         legs: smallest over largest singular value of A: how evenly the legs hold the platform.
         dexterity: smallest over largest singular value of the Jacobian from joint rates to the
             platform's twist, J = -A^-1 Jq, rotation rows multiplied by the length scale, joint

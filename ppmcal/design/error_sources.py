@@ -98,7 +98,7 @@ def all_components(mechanism: Mechanism) -> Mechanism:
             p = own.get(spec.name)
             known = None if p is None else mechanism.parameters[p].tolerance
             if asked:
-                known = (None if p is None else mechanism.parameters[p].spread) or usual.get(
+                known = (None if p is None else mechanism.parameters[p].prior_sigma) or usual.get(
                     spec.tolerance_class) or _default(mechanism, spec)
             value = now.get(spec.name, spec.default or 0.0)
             direct.append((spec.name, len(made)))
@@ -122,7 +122,7 @@ def _class_tolerances(mechanism: Mechanism) -> dict[str, float]:
         fed = [(specs[slot].tolerance_class, p) for slot, p in limb.slots.direct]
         fed += [pair for _, _, r, a in limb.slots.polar for pair in (("point", r), ("angle", a))]
         for what, p in fed:
-            tolerance = mechanism.parameters[p].spread
+            tolerance = mechanism.parameters[p].prior_sigma
             if tolerance:
                 out.setdefault(what, tolerance)
     return out
@@ -130,7 +130,7 @@ def _class_tolerances(mechanism: Mechanism) -> dict[str, float]:
 
 def tolerances(mechanism: Mechanism, found: Sequence[Source]) -> Array:
     """Return one standard deviation of each error (S,), SI; 0 where there is none."""
-    return np.array([mechanism.parameters[s.parameter].spread or 0.0 for s in found])
+    return np.array([mechanism.parameters[s.parameter].prior_sigma or 0.0 for s in found])
 
 
 def natural_units(mechanism: Mechanism, found: Sequence[Source], metric: float) -> Array:

@@ -100,7 +100,7 @@ def _next_mode(closure: Closure, pose: Array) -> Array | None:
     mechanism = closure.model.mechanism
     before = closure.pose_matrix(pose)
     way = np.zeros((1, 6))
-    way[:, mechanism.dof] = -solve_rows(before, closure.gaps(pose))
+    way[:, mechanism.dof] = -solve_rows(before, closure.misclosure(pose))
     modes = intersections(closure)
     if not len(modes) or not finite_rows(way).all():
         return None
@@ -126,7 +126,7 @@ def intersections(closure: Closure) -> Array:
     starts = _centres(closure, phi) if len(phi) else np.zeros((0, 8))
     starts = starts[finite_rows(starts)]
     with np.errstate(over="ignore", invalid="ignore"):
-        gap = np.abs(closure.gaps(starts)).max(axis=1, initial=0.0)
+        gap = np.abs(closure.misclosure(starts)).max(axis=1, initial=0.0)
     starts = starts[np.argsort(gap, kind="stable")][:int((gap < MEETS * mechanism.reach).sum())]
     kept: list[Array] = []
     for pose in starts:

@@ -30,7 +30,7 @@ from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.linalg import Array, svd
-from ppmcal.model.dataset import Dataset, unknown_conditions
+from ppmcal.model.dataset import Dataset, unknown_environment
 from ppmcal.model.mechanism import Mechanism
 
 ROUNDS = 12
@@ -243,7 +243,7 @@ def predicted(setup: MeasurementSetup, q: Array, pose: Array) -> Array:
     name = problem.datasets[0].name
     knowledge = Knowledge(problem.columns, setup.linear.covariance, {},
                           {name: problem.opens[0].about}, {})
-    rows = unknown_conditions(*q.shape)
+    rows = unknown_environment(*q.shape)
     jacobian = prediction_jacobian(Model(mechanism), setup.instrument.station(), pose, q,
                                    knowledge, name, rows)
     part = jacobian[:, :sum(1 for c in mechanism.dof if c < 3)]

@@ -68,7 +68,7 @@ def spring_columns(closure: Closure, pose: Array, lines: Array, springs: Sequenc
     all limbs on its actuator; a joint's spring the frame component of that name.
     """
     mechanism = closure.model.mechanism
-    out = np.zeros((len(pose), mechanism.conditions, len(springs)))
+    out = np.zeros((len(pose), mechanism.equations, len(springs)))
     drives = closure.joint_matrix(pose, lines)
     first = np.cumsum([0, *(len(body.point_moves) for body in closure.bodies)])
     for i, limb in enumerate(mechanism.limbs):

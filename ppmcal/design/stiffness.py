@@ -31,7 +31,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import named, placed
-from ppmcal.kinematics.tables import KinematicsTable, home_conditioning, inverse_table
+from ppmcal.kinematics.tables import KinematicsTable, home_singular_value, inverse_table
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
@@ -271,7 +271,7 @@ def stiffness_at_home(mechanism: Mechanism, tool: Array | None = None) -> Home:
     bare = replace(mechanism, effects=())
     springs_of(bare)
     place = f"{mechanism.source}: home"
-    if not home_conditioning(bare)[0] > SINGULAR_HOME:
+    if not home_singular_value(bare)[0] > SINGULAR_HOME:
         raise NoResult("the machine is singular at home: it has no stiffness there", place,
                        "Choose another home pose")
     axes = named(bare)

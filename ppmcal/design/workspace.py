@@ -26,7 +26,12 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import inverse_partial, pose_vector
 from ppmcal.kinematics.region import Grid
-from ppmcal.kinematics.tables import KinematicsTable, home_conditioning, inverse_table, limit_reason
+from ppmcal.kinematics.tables import (
+    KinematicsTable,
+    home_singular_value,
+    inverse_table,
+    limit_reason,
+)
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
 
@@ -122,7 +127,7 @@ def workspace(mechanism: Mechanism, grid: Grid) -> Workspace:
     """
     mechanism = replace(mechanism, effects=())
     model = Model(mechanism)
-    if not home_conditioning(mechanism)[0] > 1e-9:
+    if not home_singular_value(mechanism)[0] > 1e-9:
         raise NoResult("the machine is singular at home", f"{mechanism.source}: home",
                        "Choose another home pose")
     table = _table(model, grid.poses(mechanism))
@@ -161,7 +166,7 @@ def _table(model: Model, poses: Array) -> KinematicsTable:
         np.concatenate([p.q for p in parts]),
         np.concatenate([p.pose for p in parts]),
         np.concatenate([p.rate for p in parts]),
-        np.concatenate([p.condition for p in parts]),
+        np.concatenate([p.singular_value for p in parts]),
         tuple(s for p in parts for s in p.status),
         tuple(r for p in parts for r in p.reason),
     )

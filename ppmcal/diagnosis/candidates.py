@@ -16,7 +16,7 @@ from ppmcal.diagnosis.hypotheses import (
     frozen_slots,
     shapes,
 )
-from ppmcal.diagnosis.linear_system import Part, System
+from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.diagnosis.selection import Search, columns_of
 from ppmcal.kinematics.effect_response import lacking, setting
 from ppmcal.linalg import Bools, finite_rows
@@ -86,7 +86,7 @@ def _lowest(spec: EffectParameter) -> float:
     return 0.0 if spec.reciprocal else spec.low
 
 
-def _weighed(part: Part, to: Collector) -> Setting:
+def _weighed(part: SystemPart, to: Collector) -> Setting:
     """Return the setting of a part under the weight."""
     response = part.response
     wrench = np.zeros((len(response.pose), 6))

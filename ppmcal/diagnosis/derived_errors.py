@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.calibration.summary import Identification
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
-from ppmcal.model.dataset import unknown_conditions
+from ppmcal.model.dataset import unknown_environment
 from ppmcal.model.mechanism import Effect, joint_quantity, resolved
 
 SMALL = 1e-3
@@ -77,6 +77,6 @@ def _middle(identification: Identification, effect: Effect) -> float:
     fit = identification.fit
     q = np.concatenate([ends[0] for i, keep in enumerate(fit.keep) for ends in
                         fit.problem.ends(i, fit.state, np.flatnonzero(keep))])
-    travel = setting(Model(identification.mechanism), unknown_conditions(*q.shape), q,
+    travel = setting(Model(identification.mechanism), unknown_environment(*q.shape), q,
                      np.full((len(q), 8), np.nan)).travel[:, np.array(effect.on)]
     return 0.5 * float(np.nanmin(travel) + np.nanmax(travel))

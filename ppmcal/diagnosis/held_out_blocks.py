@@ -70,8 +70,8 @@ def schemes(problem: Problem) -> Iterator[tuple[str, list[list[Bools]]]]:
     """Yield what rows are left out by, and the blocks: a mask (N,) by data set for each."""
     order = [thirds(np.arange(len(d), dtype=float)) for d in problem.datasets]
     yield "time", [list(masks) for masks in zip(*order, strict=True)]
-    heat = np.concatenate([c.temperature for c in problem.conditions])
-    load = np.concatenate([np.linalg.norm(c.wrench, axis=1) for c in problem.conditions])
+    heat = np.concatenate([c.temperature for c in problem.environments])
+    load = np.concatenate([np.linalg.norm(c.wrench, axis=1) for c in problem.environments])
     ends = np.cumsum([len(d) for d in problem.datasets])[:-1]
     for by, values in (("temperature", heat), ("load", load)):
         if _varies(values) and (by != "load" or np.unique(np.round(values, 9)).size >= LEVELS):

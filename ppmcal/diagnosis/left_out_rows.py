@@ -15,7 +15,7 @@ from scipy.special import bdtrc, gammaln
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools
-from ppmcal.model.dataset import Conditions, Dataset
+from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
 
@@ -101,7 +101,7 @@ def _patterns(problem: Problem) -> Iterator[tuple[str, list[Bools]]]:
     many = len(problem.datasets) > 1
     for i, data in enumerate(problem.datasets):
         where = f" in {data.name}" if many else ""
-        for words, mask in _of_one(problem.mechanism, data, problem.conditions[i]):
+        for words, mask in _of_one(problem.mechanism, data, problem.environments[i]):
             masks = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
             masks[i] = mask
             yield words + where, masks
@@ -109,7 +109,7 @@ def _patterns(problem: Problem) -> Iterator[tuple[str, list[Bools]]]:
             yield f"are in {data.name}", [np.full(len(d), d is data) for d in problem.datasets]
 
 
-def _of_one(mechanism: Mechanism, data: Dataset, rows: Conditions) -> Iterator[tuple[str, Bools]]:
+def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[tuple[str, Bools]]:
     n = len(data)
     first = np.concatenate([[True], data.groups[1:] != data.groups[:-1]])
     yield "are the first row at their pose", first

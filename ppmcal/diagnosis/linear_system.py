@@ -30,7 +30,7 @@ sigmas cannot have made a noticeable error, nor may it imitate an effect."""
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class SystemPart:
     """Rows ``at`` (slice of the system) of one data set: how they respond to shifts.
 
     Distances between two platform positions have two parts, one per end.
@@ -61,7 +61,7 @@ class System:
 
     problem: Problem
     state: State
-    parts: tuple[Part, ...]
+    parts: tuple[SystemPart, ...]
     residual: Array
     jacobian: Array
     observed: Bools
@@ -78,7 +78,7 @@ class System:
         return np.where(same, np.maximum(np.diff(number), 1), 0)
 
     @property
-    def firsts(self) -> tuple[Part, ...]:
+    def firsts(self) -> tuple[SystemPart, ...]:
         """One part per row: of distances between two platform positions the first."""
         return tuple(p for p in self.parts if p.response.end == 0)
 
@@ -118,7 +118,8 @@ def build(problem: Problem, state: State, keep: Sequence[Bools]) -> System:
         residual[at, :m], observed[at, :m] = c.residual, c.observed
         jacobian[at, :m] = c.jacobian
         dataset[at], row[at] = c.dataset, c.index
-        parts += [Part(at, c.dataset, end, c.whitener) for end in (c.response, c.second) if end]
+        parts += [SystemPart(at, c.dataset, end, c.whitener)
+                  for end in (c.response, c.second) if end]
         begin += n
     group = _groups(problem, dataset, row)
     return System(problem, state, tuple(parts), residual, jacobian * column_scale(problem),

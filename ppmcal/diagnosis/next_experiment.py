@@ -118,7 +118,7 @@ def possible_rows(stage: Stage, rng: np.random.Generator) -> Dataset | None:
     low, high = seen.min(axis=0), seen.max(axis=0)
     wide = WIDER * (high - low)
     tried = rng.uniform(low - wide, high + wide, (POSES, 6))
-    short = problem.mechanism.conditions - len(problem.mechanism.actuators)
+    short = problem.mechanism.equations - len(problem.mechanism.actuators)
     if short:
         tried = seen[rng.integers(len(seen), size=POSES)]
     bare = Model(replace(problem.mechanism, effects=()), stage.system.state.g)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Bools, finite_rows
-from ppmcal.model.dataset import WRENCH, Conditions, Dataset
+from ppmcal.model.dataset import WRENCH, Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 
 ENOUGH = 0.8
@@ -28,7 +28,7 @@ def with_whole_rows(problem: Problem) -> Problem:
     with a finding.
     """
     datasets = tuple(_whole(problem.mechanism, d, c)
-                     for d, c in zip(problem.datasets, problem.conditions, strict=True))
+                     for d, c in zip(problem.datasets, problem.environments, strict=True))
     if all(a is b for a, b in zip(datasets, problem.datasets, strict=True)):
         return problem
     return replace(problem, datasets=datasets, given=None)
@@ -39,7 +39,7 @@ def usable(data: Dataset) -> Bools:
     return np.array([not r for r in data.unusable or [""] * len(data)], dtype=bool)
 
 
-def _whole(mechanism: Mechanism, data: Dataset, rows: Conditions) -> Dataset:
+def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
     reasons = list(data.unusable or [""] * len(data))
     columns, findings = dict(data.columns), list(data.findings)
     approach, changed = rows.approach.copy(), False
@@ -66,7 +66,7 @@ def _whole(mechanism: Mechanism, data: Dataset, rows: Conditions) -> Dataset:
                    visited=approach)
 
 
-def _recorded(mechanism: Mechanism, rows: Conditions) -> Iterator[tuple[tuple[str, ...], Bools]]:
+def _recorded(mechanism: Mechanism, rows: Environment) -> Iterator[tuple[tuple[str, ...], Bools]]:
     """Yield the columns of each quantity and which rows have it (N,)."""
     for a, name in enumerate(mechanism.actuators):
         yield (f"dir_{name}",), np.isfinite(rows.approach[:, a])

@@ -101,7 +101,7 @@ def _limbs(file: MechanismFile, units: Units, source: str) -> list[Draft]:
         kind = limb_kind(raw, file.motion, f"{source}: limbs.{name}")
         drafts.append(LimbReader(raw, name, kind, units, source, file.free or ()).read())
     _share_directions(drafts, source)
-    conditions = sum(d.kind.surface.conditions for d in drafts)
+    conditions = sum(d.kind.surface.equations for d in drafts)
     needed = len(MOTIONS[file.motion])
     if conditions != needed:
         raise BadInput(

@@ -135,7 +135,7 @@ def vector(*sizes: int, of: Callable[[object], float] = _finite) -> BeforeValida
 
 
 @dataclass(frozen=True)
-class Choice:
+class AllowedWords:
     """One word out of a few: refused with the nearest match, an ``enum`` in the JSON Schema."""
 
     what: str
@@ -159,9 +159,9 @@ class Choice:
         return value
 
 
-def choice(what: str, *allowed: str) -> Choice:
+def choice(what: str, *allowed: str) -> AllowedWords:
     """Return a validator for one word out of a few."""
-    return Choice(what, allowed)
+    return AllowedWords(what, allowed)
 
 
 def hint(name: object, allowed: Iterable[object]) -> str:

@@ -1,6 +1,6 @@
 """Stacked closure, pose Jacobian A, joint Jacobian Jq, errors Bg.
 
-Conditions are stacked limb by limb into d rows, as many as the pose has coordinates:
+The closure equations are stacked limb by limb into d rows, as many as the pose has coordinates:
 
     c(M, q, g) = 0,    A dpose + Jq dq + Bg dg = 0,
 
@@ -87,7 +87,7 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """The stacked conditions of N poses with their joints locked at ``q`` (N, k)."""
+    """The stacked closure equations of N poses with their joints locked at ``q`` (N, k)."""
 
     model: Model
     q: Array
@@ -124,15 +124,14 @@ class Closure:
         """Platform-side vectors carried to the base frame by motors ``pose`` (N, 8)."""
         return cga.move_vector(np.atleast_2d(pose)[:, None, :], self.moving)
 
-    def gaps(self, pose: Array) -> Array:
+    def misclosure(self, pose: Array) -> Array:
         """Return c (N, d), m: the inner product scaled to a length (exact where it is 0)."""
         return self.scale * cga.inner(self.fixed, self.carried(pose))
 
     def lengths(self, pose: Array) -> Array:
-        """Return the conditions as true lengths (N, d), m: |x - C| - radius for spheres."""
-        gap = self.gaps(pose)
-        r = self.radius
-        return np.where(r > 0.0, np.sqrt(np.maximum(r * r + 2.0 * r * gap, 0.0)) - r, gap)
+        """Return c as true lengths (N, d), m: |x - C| - radius for spheres."""
+        c, r = self.misclosure(pose), self.radius
+        return np.where(r > 0.0, np.sqrt(np.maximum(r * r + 2.0 * r * c, 0.0)) - r, c)
 
     def lines(self, pose: Array) -> Array:
         """Return the legs' lines (N, d, 6) in base axes: unit direction, moment.
@@ -209,7 +208,7 @@ class Closure:
         place = {p: i for i, p in enumerate(wanted)}
         blocks = self.error_blocks(pose, lines)
         n = np.atleast_2d(pose).shape[0]
-        out = np.zeros((n, self.model.mechanism.conditions, len(place)))
+        out = np.zeros((n, self.model.mechanism.equations, len(place)))
         for rows, columns, block in blocks:
             out[:, rows, [place[c] for c in columns]] += block
         return out

@@ -12,10 +12,10 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import solve_rows
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import (
-    Conditions,
     Dataset,
-    conditions,
-    unknown_conditions,
+    Environment,
+    environment,
+    unknown_environment,
     with_platform_directions,
 )
 from ppmcal.model.effects import LimbSetting, Setting, Shift, Terms, total
@@ -26,9 +26,9 @@ SETTLED = 1e-12
 """Loads and slots belong together: they change by less than this part of the reach."""
 
 
-def conditions_of(mechanism: Mechanism, data: Dataset) -> Conditions:
-    """Return the conditions of a data set's rows."""
-    found = conditions(data.columns, mechanism.actuators, mechanism.gravity, data.q)
+def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
+    """Return the environment of a data set's rows."""
+    found = environment(data.columns, mechanism.actuators, mechanism.gravity, data.q)
     visited = data.directions()
     if visited is not None:
         return replace(found, approach=visited)
@@ -52,13 +52,13 @@ def conditions_of(mechanism: Mechanism, data: Dataset) -> Conditions:
     return with_platform_directions(found, by_axis, drive)
 
 
-def setting(model: Model, conditions: Conditions, q: Array, pose: Array,
+def setting(model: Model, environment: Environment, q: Array, pose: Array,
             loaded: Model | None = None) -> Setting:
     """Return what effects may know of N rows.
 
     Args:
         model: the machine without effects.
-        conditions: of the rows.
+        environment: of the rows.
         q: joint values (N, k).
         pose: platform motors (N, 8).
         loaded: the machine that closes at these poses, for the loads; default ``model``.
@@ -78,9 +78,9 @@ def setting(model: Model, conditions: Conditions, q: Array, pose: Array,
         limbs.append(LimbSetting(limb.actuator, struts, ends[0], ends[1]))
     return Setting(
         mechanism.motion, np.array([q == "angle" for q in mechanism.actuator_quantity]),
-        ratio * q, np.sort(ratio[:, None] * mechanism.limits, axis=1), conditions.approach,
-        ratio * conditions.velocity, conditions.temperature, conditions.wrench, conditions.time,
-        tuple(limbs), lambda: loads(loaded or model, q, pose, conditions.wrench))
+        ratio * q, np.sort(ratio[:, None] * mechanism.limits, axis=1), environment.approach,
+        ratio * environment.velocity, environment.temperature, environment.wrench, environment.time,
+        tuple(limbs), lambda: loads(loaded or model, q, pose, environment.wrench))
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -111,25 +111,25 @@ def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effe
     return out
 
 
-def shifted(model: Model, conditions: Conditions, q: Array, pose: Array) -> Model:
+def shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Model:
     """Return the model with its effects at these rows; itself where it has none.
 
     Loads are those of the machine that closes at these poses, its effects included.
     """
     if not model.mechanism.effects:
         return model
-    now = _shifted(model, conditions, q, pose)
+    now = _shifted(model, environment, q, pose)
     if any(e.kind.uses_load for e in model.mechanism.effects):
         for _ in range(ROUNDS):
-            before, now = now, _shifted(now, conditions, q, pose)
+            before, now = now, _shifted(now, environment, q, pose)
             if _apart(before, now) < SETTLED * model.mechanism.reach:
                 break
     return now
 
 
-def _shifted(model: Model, conditions: Conditions, q: Array, pose: Array) -> Model:
+def _shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Model:
     """Return the model with its effects, loads being those of ``model`` as it is."""
-    at = setting(replace(model, shift=None), conditions, q, pose, model)
+    at = setting(replace(model, shift=None), environment, q, pose, model)
     whole = total([t.shift for _, t in effect_terms(model.mechanism, model.parameters, at)])
     n = q.shape[0]
     slots = {s: np.broadcast_to(v, (n,)) for s, v in whole.slots.items()}
@@ -146,7 +146,7 @@ def _apart(before: Model, now: Model) -> float:
 def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
     """Return the machine with strokes that the file leaves open taken from joints (N, k)."""
     parameters = list(mechanism.parameters)
-    travel = setting(Model(mechanism), unknown_conditions(*q.shape), q,
+    travel = setting(Model(mechanism), unknown_environment(*q.shape), q,
                      np.full((q.shape[0], 8), np.nan)).travel
     for effect in mechanism.effects:
         ends = [effect.parameters[n] for n in effect.kind.stroke_ends(mechanism.motion)]
@@ -160,7 +160,7 @@ def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
     return replace(mechanism, parameters=tuple(parameters))
 
 
-def missing_columns(mechanism: Mechanism, rows: Conditions) -> Sequence[str]:
+def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:
     """Return the columns that the effects need and no row has, by name."""
     out: list[str] = []
     for effect in mechanism.effects:
@@ -170,7 +170,7 @@ def missing_columns(mechanism: Mechanism, rows: Conditions) -> Sequence[str]:
 
 
 def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
-            rows: Conditions) -> list[str]:
+            rows: Environment) -> list[str]:
     """Return which of the needed columns have no value at all."""
     out: list[str] = []
     for need in needs:

@@ -17,7 +17,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import Forward, forward, moved, newton
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import Conditions, unknown_conditions
+from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
 
@@ -51,18 +51,18 @@ def platform_pose(closed: Array, shift: Shift | None) -> Array:
     return moved(closed, shift.pose)
 
 
-def reach(model: Model, q: Array, conditions: Conditions | None = None,
-          start: Array | None = None, start_q: Array | None = None) -> Reached:
+def reached_poses(model: Model, q: Array, environment: Environment | None = None,
+                  start: Array | None = None, start_q: Array | None = None) -> Reached:
     """Return the poses at joint values ``q`` (N, k), in equilibrium; nan where there is none.
 
     Args:
         model: the machine at its parameters.
         q: joint values, SI.
-        conditions: of the rows; None where nothing is known.
+        environment: of the rows; None where nothing is known.
         start: motors (N, 8) to start from, default home.
         start_q: joint values there.
     """
-    rows = conditions or unknown_conditions(*q.shape)
+    rows = environment or unknown_environment(*q.shape)
     heavy = uses_load(model.mechanism)
     first = forward(model, q, start, start_q) if heavy or not model.mechanism.effects else None
     now = shifted(model, rows, q, first.pose if first else np.full((q.shape[0], 8), np.nan))
@@ -87,7 +87,7 @@ def row_known(shift: Shift | None, rows: int) -> NDArray[np.bool_]:
     return usable
 
 
-def settle(model: Model, q: Array, rows: Conditions, closed: Array) -> tuple[Array, Model]:
+def settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Array, Model]:
     """Return closed poses (N, 8) near ``closed`` with the effects in equilibrium, and the model.
 
     Rows that do not settle become nan.
@@ -113,7 +113,7 @@ def _newton(model: Model, q: Array, closed: Array) -> Array:
     return out
 
 
-def _settle(model: Model, q: Array, rows: Conditions, closed: Array) -> tuple[Array, Model]:
+def _settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Array, Model]:
     size = model.mechanism.reach
     now = shifted(model, rows, q, closed)
     change = np.full(q.shape[0], np.inf)

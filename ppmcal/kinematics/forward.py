@@ -1,6 +1,6 @@
 """Forward kinematics: Newton on the stacked closure, in the assembly mode of home.
 
-The stacked conditions c(M, q) = 0 are solved for the platform motor M by Newton steps on
+The stacked closure equations c(M, q) = 0 are solved for the platform motor M by Newton steps on
 the pose matrix A. A direct solution from the start is trusted where Newton contracts
 from its first step on; elsewhere the joints are led from the start to their values in
 smaller steps, so that the assembly mode reached is the one that the machine would reach.
@@ -22,7 +22,7 @@ CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""
 SMALLEST_STEP = 1.0 / 512.0
 CLOSED = 1e-12
-"""Closed: every gap below this part of the reach."""
+"""Closed: every misclosure below this part of the reach."""
 
 
 @dataclass(frozen=True)
@@ -116,17 +116,17 @@ def newton(closure: Closure, pose: Array, iterations: int = 25) -> tuple[Array, 
     converged = np.zeros(pose.shape[0], dtype=bool)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
-            gap = closure.gaps(pose)
+            c = closure.misclosure(pose)
             lines = closure.lines(pose)
             step = np.zeros((pose.shape[0], 6))
-            step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), gap)
+            step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), c)
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
                             np.linalg.norm(step[:, 3:], axis=1))
             sizes.append(size)
             finite = np.isfinite(size) & (size < 10.0 * reach / scale)
             step[~finite] = 0.0
             pose = moved(pose, step)
-            converged = finite & (size < 1e-11) & (np.max(np.abs(gap), axis=1) < CLOSED * reach)
+            converged = finite & (size < 1e-11) & (np.max(np.abs(c), axis=1) < CLOSED * reach)
             if (converged | ~finite).all():
                 break
     first, second = sizes[0], sizes[1] if len(sizes) > 1 else np.zeros_like(sizes[0])
@@ -144,7 +144,7 @@ def moved(pose: Array, step: Array) -> Array:
     return cga.compose(cga.motor_from_rotation_vector(turn, shift), pose)
 
 
-def conditioning(closure: Closure, pose: Array) -> tuple[Array, Array]:
+def smallest_singular_value(closure: Closure, pose: Array) -> tuple[Array, Array]:
     """Return the smallest singular value of A (N,) and the sign of det A (N,).
 
     Rotation columns are divided by the machine's length scale

@@ -1,6 +1,6 @@
 """Inverse kinematics: joint values of a pose, in closed form for every limb kind.
 
-With the pose fixed, a limb's condition is a polynomial of degree two in a prismatic joint
+With the pose fixed, a limb's closure equation is a polynomial of degree two in a prismatic joint
 (theory: distance^2 = -2 A.B, [IK] eq. 28 and 42), or a + b cos u + c sin u in a revolute
 one. Three evaluations of the KGB give its coefficients exactly, whatever the kind, so the
 limbs need no inverse of their own; one Newton step removes the interpolation's round-off.
@@ -66,7 +66,7 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
     if prismatic:
         step = model.mechanism.reach
     samples = step * np.array([1.0, 2.0, 3.0]) if prismatic else np.array([0.0, 1.0, -1.0]) * 2.0
-    f = np.stack([_condition(model, index, pose, u) for u in samples], axis=-1)
+    f = np.stack([_inner_product(model, index, pose, u) for u in samples], axis=-1)
     if prismatic:
         roots, nearest = _polynomial_roots(f, step, limb.kind.branch is None)
     else:
@@ -78,8 +78,8 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
     return roots, missing
 
 
-def _condition(model: Model, index: int, pose: Array, u: Array | float) -> Array:
-    """Return the raw inner product of the limb's first condition (N,), m^2 or m."""
+def _inner_product(model: Model, index: int, pose: Array, u: Array | float) -> Array:
+    """Return the raw inner product of the limb's first closure equation (N,), m^2 or m."""
     kind = model.mechanism.limbs[index].kind
     body = kind.evaluate({**model.limb_values[index], U: np.asarray(u, dtype=float)})
     carried = cga.move_vector(pose, body.moving[:, 0])
@@ -135,13 +135,13 @@ def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
 
 
 def _polish(model: Model, index: int, pose: Array, u: Array) -> Array:
-    """One Newton step on the condition itself; kept only where it is small and finite."""
+    """One Newton step on the closure equation itself; kept only where it is small and finite."""
     kind = model.mechanism.limbs[index].kind
     safe = np.where(np.isfinite(u), u, 1.0)
     h = 1e-6 * (model.mechanism.reach if kind.actuator == "length" else 1.0)
-    f0 = _condition(model, index, pose, safe)
-    slope = (_condition(model, index, pose, safe + h)
-             - _condition(model, index, pose, safe - h)) / (2.0 * h)
+    f0 = _inner_product(model, index, pose, safe)
+    slope = (_inner_product(model, index, pose, safe + h)
+             - _inner_product(model, index, pose, safe - h)) / (2.0 * h)
     step = -f0 / slope
     use = np.isfinite(step) & (np.abs(step) < 1e-3 * h / 1e-6)
     return np.where(np.isfinite(u), safe + np.where(use, step, 0.0), u)
@@ -238,12 +238,12 @@ def inverse(model: Model, pose: Array) -> Inverse:
         empty = np.isnan(q[:, limb.actuator])
         q[empty, limb.actuator] = own[empty]
     bad = np.array([bool(r) for r in reasons])
-    if len(mechanism.actuators) < mechanism.conditions and not bad.all():
+    if len(mechanism.actuators) < mechanism.equations and not bad.all():
         off = np.full(pose.shape[0], 0.0)
         off[~bad] = np.max(np.abs(model.closure(q[~bad]).lengths(pose[~bad])), axis=1)
         for n in np.flatnonzero(off > SURFACE_TOLERANCE * mechanism.reach):
             reasons[n] = (f"the pose is off the machine's surface by {off[n] / factor:.4g} {unit}: "
-                          f"leave {mechanism.conditions - len(mechanism.actuators)} "
+                          f"leave {mechanism.equations - len(mechanism.actuators)} "
                           "coordinates empty to have them solved for")
     q[[bool(r) for r in reasons]] = np.nan
     return Inverse(q, pose, tuple(reasons))

@@ -16,7 +16,7 @@ from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_blocks
 from ppmcal.kinematics.registration import Station, measured_pose
 from ppmcal.kinematics.rotations import euler_rates, from_euler, to_euler
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import Conditions, unknown_conditions
+from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism
 
@@ -42,7 +42,7 @@ def base_station(actuators: int) -> Station:
 
 
 @dataclass(frozen=True)
-class Named:
+class PoseConvention:
     """What wanted poses of a machine's own frame name.
 
     Attributes:
@@ -64,33 +64,33 @@ class Named:
         return replace(base_station(actuators), target=np.asarray(self.tool, dtype=float))
 
 
-def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = None,
-                    named: Named | None = None) -> Inverse:
+def inverse_partial(model: Model, coordinates: Array, rows: Environment | None = None,
+                    convention: PoseConvention | None = None) -> Inverse:
     """Return joint values of poses of which only some coordinates are wanted.
 
     Args:
         model: the machine at its parameters.
         coordinates: (N, 6) x, y, z, rotation vector; nan where left open. Each row must
             name all coordinates of the motion or as many as there are actuators.
-        rows: conditions that effects depend on; the joint values make up for the effects.
-        named: what these coordinates are, default those of the platform's own frame.
+        rows: environment that effects depend on; the joint values make up for the effects.
+        convention: what these coordinates are, default those of the platform's own frame.
 
     Returns:
         joint values, and the platform's own poses.
     """
     coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
-    named = named or Named()
-    found = _inverse_named(model, named, coordinates)
+    convention = convention or PoseConvention()
+    found = _inverse_named(model, convention, coordinates)
     if not model.mechanism.effects:
         return found
-    rows = rows or unknown_conditions(*found.q.shape)
+    rows = rows or unknown_environment(*found.q.shape)
     asked, pose = coordinates, found.pose
     for _ in range(ROUNDS):
         now = shifted(model, rows, found.q, pose)
         usable = row_known(now.shift, len(asked))
         before = found.q
-        found = _inverse_named(now, named, np.where(usable[:, None], asked, np.nan), ~usable)
-        miss = _missed(model.mechanism, named, coordinates,
+        found = _inverse_named(now, convention, np.where(usable[:, None], asked, np.nan), ~usable)
+        miss = _missed(model.mechanism, convention, coordinates,
                        platform_pose(found.pose, now.shift))
         asked = asked + miss
         pose = found.pose
@@ -101,11 +101,11 @@ def inverse_partial(model: Model, coordinates: Array, rows: Conditions | None = 
     return Inverse(found.q, platform_pose(found.pose, now.shift), found.reason)
 
 
-def _missed(mechanism: Mechanism, named: Named, wanted: Array, real: Array) -> Array:
+def _missed(mechanism: Mechanism, convention: PoseConvention, wanted: Array, real: Array) -> Array:
     """Return wanted coordinates (N, 6) less those of real poses; 0 where left open or unknown."""
-    vector = measured_pose(named.station(len(mechanism.actuators)), real)
-    if named.euler:
-        return _miss_of_euler(wanted, vector, named.euler)
+    vector = measured_pose(convention.station(len(mechanism.actuators)), real)
+    if convention.euler:
+        return _miss_of_euler(wanted, vector, convention.euler)
     angle = np.linalg.norm(vector[:, 3:], axis=1, keepdims=True)
     # beyond half a turn the same rotation has a second vector; take the one that was asked for
     whole = np.where(angle > 0.0, 1.0 - 2.0 * np.pi / np.where(angle > 0.0, angle, 1.0), 1.0)
@@ -124,15 +124,15 @@ def _miss_of_euler(wanted: Array, vector: Array, euler: str) -> Array:
     return np.asarray(np.nan_to_num(miss), dtype=float)
 
 
-def _inverse_named(model: Model, named: Named, coordinates: Array,
+def _inverse_named(model: Model, convention: PoseConvention, coordinates: Array,
                    lacking: NDArray[np.bool_] | None = None) -> Inverse:
     """Inverse kinematics of full or partial poses, without regard to platform twists.
 
-    ``lacking`` marks rows whose conditions are not known.
+    ``lacking`` marks rows whose environment is not known.
     """
     mechanism = model.mechanism
-    full, failed = wanted_poses(model, named.station(len(mechanism.actuators)), coordinates,
-                                named.euler)
+    full, failed = wanted_poses(model, convention.station(len(mechanism.actuators)), coordinates,
+                                convention.euler)
     if lacking is not None:
         failed = [LACKING if lack else f for f, lack in zip(failed, lacking, strict=True)]
     ready = np.array([not f for f in failed], dtype=bool)
@@ -158,7 +158,7 @@ def wanted_poses(model: Model, station: Station, wanted: Array, euler: str = ""
     mechanism = model.mechanism
     dof = np.isin(np.arange(6), mechanism.dof)
     open_ = np.isnan(wanted) & dof
-    short = mechanism.conditions - len(mechanism.actuators)
+    short = mechanism.equations - len(mechanism.actuators)
     out = np.full_like(wanted, np.nan)
     failed = [""] * wanted.shape[0]
     for n, count in enumerate(open_.sum(axis=1)):
@@ -245,13 +245,13 @@ def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np
         by_pose[:, 3:, 3:] = turning @ frame
         miss = np.take_along_axis(away, pick, axis=1)
         rows = np.take_along_axis(by_pose[..., mechanism.dof], pick[..., None], axis=1)
-        gap = closure.gaps(pose)
+        c = closure.misclosure(pose)
         top = np.concatenate([closure.pose_matrix(pose, lines),
                               closure.joint_matrix(pose, lines)], axis=-1)
         bottom = np.concatenate([rows, np.zeros((*rows.shape[:2], q.shape[1]))], axis=-1)
         step = -solve_rows(np.concatenate([top, bottom], axis=1),
-                           np.concatenate([gap, miss], axis=1))
-        solved = (np.max(np.abs(gap), axis=1) < 1e-12 * mechanism.reach) & (
+                           np.concatenate([c, miss], axis=1))
+        solved = (np.max(np.abs(c), axis=1) < 1e-12 * mechanism.reach) & (
             np.max(np.abs(miss), axis=1) < 1e-11)
         if solved.all() or not finite_rows(step).any():
             break
@@ -275,7 +275,7 @@ def named_only(mechanism: Mechanism, asked: Array) -> Array:
     Full poses lie on the identified machine's surface, not on the nominal one's.
     """
     out = asked.copy()
-    short = mechanism.conditions - len(mechanism.actuators)
+    short = mechanism.equations - len(mechanism.actuators)
     model = Model(mechanism)
     closure = model.closure(home_state(mechanism).q)
     a = closure.pose_matrix(mechanism.home[None])[0]

@@ -66,7 +66,7 @@ class Grid:
 def named(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the pose coordinates that a command names; closure decides the others."""
     drawn = mechanism.nominal()
-    if drawn.conditions <= len(drawn.actuators):
+    if drawn.equations <= len(drawn.actuators):
         return drawn.dof
     kept = np.isfinite(named_only(drawn, drawn.home_pose[None])[0])
     return tuple(c for c in drawn.dof if kept[c])
@@ -81,7 +81,7 @@ def placed(mechanism: Mechanism, coordinates: Sequence[int], values: Array) -> A
     chosen += [c for c in named(mechanism) if c not in chosen][:max(
         0, len(mechanism.actuators) - len(chosen))]
     out = np.tile(mechanism.home_pose, (len(values), 1))
-    if mechanism.conditions > len(mechanism.actuators):
+    if mechanism.equations > len(mechanism.actuators):
         out[:, [c for c in mechanism.dof if c not in chosen]] = np.nan
     out[:, coordinates] = values
     return out

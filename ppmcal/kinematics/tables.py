@@ -12,13 +12,19 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.equilibrium import reach
-from ppmcal.kinematics.forward import Forward, conditioning, forward
+from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.kinematics.forward import Forward, forward, smallest_singular_value
 from ppmcal.kinematics.inverse import home_state, solve_rows
-from ppmcal.kinematics.partial_pose import LACKING, Named, inverse_partial, pose_motor, pose_vector
+from ppmcal.kinematics.partial_pose import (
+    LACKING,
+    PoseConvention,
+    inverse_partial,
+    pose_motor,
+    pose_vector,
+)
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import Conditions, Dataset
+from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 
@@ -33,7 +39,7 @@ class KinematicsTable:
     Attributes:
         q: joint values (N, k); pose: full poses (N, 6) x, y, z, rotation vector.
         rate: joint rates (N, k), nan where not asked for.
-        condition: smallest singular value of A (see :func:`forward.conditioning`).
+        singular_value: the smallest of A (see :func:`forward.smallest_singular_value`).
         status: ``ok``, ``unreachable``, ``limits``, ``singular``, ``crossed``, ``jump`` or
             ``not converged``; reason in words, empty for ``ok``.
     """
@@ -41,20 +47,20 @@ class KinematicsTable:
     q: Array
     pose: Array
     rate: Array
-    condition: Array
+    singular_value: Array
     status: tuple[str, ...]
     reason: tuple[str, ...]
 
 
-def inverse_table(model: Model, coordinates: Array, rows: Conditions | None = None,
-                  named: Named | None = None) -> KinematicsTable:
+def inverse_table(model: Model, coordinates: Array, rows: Environment | None = None,
+                  convention: PoseConvention | None = None) -> KinematicsTable:
     """Return joint values of poses (N, 6), nan = open coordinate, as a path in row order.
 
-    ``rows``: the conditions that the machine's effects depend on. ``named``: which point's poses
-    they are and how their rotations are written (default: the platform origin's, as rotation
+    ``rows``: the environment that the machine's effects depend on. ``convention``: which point's
+    poses they are and how their rotations are written (default: the platform origin's, as rotation
     vectors); the poses of the table returned are the platform's own, as rotation vectors.
     """
-    found = inverse_partial(model, coordinates, rows, named)
+    found = inverse_partial(model, coordinates, rows, convention)
     status = ["ok" if r else "unreachable" for r in found.reached]
     return _judged(model, found.q, found.pose, status, list(found.reason))
 
@@ -63,16 +69,16 @@ def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
     """Return where the tool point (3,), m in platform axes, is: poses (N, 6) of platform ones."""
     out = np.full_like(pose, np.nan)
     good = finite_rows(pose)
-    out[good] = measured_pose(Named(tool).station(len(model.mechanism.actuators)),
+    out[good] = measured_pose(PoseConvention(tool).station(len(model.mechanism.actuators)),
                               pose_motor(pose[good]))
     return out
 
 
-def forward_table(model: Model, q: Array, rows: Conditions | None = None,
+def forward_table(model: Model, q: Array, rows: Environment | None = None,
                   found: Forward | None = None) -> KinematicsTable:
     """Return the poses of joint values (N, k), in home's assembly mode, as a path.
 
-    ``rows``: the conditions that the machine's effects depend on. ``found``: the geometry's
+    ``rows``: the environment that the machine's effects depend on. ``found``: the geometry's
     poses where they are known already.
     """
     found = found or forward(model, q)
@@ -84,7 +90,7 @@ def forward_table(model: Model, q: Array, rows: Conditions | None = None,
     _mark_jumps(model, q, found.pose, status, reason)
     pose = found.pose
     if model.mechanism.effects:
-        pose = reach(model, q, rows, found.pose, q).pose
+        pose = reached_poses(model, q, rows, found.pose, q).pose
         for n in np.flatnonzero(finite_rows(found.pose) & ~finite_rows(pose)):
             status[n], reason[n] = "not converged", LACKING
     return _judged(model, q, pose, status, reason)
@@ -94,18 +100,18 @@ def velocity_table(
     model: Model,
     coordinates: Array,
     twist: Array,
-    conditions: Conditions | None = None,
-    named: Named | None = None,
+    environment: Environment | None = None,
+    convention: PoseConvention | None = None,
 ) -> KinematicsTable:
     """Return joint rates of poses moving with ``twist`` (N, 6) vx, vy, vz, wx, wy, wz.
 
     A twist + Jq rate = 0 ([IK] eq. 32 and 49). A machine with fewer actuators than pose
     coordinates takes as many velocity components as it has actuators, the others nan; they
-    follow from the closure. Effects (``conditions``) change the joints, not the rates. Poses and
-    velocities are those of the point that ``named`` says, as in :func:`inverse_table`; the
+    follow from the closure. Effects (``environment``) change the joints, not the rates. Poses and
+    velocities are those of the point that ``convention`` says, as in :func:`inverse_table`; the
     twist's second half is the angular velocity in base axes, however rotations are written.
     """
-    table = inverse_table(model, coordinates, conditions, named)
+    table = inverse_table(model, coordinates, environment, convention)
     rows = np.flatnonzero([s == "ok" for s in table.status])
     rate = np.full_like(table.q, np.nan)
     status, reason = list(table.status), list(table.reason)
@@ -114,9 +120,9 @@ def velocity_table(
         closure = model.closure(table.q[rows])
         lines = closure.lines(pose)
         a, jq = closure.pose_matrix(pose, lines), closure.joint_matrix(pose, lines)
-        if named is not None:
+        if convention is not None:
             dof = model.mechanism.dof
-            a = a @ _origin_twist(pose, named.tool)[:, dof][..., dof]
+            a = a @ _origin_twist(pose, convention.tool)[:, dof][..., dof]
         given = twist[rows][:, model.mechanism.dof]
         for pattern in np.unique(np.isnan(given), axis=0):
             mine = np.flatnonzero((np.isnan(given) == pattern).all(axis=1))
@@ -131,7 +137,8 @@ def velocity_table(
                 rate[rows[mine]] = solve_rows(unknown, right)[:, :jq.shape[2]]
             else:
                 rate[rows[mine]] = (np.linalg.pinv(jq[mine]) @ right[..., None])[..., 0]
-    return KinematicsTable(table.q, table.pose, rate, table.condition, tuple(status), tuple(reason))
+    return KinematicsTable(table.q, table.pose, rate, table.singular_value, tuple(status),
+                           tuple(reason))
 
 
 def _origin_twist(pose: Array, tool: Array) -> Array:
@@ -159,15 +166,15 @@ def with_joints(mechanism: Mechanism, data: Dataset) -> Dataset:
 def _judged(
     model: Model, q: Array, pose: Array, status: list[str], reason: list[str]
 ) -> KinematicsTable:
-    """Add condition, limits and singularities to rows that have a solution."""
+    """Add singular values, limits and singularities to rows that have a solution."""
     mechanism = model.mechanism
-    condition = np.full(q.shape[0], np.nan)
+    smallest = np.full(q.shape[0], np.nan)
     rows = np.flatnonzero([s != "unreachable" and s != "not converged" for s in status])
     if rows.size:
         closure = model.closure(q[rows])
-        value, sign = conditioning(closure, pose[rows])
-        condition[rows] = value
-        home_value, home_sign = home_conditioning(mechanism)
+        value, sign = smallest_singular_value(closure, pose[rows])
+        smallest[rows] = value
+        home_value, home_sign = home_singular_value(mechanism)
         for n, v, s in zip(rows, value, sign, strict=True):
             if status[n] != "ok":
                 continue
@@ -184,7 +191,7 @@ def _judged(
     good = finite_rows(pose)
     vector[good] = pose_vector(pose[good])
     return KinematicsTable(
-        q, vector, np.full_like(q, np.nan), condition, tuple(status), tuple(reason)
+        q, vector, np.full_like(q, np.nan), smallest, tuple(status), tuple(reason)
     )
 
 
@@ -198,10 +205,11 @@ def limit_reason(mechanism: Mechanism, q: Array) -> str:
     return ""
 
 
-def home_conditioning(mechanism: Mechanism) -> tuple[float, float]:
+def home_singular_value(mechanism: Mechanism) -> tuple[float, float]:
     """Return the smallest singular value of A at home and the sign of its determinant."""
     model = Model(mechanism)
-    value, sign = conditioning(model.closure(home_state(mechanism).q), mechanism.home[None])
+    closure = model.closure(home_state(mechanism).q)
+    value, sign = smallest_singular_value(closure, mechanism.home[None])
     return float(value[0]), float(sign[0])
 
 

@@ -146,8 +146,8 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """Conditions of N rows with k joints, SI; nan where not recorded.
+class Environment:
+    """What effects depend on, in N rows with k joints, SI; nan where not recorded.
 
     ``approach``, ``velocity`` (of q) (N, k); ``temperature`` K above 20 degrees Celsius (N,);
     ``wrench`` on the platform (N, 6); ``time`` s (N,).
@@ -159,22 +159,22 @@ class Conditions:
     wrench: Array
     time: Array
 
-    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Conditions:
-        """Return the conditions of some rows."""
-        return Conditions(self.approach[rows], self.velocity[rows], self.temperature[rows],
-                          self.wrench[rows], self.time[rows])
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Environment:
+        """Return the environment of some rows."""
+        return Environment(self.approach[rows], self.velocity[rows], self.temperature[rows],
+                           self.wrench[rows], self.time[rows])
 
 
-def unknown_conditions(rows: int, joints: int) -> Conditions:
-    """Return conditions of which nothing is known."""
+def unknown_environment(rows: int, joints: int) -> Environment:
+    """Return an environment of which nothing is known."""
     one = np.full(rows, np.nan)
     many = np.full((rows, joints), np.nan)
-    return Conditions(many, many, one, np.full((rows, 6), np.nan), one)
+    return Environment(many, many, one, np.full((rows, 6), np.nan), one)
 
 
-def conditions(columns: Mapping[str, Array], actuators: Sequence[str], gravity: Array,
-               q: Array, sequence: bool = False) -> Conditions:
-    """Return the conditions that columns in SI describe.
+def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity: Array,
+                q: Array, sequence: bool = False) -> Environment:
+    """Return the environment that columns in SI describe.
 
     Args:
         columns: ``dir_<actuator>``, ``vel_<actuator>``, ``temperature`` in K, ``payload`` in
@@ -198,14 +198,14 @@ def conditions(columns: Mapping[str, Array], actuators: Sequence[str], gravity: 
         wrench = np.stack(given, axis=-1)
         wrench[:, :3] += weight[:, None] * gravity
     temperature = columns.get("temperature", blank) - REFERENCE_TEMPERATURE
-    return Conditions(approach, velocity, temperature, wrench, columns.get("time", blank))
+    return Environment(approach, velocity, temperature, wrench, columns.get("time", blank))
 
 
-def with_platform_directions(found: Conditions, by_axis: Array, drive: Array) -> Conditions:
+def with_platform_directions(found: Environment, by_axis: Array, drive: Array) -> Environment:
     """Fill in approach directions that were recorded for the platform.
 
     Args:
-        found: conditions with unknown approach.
+        found: environment with unknown approach.
         by_axis: ``dir_x, dir_y, dir_z`` (N, 3), 0 or nan where not recorded.
         drive: dq/d(platform displacement) at each row (N, k, 3).
     """

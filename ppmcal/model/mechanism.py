@@ -129,9 +129,9 @@ class Mechanism:
         return tuple(POSE_COORDINATES[i] for i in self.dof)
 
     @property
-    def conditions(self) -> int:
-        """Number of stacked limb conditions d."""
-        return sum(limb.kind.surface.conditions for limb in self.limbs)
+    def equations(self) -> int:
+        """Number of stacked closure equations d."""
+        return sum(limb.kind.surface.equations for limb in self.limbs)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

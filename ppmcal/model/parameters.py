@@ -49,7 +49,7 @@ class Parameter:
     nonlinear: bool = False
 
     @property
-    def spread(self) -> float | None:
+    def prior_sigma(self) -> float | None:
         """The tolerance where it is finite and above 0, else None: no prior, or fixed by it."""
         tau = self.tolerance
         return tau if tau is not None and np.isfinite(tau) and tau > 0.0 else None

@@ -19,11 +19,11 @@ from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, with_strokes
-from ppmcal.kinematics.equilibrium import reach
+from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import Station, predict
 from ppmcal.linalg import Array, Ints, finite_rows
-from ppmcal.model.dataset import Conditions, conditions
+from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.pose_patterns import commands
 from ppmcal.simulation.scenario import Scenario
@@ -159,20 +159,20 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
             _value(position, far, error[:, 0], scenario.kind), outlier)
 
 
-def _visited(model: Model, q: Array, rows: Conditions, scenario: Scenario,
+def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
              rng: np.random.Generator) -> tuple[Array, Array | None]:
     """Return the poses (N, 8) reached at joint values (N, k), and the instrument's stretch."""
-    real = reach(model, q, rows)
+    real = reached_poses(model, q, rows)
     actual = real.pose
     if np.any(scenario.sigma_actuator > 0.0):
         shaken = q + rng.normal(size=q.shape) * scenario.sigma_actuator
-        actual = reach(model, shaken, rows, start=real.closed, start_q=q).pose
+        actual = reached_poses(model, shaken, rows, start=real.closed, start_q=q).pose
     shift = real.model.shift
     return actual, shift.stretch if shift else None
 
 
 def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,
-                temperature: Array | None, time: Array) -> Conditions:
+                temperature: Array | None, time: Array) -> Environment:
     columns = {"time": time}
     for a, name in enumerate(mechanism.actuators):
         columns[f"dir_{name}"], columns[f"vel_{name}"] = direction[:, a], velocity[:, a]
@@ -180,10 +180,10 @@ def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload
         columns["payload"] = payload
     if temperature is not None:
         columns["temperature"] = temperature
-    return conditions(columns, mechanism.actuators, mechanism.gravity, direction)
+    return environment(columns, mechanism.actuators, mechanism.gravity, direction)
 
 
-def _recorded(acting: Mechanism, rows: Conditions, scenario: Scenario) -> None:
+def _recorded(acting: Mechanism, rows: Environment, scenario: Scenario) -> None:
     """Refuse effects that depend on what the scenario does not set."""
     mend = {"payload": "conditions: {payload: [0, 20]}",
             "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}

@@ -22,7 +22,7 @@ from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.region import extent, named, placed
-from ppmcal.kinematics.tables import home_conditioning, inverse_table, limit_reason
+from ppmcal.kinematics.tables import home_singular_value, inverse_table, limit_reason
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
 
@@ -251,10 +251,10 @@ def _judge(drawn: Mechanism, poses: Array, mode: bool = True) -> _Judged:
     """
     model = Model(drawn)
     table = inverse_table(model, poses)
-    home = home_conditioning(drawn)[0]
+    home = home_singular_value(drawn)[0]
     why = ["" if s == "ok" else s for s in table.status]
     good = np.flatnonzero([not w for w in why])
-    for n in good[table.condition[good] < NEAR_SINGULAR * home]:
+    for n in good[table.singular_value[good] < NEAR_SINGULAR * home]:
         why[n] = "near"
     good = np.flatnonzero([not w for w in why])
     if good.size:
@@ -264,7 +264,7 @@ def _judge(drawn: Mechanism, poses: Array, mode: bool = True) -> _Judged:
     if good.size and mode:
         for n in good[~same_mode(drawn, table.q[good], table.pose[good])]:
             why[n] = "mode"
-    return _Judged(table.q, table.pose, table.condition / home, tuple(why))
+    return _Judged(table.q, table.pose, table.singular_value / home, tuple(why))
 
 
 def same_mode(drawn: Mechanism, q: Array, pose: Array) -> Bools:

@@ -17,7 +17,7 @@ from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
-from ppmcal.model.dataset import conditions
+from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -127,7 +127,7 @@ def task_rows(offered: CandidateInformation, instrument: Instrument, tasks: Cand
     mechanism = problem.mechanism
     knowledge = Knowledge(problem.columns, np.zeros((0, 0)), {},
                           {instrument.name: problem.opens[0].about}, {})
-    rows = conditions(columns, mechanism.actuators, mechanism.gravity, tasks.q)
+    rows = environment(columns, mechanism.actuators, mechanism.gravity, tasks.q)
     jacobian = prediction_jacobian(Model(mechanism), instrument.station(), tasks.pose, tasks.q,
                                    knowledge, instrument.name, rows)
     own = jacobian[..., offered.kept] * offered.scale

@@ -9,10 +9,10 @@ import numpy as np
 from ppmcal.design.plan.candidate_poses import same_pose
 from ppmcal.design.plan.clearance import too_close
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.forward import conditioning, forward
+from ppmcal.kinematics.forward import forward, smallest_singular_value
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import pose_vector
-from ppmcal.kinematics.tables import SINGULAR, home_conditioning
+from ppmcal.kinematics.tables import SINGULAR, home_singular_value
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
 
@@ -122,8 +122,8 @@ def moves(drawn: Mechanism, start: Array, end: Array) -> tuple[str, ...]:
     good = np.flatnonzero(found.converged)
     bad = np.full(len(between), SINGULAR_PATH, dtype=object)
     if good.size:
-        value, sign = conditioning(model.closure(between[good]), found.pose[good])
-        home, side = home_conditioning(drawn)
+        value, sign = smallest_singular_value(model.closure(between[good]), found.pose[good])
+        home, side = home_singular_value(drawn)
         close = too_close(model, between[good], pose_vector(found.pose[good]))
         bad[good] = np.where((value < SINGULAR * home) | (sign != side), SINGULAR_PATH,
                              np.where(close, "the legs come too close on the path", ""))

@@ -18,7 +18,7 @@ from ppmcal.design.plan.result import Plan
 from ppmcal.design.plan.settings import PlanSettings, offered, refuse, with_kinds
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, NoResult
-from ppmcal.kinematics.tables import home_conditioning
+from ppmcal.kinematics.tables import home_singular_value
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
 
@@ -66,7 +66,7 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
     """
     options = options or PlanOptions()
     drawn = mechanism.nominal()
-    if home_conditioning(drawn)[0] < SINGULAR_HOME:
+    if home_singular_value(drawn)[0] < SINGULAR_HOME:
         raise NoResult("the machine is close to a singularity at home, against which the distance "
                        "from singularities is measured", f"{mechanism.source}: home",
                        "Choose another home pose")

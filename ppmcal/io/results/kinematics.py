@@ -54,7 +54,7 @@ class PoseFormat:
         return own | dict(zip(columns_of(self.rotation), turned.T, strict=True)), locked
 
 
-class ToolPoint(Part):
+class PosePoint(Part):
     """The point whose poses are written, platform axes, in ``unit``."""
 
     point: tuple[Finite, ...] = ()
@@ -72,7 +72,7 @@ class KinematicsRecord(Record):
     status: Mapping[Text, Whole] = Field(default_factory=dict)
     units: Mapping[Text, Text] = Field(default_factory=dict)
     rotation: Text = ""
-    tool: ToolPoint | None = None
+    tool: PosePoint | None = None
     method: Text = ""
     provenance: Provenance = Provenance()
 
@@ -83,7 +83,7 @@ class KinematicsRecord(Record):
         chosen: dict[str, Any] = {"rotation": form.rotation}
         if form.tool is not None:
             point = form.tool / mechanism.units.factor("length")
-            chosen["tool"] = ToolPoint(point=tuple(point.tolist()), unit=mechanism.units.length)
+            chosen["tool"] = PosePoint(point=tuple(point.tolist()), unit=mechanism.units.length)
         if form.method:
             chosen["method"] = form.method
         return cls(format=cls.FORMAT, which=which, rows=len(table.status),
@@ -111,7 +111,7 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
     if which == "velocity":
         added |= joint_columns(mechanism, table.rate, "rate_{}")
     own = dict(zip(header, solved, strict=True))
-    added |= {"condition": table.condition, "status": list(table.status), "reason": [
+    added |= {"condition": table.singular_value, "status": list(table.status), "reason": [
         LOCKED if lock and not r else r for r, lock in zip(table.reason, locked, strict=True)]}
     # what was computed stands in place of input columns of the same name
     together = {**own, **added}

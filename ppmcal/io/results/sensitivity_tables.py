@@ -109,7 +109,7 @@ def maps(found: Sensitivity, grid: Grid | None) -> list[Map]:
              found.over.worst_position),
             ("worst_rotation", f"Rotation error, worst case, {most}", "angle",
              found.over.worst_rotation),
-            ("condition", "Smallest singular value", "1", found.table.condition)]
+            ("condition", "Smallest singular value", "1", found.table.singular_value)]
     shape = (len(found.table.status),) if grid is None else grid.shape
     return [Map.of(found.mechanism.units, name, title, quantity, values.reshape(shape))
             for name, title, quantity, values in rows

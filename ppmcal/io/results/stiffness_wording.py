@@ -9,7 +9,7 @@ import numpy as np
 from ppmcal.calibration.check import SINGULAR_HOME
 from ppmcal.design.stiffness import Home, Principal, Stiffnesses
 from ppmcal.io.results.stiffness_tables import Load, StiffnessStudy
-from ppmcal.kinematics.tables import home_conditioning
+from ppmcal.kinematics.tables import home_singular_value
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
@@ -170,7 +170,7 @@ def _home_findings(mechanism: Mechanism, home: Home, load: Load | None) -> list[
                        f"reach, or turns it by more than {LINEAR} rad: too far for a linear model")
     if home.status != "ok":
         out.append(f"home is not a pose to work at: {home.status}: {home.reason}")
-    value = home_conditioning(home.compliance.mechanism)[0]
+    value = home_singular_value(home.compliance.mechanism)[0]
     if value < SINGULAR_HOME:
         out.append(f"the machine is close to a singularity at home (smallest singular value "
                    f"{value:.2g}): its stiffness there says little")

@@ -41,9 +41,9 @@ def maps(found: Workspace) -> list[Map]:
     """Return the columns of map.csv, values wherever there are joint values."""
     q, units, far = found.quality, found.mechanism.units, found.distance_quantity
     columns = (
-        ("condition", "smallest singular value of A", "1", found.table.condition),
+        ("condition", "smallest singular value of A", "1", found.table.singular_value),
         ("condition_relative", "smallest singular value of A, home = 1", "1",
-         found.table.condition / found.home.condition[0]),
+         found.table.singular_value / found.home.condition[0]),
         ("dexterity", "dexterity, from joint rates to platform: 1 is isotropic", "1", q.dexterity),
         ("dexterity_legs", "how evenly the legs hold the platform: 1 is isotropic", "1", q.legs),
         ("singularity_distance", "distance to the nearest singularity", far, found.distance),

@@ -29,7 +29,7 @@ def reach(found: Workspace) -> list[str]:
         axes.append(f"{name} {level[0] / f:.4g} to {level[-1] / f:.4g} "
                     f"{machine.units.name(quantity)} ({len(level)} levels)")
     factor, unit = size_unit(found)
-    short = machine.conditions > len(machine.actuators)
+    short = machine.equations > len(machine.actuators)
     out = [f"{machine.name}: {', '.join(axes)}; other coordinates as at home"
            + (", or as the closure decides." if short else "."),
            f"Reached within limits: {found.share:.1%} of {len(found.table.status)} poses, "
@@ -46,7 +46,7 @@ def singularities(found: Workspace) -> list[str]:
         return ["Singularities are looked for on grids of at most three coordinates."]
     near = found.nearest
     if near is None:
-        joined = bool((found.table.condition >= 0.0).any())
+        joined = bool((found.table.singular_value >= 0.0).any())
         return ["No singularity on this grid: det A keeps its sign wherever the limbs reach."
                 if joined else "No pose of this grid has joint values."]
     factor, unit = distance_unit(found)

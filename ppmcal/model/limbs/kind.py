@@ -2,7 +2,7 @@
 
 Lock the actuated joint: the two passive joints tie a point of one body to a surface of
 the other, the limb's kinematic geometric body (KGB, [PPM] section 3.1). Both are vectors
-of the conformal algebra, so every limb condition is one inner product
+of the conformal algebra, so every closure equation is one inner product
 
     c = s * (F . M K M~),
 
@@ -26,7 +26,7 @@ from ppmcal.model.registry import Registry
 class ClosureSurface:
     """The KGB of one limb for N poses, with the twists of its slots.
 
-    Axes: n poses (or 1 where nothing depends on the pose), k conditions.
+    Axes: n poses (or 1 where nothing depends on the pose), k equations.
 
     Attributes:
         fixed: base-side vectors, (n, k, 5), base axes.
@@ -54,7 +54,7 @@ class Surface:
     """How the three chain motors become KGB vectors: one closure family.
 
     ``build(base, middle, platform)`` takes the chain motors (..., 8) and returns
-    ``fixed, moving, scale, radius, middle_lines`` as lists over the k conditions.
+    ``fixed, moving, scale, radius, middle_lines`` as lists over the k equations.
     """
 
     name: str
@@ -62,8 +62,8 @@ class Surface:
     build: Callable[[Array, Array, Array], Iterator[tuple[Array, Array, Array, Array, Array]]]
 
     @property
-    def conditions(self) -> int:
-        """Number of conditions a limb of this family puts on the platform."""
+    def equations(self) -> int:
+        """Number of closure equations that a limb of this family puts on the platform."""
         return len(self.point_moves)
 
 
@@ -139,7 +139,7 @@ class LimbKind:
 
 
 def _stack(parts: list[Array], rank: int) -> Array:
-    """Stack the k conditions behind the pose axis: k arrays (n?, ...) -> (n, k, ...)."""
+    """Stack the k equations behind the pose axis: k arrays (n?, ...) -> (n, k, ...)."""
     full = [p.reshape(1, *p.shape) if p.ndim < rank else p for p in parts]
     n = max(p.shape[0] for p in full)
     return np.stack([np.broadcast_to(p, (n, *p.shape[1:])) for p in full], axis=1)

@@ -1,6 +1,6 @@
 """The four closure families: what the chain motors tie to what.
 
-Each builder yields, per condition, ``fixed, moving, scale, radius, middle line``; see
+Each builder yields, per closure equation, ``fixed, moving, scale, radius, middle line``; see
 :class:`kind.ClosureSurface`. The middle line is the leg's line seen from the middle
 chain's root: it turns errors of the middle chain into changes of radius or offset.
 """
@@ -15,7 +15,7 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 from ppmcal.model.limbs.kind import Surface
 
-Condition = tuple[Array, Array, Array, Array, Array]
+_Equation = tuple[Array, Array, Array, Array, Array]
 _Y = np.array([0.0, 1.0, 0.0])
 _Z = np.array([0.0, 0.0, 1.0])
 
@@ -29,7 +29,7 @@ def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.sum(a * b, axis=-1), dtype=float)
 
 
-def _sphere(base: Array, middle: Array, platform: Array) -> Iterator[Condition]:
+def _sphere(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
     """R-R and U-S: the platform's point on a sphere ([PPM] eq. 16, [IK] eq. 28)."""
     reach = cga.translation(middle)
     radius = np.sqrt(_dot(reach, reach))
@@ -38,7 +38,7 @@ def _sphere(base: Array, middle: Array, platform: Array) -> Iterator[Condition]:
            -1.0 / size, radius, _line(reach / size[..., None], np.zeros(3)))
 
 
-def _base_plane(base: Array, middle: Array, platform: Array) -> Iterator[Condition]:
+def _base_plane(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
     """P-R: the platform's point on a plane along the passive slide (local x of base)."""
     reach, normal = cga.translation(middle), cga.rotation_matrix(base)[..., :, 1]
     plane = cga.plane(normal, _dot(normal, cga.translation(base)) + reach[..., 1])
@@ -46,7 +46,7 @@ def _base_plane(base: Array, middle: Array, platform: Array) -> Iterator[Conditi
            np.zeros(plane.shape[:-1]), _line(_Y, reach))
 
 
-def _platform_plane(base: Array, middle: Array, platform: Array) -> Iterator[Condition]:
+def _platform_plane(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
     """R-P: the limb's last revolute centre on a plane that the platform carries."""
     normal = cga.rotation_matrix(platform)[..., :, 1]
     offset = cga.translation(cga.reverse(middle))[..., 1]
@@ -57,7 +57,7 @@ def _platform_plane(base: Array, middle: Array, platform: Array) -> Iterator[Con
            _line(cga.rotation_matrix(middle)[..., :, 1], np.zeros(3)))
 
 
-def _circle(base: Array, middle: Array, platform: Array) -> Iterator[Condition]:
+def _circle(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
     """R-S: sphere and plane, whose meet is the circle about the joint's axis."""
     yield from _sphere(base, middle, platform)
     reach, axis = cga.translation(middle), cga.rotation_matrix(base)[..., :, 2]

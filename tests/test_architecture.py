@@ -1,0 +1,264 @@
+"""The page about how the program is built says what is so; its examples run."""
+
+import ast
+import importlib
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+import yaml
+from commands import install, number, ppmcal_process, rows
+
+import ppmcal
+from ppmcal.kinematics.closure import Closure
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = Path(ppmcal.__file__).parent
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+
+
+def section(title):
+    """Return what stands under a heading of the page."""
+    return re.search(rf"^## {re.escape(title)}$(.*?)(?=^## |\Z)", PAGE, re.M | re.S)[1]
+
+
+def block(title, language):
+    """Return the fenced block of a section."""
+    return re.search(rf"^```{language}\n(.*?)^```", section(title), re.M | re.S)[1]
+
+
+MODULES = {"workshop_limb": block("Add a limb kind", "python"),
+           "workshop_effect": block("Add an effect", "python"),
+           "workshop_controller": block("Add a controller", "python")}
+GROUPS = tomllib.loads(block("In a package of your own", "toml"))["project"]["entry-points"]
+
+
+# --- the page against the package ---------------------------------------------------------------
+
+
+def test_layers_are_those_that_imports_are_held_to():
+    picture = [re.split(r"\s{2,}", line)[0] for line in
+               block("Eight layers", "text").strip().splitlines()]
+    config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = config["tool"]["importlinter"]["contracts"]
+    assert picture == next(c["layers"] for c in contracts if c["type"] == "layers")
+
+
+def test_every_package_is_in_the_table_and_says_what_it_is():
+    listed = set(re.findall(r"^\| `(\w+)` \|", section("Eight layers"), re.M))
+    packages = {p.parent for p in PACKAGE.rglob("__init__.py")}
+    assert listed == {p.name for p in packages if p.parent == PACKAGE}
+    for folder in packages:
+        tree = ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))
+        assert len(ast.get_docstring(tree) or "") > 20, folder
+
+
+def test_paths_of_the_page_are_there():
+    paths = set(re.findall(r"`([\w/]+\.(?:py|md))`", PAGE))
+    assert len(paths) > 40
+    gone = [p for p in paths if not (PACKAGE / p).exists() and not (ROOT / p).exists()
+            and not list((PACKAGE / "model" / "limbs").glob(p))]
+    assert not gone
+
+
+def names_in_tables():
+    """Yield (path, name): what a way's table says of a file, and where a word lives."""
+    for line in PAGE.splitlines():
+        if way := re.match(r"\| `([\w]+/[\w/]+(?:\.py)?)` \|(.*)\|$", line):
+            yield from ((way[1], name) for name in re.findall(r"`(\w+(?:\.\w+)?)`(?=[:,])", way[2])
+                       if not name.endswith((".csv", ".html", ".yaml")))
+        if lives := re.search(r"\| `([\w/]+(?:\.py)?)` `(\w+)` \|$", line):
+            yield lives[1], lives[2]
+
+
+def test_names_of_the_tables_live_where_they_say():
+    found = set(names_in_tables())
+    assert len(found) > 50
+    for path, name in found:
+        module = importlib.import_module("ppmcal." + path.removesuffix(".py").replace("/", "."))
+        target = module
+        for part in name.split("."):
+            fields = getattr(target, "__dataclass_fields__", {})
+            assert hasattr(target, part) or part in fields, (path, name)
+            target = getattr(target, part, None)
+
+
+def test_matrices_are_methods_of_the_closure():
+    methods = re.findall(r"\| `(\w+)` \|$", section("One closure, one derivative"), re.M)
+    assert len(methods) == 3 and all(hasattr(Closure, m) for m in methods)
+
+
+def test_words_are_in_order_and_stand_once():
+    words = re.findall(r"^\| ([\w' -]+?) \|", section("Words"), re.M)[1:]
+    assert len(words) > 40
+    assert words == sorted(set(words))
+
+
+@pytest.mark.parametrize("title", ["The way of a measurement row", "The way of a tolerance",
+                                   "The way of an effect's parameter"])
+def test_ways_count_their_files(title):
+    numbers = {"Twelve": 12, "Thirteen": 13, "Twenty-one": 21}
+    files = [f for cell in re.findall(r"^\| (`.*?`) \|", section(title), re.M)
+             for f in cell.split(", ")]
+    told = re.search(r"^([A-Z][\w-]+) files", section(title), re.M)[1]
+    assert numbers[told] == len(files) == len(set(files))
+
+
+def test_no_class_name_twice():
+    where = defaultdict(list)
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                where[node.name].append(str(path.relative_to(PACKAGE)))
+    assert not {name: paths for name, paths in where.items() if len(paths) > 1}
+
+
+# --- its examples -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder with the three modules, found by the entry points of the page alone."""
+    folder = tmp_path_factory.mktemp("site")
+    for name, code in MODULES.items():
+        (folder / f"{name}.py").write_text(code, encoding="utf-8")
+    installed = folder / "workshop-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: workshop\nVersion: 1.0\n")
+    (installed / "entry_points.txt").write_text("".join(
+        f"[{group}]\n" + "".join(f"{n} = {v}\n" for n, v in lines.items())
+        for group, lines in GROUPS.items()))
+    return folder
+
+
+def answer(site, code, *args):
+    """Return the JSON that a script prints with the modules at hand."""
+    path = os.pathsep.join([str(site), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run([sys.executable, "-c", code, *map(str, args)], capture_output=True,
+                          text=True, timeout=120, env={**os.environ, "PYTHONPATH": path})
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_entry_points_name_what_the_blocks_define():
+    assert set(GROUPS) == {"ppmcal.limbs", "ppmcal.effects", "ppmcal.controllers"}
+    for value in (v for lines in GROUPS.values() for v in lines.values()):
+        module, _, name = value.partition(":")
+        defined = {t.id for node in ast.parse(MODULES[module]).body
+                   if isinstance(node, ast.Assign) for t in node.targets}
+        assert not name or name in defined
+
+
+LIMB = """
+import json
+import numpy as np
+import ppmcal
+
+limbs = []
+for i in range(3):
+    c, s = np.cos(np.radians(90 + 120 * i)), np.sin(np.radians(90 + 120 * i))
+    limbs.append({"name": f"leg{i + 1}", "kind": "(P)RS", "length": 500, "branch": -1,
+                  "base": {"point": [350 * c, 350 * s, 0], "axis": [-s, c, 0],
+                           "direction": [0, 0, 1]},
+                  "platform": {"point": [200 * c, 200 * s, 0]}})
+units = {"length": "mm", "angle": "deg"}
+machine = ppmcal.load({
+    "format": "ppmcal/mechanism/1", "name": "3-PRS", "units": units, "motion": "spatial",
+    "limbs": limbs, "home": {"pose": {"x": 0, "y": 0, "z": 600, "rx": 0, "ry": 0, "rz": 0}},
+    "tolerances": {"point": 0.1, "length": 0.2, "angle": 0.05, "offset": 0.3},
+    "free": ["*.offset", "*.base.axis.r?"]})
+run = ppmcal.simulate(machine, {
+    "format": "ppmcal/scenario/1", "units": units, "seed": 3,
+    "poses": {"random": {"center": {"z": 600, "rx": 0, "ry": 0},
+                         "half_range": {"z": 40, "rx": 12, "ry": 12}, "count": 24}},
+    "errors": {"leg3.offset": -0.4, "leg1.base.axis.ry": 0.1},
+    "instrument": {"kind": "pose", "sigma": {"position": 0.005, "rotation": 0.002}}})
+fit = ppmcal.identify(machine, run.data)
+found = {e.name: [e.error, e.sigma] for e in fit.identification.estimates if e.sigma}
+there = ppmcal.inverse(machine, {"z": [610.0], "rx": [3.0], "ry": [-2.0]}).table
+back = ppmcal.forward(machine, {f"q_leg{i + 1}": there.q[:, i] * 1e3 for i in range(3)}).table
+print(json.dumps({"home": there.q[0].tolist(), "apart": float(abs(back.pose - there.pose).max()),
+                  "rank": fit.identification.rank, "found": found}))
+"""
+
+
+def test_the_limb_kind_of_the_page(site):
+    """Errors of a drive and of a hinge are found; inverse and forward kinematics agree."""
+    got = answer(site, LIMB)
+    assert got["rank"] == len(got["found"]) == 12
+    truth = {"leg3.offset": -0.4e-3, "leg1.base.axis.ry": math.radians(0.1)}
+    for name, (error, sigma) in got["found"].items():
+        assert abs(error - truth.get(name, 0.0)) < 4.0 * sigma, name
+    assert all(got["found"][name][1] < 0.05 * abs(error) for name, error in truth.items())
+    assert got["apart"] < 1e-9
+
+
+OWN = {"kind": "warm_up", "on": ["leg2"], "parameters": {"growth": 2e-4}}
+EFFECT = """
+import json, sys
+import yaml
+import ppmcal
+
+own, scenario = json.loads(sys.argv[1])
+machine = ppmcal.load(ppmcal.shipped("3-RPR"))
+run = ppmcal.simulate(machine, scenario)
+tree = yaml.safe_load(ppmcal.shipped("3-RPR").read_text())
+tree["effects"] = [own | {"parameters": {"growth": {"value": 0.0, "free": True}}}]
+fit = ppmcal.identify(tree, run.data)
+one = next(e for e in fit.identification.estimates if e.name == "warm_up.leg2.growth")
+found = ppmcal.diagnose(machine, run.data)
+print(json.dumps({"value": one.value, "sigma": one.sigma, "verdict": found.verdict,
+                  "named": [[e.kind, list(e.on)] for e in found.diagnosis.effects]}))
+"""
+
+
+def test_the_effect_of_the_page(site):
+    """It is simulated, fitted, and named among all others where the model lacks it."""
+    scenario = {
+        "format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"}, "seed": 4,
+        "poses": {"random": {"center": {"x": 500, "y": 288.675, "rz": 30},
+                             "half_range": {"x": 60, "y": 60, "rz": 8}, "count": 30}},
+        "effects": [OWN], "approach": "both", "errors": {"random": {"scale": 1.0}},
+        "instrument": {"kind": "pose", "sigma": {"position": 0.005, "rotation": 0.001}},
+        "frame": {"x": 4, "y": -3, "rz": 1}, "target": [3, -2]}
+    got = answer(site, EFFECT, json.dumps([OWN, scenario]))
+    assert abs(got["value"] - 2e-4) < 4.0 * got["sigma"] < 0.8e-4
+    assert (got["verdict"], got["named"]) == ("named", [["warm_up", ["leg2"]]])
+
+
+def test_the_controller_of_the_page(site, tmp_path):
+    """Offsets of drives that are off come out as they are; other errors of geometry cost."""
+    tree = yaml.safe_load(ppmcal.shipped("3-RPR").read_text(encoding="utf-8"))
+    for limb, offset in zip(tree["limbs"], (0.3, -0.2, 0.1), strict=True):
+        limb["offset"] = {"value": offset, "nominal": 0.0}
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    ppmcal_process("export", "OFFSETS", "m.yaml", "--out", "e", cwd=tmp_path, site=site, expect=1)
+    table = rows(tmp_path / "e" / "offsets.csv")
+    assert [r["drive"] for r in table] == ["leg1", "leg2", "leg3"]
+    assert [number(r, "offset") for r in table] == pytest.approx([-0.3, 0.2, -0.1], abs=1e-7)
+    gain = json.loads((tmp_path / "e" / "export.json").read_text())["gain"]
+    assert gain["before"]["rms"] > 0.1 and gain["after"]["rms"] < 1e-6
+
+    tree["limbs"][0]["base"]["point"] = [{"value": 0.4, "nominal": 0.0}, 0]
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(tree, sort_keys=False))
+    ppmcal_process("export", "offsets", "m.yaml", "--out", "f", cwd=tmp_path, site=site, expect=1)
+    gain = json.loads((tmp_path / "f" / "export.json").read_text())["gain"]
+    assert 1e-3 < gain["after"]["rms"] < gain["before"]["rms"]
+    # without the package there is no such format
+    refused = ppmcal_process("export", "offsets", "m.yaml", cwd=tmp_path, expect=2)
+    assert "unknown format 'offsets'" in " ".join(refused.err.split())
+
+
+def test_a_format_whose_name_is_taken_is_refused(tmp_path):
+    site = install(tmp_path, "workshop", "", {"ppmcal.controllers": {"grid": "x"}})
+    code = ("from ppmcal.controllers.export import exporter\n"
+            "try:\n    exporter('klipper')\nexcept ValueError as error:\n"
+            "    import json\n    print(json.dumps(str(error)))")
+    assert answer(site, code) == "format 'grid' is registered twice"
