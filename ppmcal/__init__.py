@@ -17,29 +17,9 @@ place and mend.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 __version__ = "0.3.0"
-
-if TYPE_CHECKING:
-    from ppmcal.api.check import check
-    from ppmcal.api.compare import compare
-    from ppmcal.api.compensate import compensate
-    from ppmcal.api.diagnose import diagnose
-    from ppmcal.api.export import export
-    from ppmcal.api.identify import identify
-    from ppmcal.api.import_ import import_config
-    from ppmcal.api.inputs import load, read_data, shipped
-    from ppmcal.api.kinematics import forward, inverse, velocity
-    from ppmcal.api.plan import plan
-    from ppmcal.api.report import make_report
-    from ppmcal.api.schema import schema
-    from ppmcal.api.sensitivity import sensitivity
-    from ppmcal.api.simulate import simulate
-    from ppmcal.api.stiffness import stiffness
-    from ppmcal.api.tolerances import tolerances
-    from ppmcal.api.workspace import workspace
-    from ppmcal.errors import BadInput, NoResult, PpmcalError
 
 _HOME = {"BadInput": "errors", "NoResult": "errors", "PpmcalError": "errors",
          "load": "api.inputs", "read_data": "api.inputs", "shipped": "api.inputs",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.linalg import Array
 
 Record = Mapping[str, Any]
-DesignRecord = (SensitivityRecord | TolerancesRecord | StiffnessRecord | WorkspaceRecord
+DesignRecord: TypeAlias = (SensitivityRecord | TolerancesRecord | StiffnessRecord | WorkspaceRecord
                 | PlanRecord)
 
 
