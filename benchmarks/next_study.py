@@ -97,7 +97,7 @@ def _pair(result: Diagnosis, kind: str) -> tuple[Hypothesis, Hypothesis] | None:
     others = rivals(stage.search, stage.chosen, i)
     if not others:
         return None
-    pair = [stage.forms[i], min(others, key=lambda r: r.odds).form]
+    pair = [stage.hypotheses[i], min(others, key=lambda r: r.odds).hypothesis]
     pair.sort(key=lambda f: f.kind != kind)
     return (pair[0], pair[1]) if pair[0].kind == kind else None
 

@@ -68,7 +68,7 @@ def test_columns_of_pairs_are_differences(tmp_path: Path) -> None:
     fit = identify(problem)
     stage = run_stage(problem, fit.state, fit.keep, 0, ("curvature", "periodic"))
     kind = effect_kinds()["curvature"]
-    for form in stage.library.forms:
+    for form in stage.library.hypotheses:
         if form.kind != "curvature" or form.on != ("b",):
             continue
         low, high = (form.constants[n] for n in ("low", "high"))

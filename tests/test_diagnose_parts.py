@@ -260,7 +260,7 @@ SMALL = hidden.Options(poses=30)
 def test_thresholds_hold_on_fresh_noise() -> None:
     """The smallest p of all hypotheses falls below p_det and p_name as often as they say."""
     stage = stage_of("3-RPR", 3, (), 1.0, SMALL)
-    search, forms = stage.search, stage.library.forms
+    search, forms = stage.search, stage.library.hypotheses
     fresh, draws = np.random.default_rng(77), 1500
     test = build_test(stage.basis, stage.columns, stage.residual, stage.system.count,
                       noise_of(stage, draws, fresh))
@@ -281,7 +281,7 @@ def test_p_values_of_noise_are_uniform() -> None:
     stage = stage_of("3-RPR", 3, (), 1.0, SMALL)
     test = build_test(stage.basis, stage.columns, stage.residual, stage.system.count,
                       noise_of(stage, 1000, np.random.default_rng(5)))
-    forms = stage.library.forms
+    forms = stage.library.hypotheses
     sizes = {f.size: f for f in forms if test.survival(f.columns) > 0.01}
     assert len(sizes) > 2
     for form in sizes.values():
@@ -335,7 +335,7 @@ def test_a_strong_slow_effect_is_not_whitened_away() -> None:
     """Drift in correlated noise: still there after whitening, and named."""
     stage = stage_of("3-RPR", 41, ("drift",), 3.0, hidden.Options(poses=40, ar=0.6))
     best = min(range(len(stage.log_p)), key=lambda i: stage.log_p[i])
-    assert stage.forms[best].kind == "drift"
+    assert stage.hypotheses[best].kind == "drift"
     assert stage.log_p[best] < -50.0
     assert [f.kind for f in stage.named] == ["drift"]
 
@@ -488,16 +488,16 @@ def test_gap_that_grows_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_sensor_scale_and_gain_of_all_encoders_are_rivals() -> None:
     """A larger machine and a longer ruler are the same to every measured pose."""
     stage = stage_of("6-UPS", 9, ("sensor_scale",), 1.0, SMALL)
-    forms = stage.search.forms
+    forms = stage.search.hypotheses
     scale = next(i for i, f in enumerate(forms) if f.kind == "sensor_scale")
     gain = next(i for i, f in enumerate(forms) if f.kind == "gain" and f.shared and len(f.on) == 6)
     a, b = forms[scale].columns[0], forms[gain].columns[0]
     g = stage.search.test.gram
     assert abs(g[a, b]) / np.sqrt(g[a, a] * g[b, b]) > 0.995
     for one, other in ((scale, gain), (gain, scale)):
-        found = {r.form.label: r for r in rivals(stage.search, (one,), one)}
+        found = {r.hypothesis.label: r for r in rivals(stage.search, (one,), one)}
         rival = found[forms[other].label]
-        assert rival.form == forms[other]
+        assert rival.hypothesis == forms[other]
         assert rival.angle < 0.1
         assert 0.05 < rival.odds < 20.0
 
@@ -506,20 +506,20 @@ def test_backlash_and_compliance_are_no_rivals() -> None:
     stage = stage_of("6-UPS", 9, ("backlash",), 1.0, SMALL)
     assert [f.kind for f in stage.named] == ["backlash"]
     found = rivals(stage.search, stage.chosen, stage.chosen[0])
-    assert not {r.form.kind for r in found} & {"compliance", "leg_thermal"}
+    assert not {r.hypothesis.kind for r in found} & {"compliance", "leg_thermal"}
 
 
 def test_a_kind_on_a_few_actuators_is_one_hypothesis() -> None:
     """With values of its own on each it is what the single ones are together."""
     stage = stage_of("6-UPS", 9, ("backlash",), 1.0, SMALL)
-    forms = stage.search.forms
+    forms = stage.search.hypotheses
     single = {f.on[0]: f for f in forms if f.kind == "curvature" and len(f.on) == 1}
     two = united([single["leg2"], single["leg5"]])
     assert (two.on, two.shared, two.size) == (("leg2", "leg5"), False, 6)
     assert two.label == "curvature on leg2, leg5"
     search, at = find(stage.search, two)
     assert at is not None
-    assert search.forms[at] == two
+    assert search.hypotheses[at] == two
     apart = [stage.columns[:, single[a].columns] for a in two.on]
     assert np.array_equal(of_single(stage.columns, forms, two), np.concatenate(apart, axis=1))
     assert np.array_equal(of_single(stage.columns, forms, replace(two, shared=True)),
@@ -534,9 +534,9 @@ def test_a_rival_on_several_actuators_names_them_all() -> None:
     stage = stage_of("3-RPR", 0, ("gain",), 1.0, SMALL)
     assert [(f.kind, f.on) for f in stage.named] == [("gain", ("leg1", "leg3"))]
     (rival,) = rivals(stage.search, stage.chosen, stage.chosen[0])
-    assert (rival.form.kind, rival.form.on) == ("curvature", ("leg1", "leg3"))
+    assert (rival.hypothesis.kind, rival.hypothesis.on) == ("curvature", ("leg1", "leg3"))
     given = stage.search.test.given
-    assert given(rival.form.columns).square < given(rival.form.columns[:3]).square
+    assert given(rival.hypothesis.columns).square < given(rival.hypothesis.columns[:3]).square
 
 
 @pytest.mark.parametrize(("traits", "expected"), [

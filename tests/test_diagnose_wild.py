@@ -378,8 +378,8 @@ def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
     told = diagnosing.diagnose(problem_of(tmp_path), diagnosing.DiagnosisOptions(draws=500))
     first, (named_one,) = told.found.first, told.effects
     # as if made later, and the first search had it last
-    fewer = replace(first.search, forms=first.library.forms)
-    late = [named_one.hypothesis, *first.library.forms[:1]]
+    fewer = replace(first.search, hypotheses=first.library.hypotheses)
+    late = [named_one.hypothesis, *first.library.hypotheses[:1]]
     assert diagnosing.implausible(fewer, late) is None
     assert named_one.hypothesis.kind == "periodic"
 

@@ -227,7 +227,7 @@ def test_gap_from_start_to_noise(cases: Callable[[str], Case]) -> None:
     stage, at = found.last, list(found.last.chosen)
     for count in (1, 2):
         kinds = [s["kind"] for s in steps[2:2 + count]]
-        some = [i for i in at if stage.forms[i].kind in kinds]
+        some = [i for i in at if stage.hypotheses[i].kind in kinds]
         assert len(some) == count
         mechanism, _ = with_named(training.mechanism, stage.search, some)
         fit = identify(replace(training, mechanism=mechanism, free=mechanism.free), plainly)
@@ -266,7 +266,7 @@ def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
     for r in ranked:
         stage = found.last if r["status"] == "named" else found.first
         # one form may be made of several grid points; the best of them is shown
-        same = [f for f in stage.library.forms
+        same = [f for f in stage.library.hypotheses
                 if f.family == r["kind"] and (f.on == tuple(r["on"]) or f.slot)
                 and (len(f.on) < 2 or f.shared == (r["form"] == "one value"))]
         if same:

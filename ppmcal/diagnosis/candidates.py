@@ -96,17 +96,17 @@ def _weighed(part: SystemPart, to: Collector) -> Setting:
                    response.closure.q, response.pose, model)
 
 
-def look_alikes(search: Search, forms: Sequence[Hypothesis], chosen: Sequence[int], effect: int
+def look_alikes(search: Search, hypotheses: Sequence[Hypothesis], chosen: Sequence[int], effect: int
                 ) -> list[Hypothesis]:
-    """Return the best of ``forms`` that explains most of what a chosen effect does, if any."""
-    form = search.forms[effect]
-    if form.slot or not form.on:
+    """Return the best of ``hypotheses`` that explains most of what a chosen effect does, if any."""
+    hypothesis = search.hypotheses[effect]
+    if hypothesis.slot or not hypothesis.on:
         return []
     rest = search.test.given(columns_of(search, [i for i in chosen if i != effect]))
-    goal = float(rest.explained(np.array([form.columns]))[0][0])
+    goal = float(rest.explained(np.array([hypothesis.columns]))[0][0])
     best: tuple[float, Hypothesis] | None = None
-    for other in forms:
-        if not set(other.on) & set(form.on) or rest.right[other.columns[0]] <= 0.0:
+    for other in hypotheses:
+        if not set(other.on) & set(hypothesis.on) or rest.right[other.columns[0]] <= 0.0:
             continue
         share = float(rest.explained(np.array([other.columns]))[0][0]) / goal
         if share >= ALIKE and (best is None or share > best[0]):
@@ -115,10 +115,10 @@ def look_alikes(search: Search, forms: Sequence[Hypothesis], chosen: Sequence[in
 
 
 class _Kinds(Collector):
-    """Makes the forms of every kind of effect."""
+    """Makes the hypotheses of every kind of effect."""
 
     def kind(self, kind: EffectKind) -> None:
-        """Add all forms of one kind."""
+        """Add all hypotheses of one kind."""
         usable = self.turning if kind.joints == "turning" else np.ones_like(self.turning)
         if self.motion not in kind.motions or not usable.any():
             return
@@ -130,9 +130,9 @@ class _Kinds(Collector):
         if not on.any():
             return
         for constants in self._grids(kind):
-            self._forms(kind, on, constants)
+            self._hypotheses(kind, on, constants)
 
-    def _forms(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
+    def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
         specs = [s for s in kind.parameters(self.motion)
                  if not s.constant and s.name not in constants]
         values = start_values(kind, self.motion) | constants
@@ -149,27 +149,54 @@ class _Kinds(Collector):
         names = tuple(s.name for s in specs)
         if not kind.per_actuator:
             where = self._columns(kind, on, values, specs)
-            self.forms.append(Hypothesis(kind.name, (), True, names, low, high, where, usual, shown,
-                                   searched=searched, turns=turns, strokes=strokes))
+            self.hypotheses.append(
+                Hypothesis(
+                    kind.name,
+                    (),
+                    True,
+                    names,
+                    low,
+                    high,
+                    where,
+                    usual,
+                    shown,
+                    searched=searched,
+                    turns=turns,
+                    strokes=strokes,
+                )
+            )
             return
         own: dict[int, tuple[int, ...]] = {}
         for a in np.flatnonzero(on):
             one = np.arange(on.size) == a
             ends = self._ends(strokes, int(a))
             own[int(a)] = self._columns(kind, one, values | ends, specs)
-            self.forms.append(Hypothesis(kind.name, (self.actuators[a],), True, names, low, high,
-                                   own[int(a)], usual, shown | ends, searched=searched,
-                                   turns=turns, strokes=strokes))
+            self.hypotheses.append(
+                Hypothesis(
+                    kind.name,
+                    (self.actuators[a],),
+                    True,
+                    names,
+                    low,
+                    high,
+                    own[int(a)],
+                    usual,
+                    shown | ends,
+                    searched=searched,
+                    turns=turns,
+                    strokes=strokes,
+                )
+            )
         same = len(set(self.turning[on].tolist())) == 1
         if len(own) > 1 and same:
             where = self._columns(kind, on, values, specs) if strokes else tuple(
                 self.add(np.sum([self.columns[c] for c in cs], axis=0))
                 for cs in zip(*own.values(), strict=True))
             on_names = tuple(self.actuators[a] for a in own)
-            self.forms.append(Hypothesis(
+            self.hypotheses.append(Hypothesis(
                 kind.name, on_names, True, names, low, high, where, usual, shown,
                 searched=searched, turns=turns, strokes=strokes))
-            self.forms.append(Hypothesis(
+            self.hypotheses.append(Hypothesis(
                 kind.name, on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),

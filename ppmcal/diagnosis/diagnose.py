@@ -82,7 +82,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     say("confirming in all rows")
     found, final = confirm(found, whole, options.fit)
     gap = _gap(found, held, options)
-    odd = implausible(found.first.search, [found.last.forms[i] for i in found.last.chosen])
+    odd = implausible(found.first.search, [found.last.hypotheses[i] for i in found.last.chosen])
     if odd is not None or (gap is not None and gap.worse):
         found, final = nothing_named(found), None
         gap = _gap(found, held, options)
@@ -134,10 +134,10 @@ def _left(stage: Stage, seed: int) -> Remainder:
     """Return what named effects leave; an anonymous shape that was chosen says what it follows."""
     left = remainder(replace(stage, chosen=named_only(stage)), seed)
     for i in stage.chosen:
-        form = stage.forms[i]
-        if form.anonymous:
+        hypothesis = stage.hypotheses[i]
+        if hypothesis.anonymous:
             p = probability(own_log_p(stage.search, stage.chosen, i))
-            left = replace(left, follows=" ".join(form.on) or "position",
+            left = replace(left, follows=" ".join(hypothesis.on) or "position",
                            p_value=min(p, left.p_value))
     for joint, j in _neither(stage):
         p = probability(own_log_p(stage.search, stage.chosen, j))
@@ -146,10 +146,10 @@ def _left(stage: Stage, seed: int) -> Remainder:
 
 
 def _neither(stage: Stage) -> list[tuple[str, int]]:
-    """Return joints with two smooth kinds, a shape that is neither, and the second's form."""
+    """Return joints with two smooth kinds, a shape that is neither, and the second's hypothesis."""
     out = []
     for i, j in combinations(named_only(stage), 2):
-        a, b = stage.forms[i], stage.forms[j]
+        a, b = stage.hypotheses[i], stage.hypotheses[j]
         joint = set(a.on) & set(b.on)
         if joint and _slow(stage, a) and _slow(stage, b) and a.kind != b.kind:
             out.append((min(joint), j))
@@ -164,13 +164,13 @@ def _imitated(stage: Stage) -> bool:
         and (f.effect.smooth or f.effect.period) for f in stage.named)
 
 
-def _slow(stage: Stage, form: Hypothesis) -> bool:
-    """Whether a form is smooth over the stroke; a wave is if it has few periods there."""
-    kind = form.effect
+def _slow(stage: Stage, hypothesis: Hypothesis) -> bool:
+    """Whether a hypothesis is smooth over the stroke; a wave is if it has few periods there."""
+    kind = hypothesis.effect
     if kind is None:
         return False
     if kind.period:
-        return stage.system.stroke < FEW_PERIODS * form.constants[kind.period]
+        return stage.system.stroke < FEW_PERIODS * hypothesis.constants[kind.period]
     return kind.smooth
 
 
@@ -232,7 +232,7 @@ def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> 
                    if mechanism.parameters[p].name in names]
         again = run_stage(after.problem, after.state, after.keep, options.seed,
                           options.kinds, options.draws, columns, first.search,
-                          [last.forms[i] for i in last.chosen])
+                          [last.hypotheses[i] for i in last.chosen])
         same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
         last = again
         if same:
@@ -241,7 +241,7 @@ def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> 
 
 
 def _alternatives(stage: Stage) -> Alternatives:
-    """Return what could take the place of each named form: rivals, and what was not recorded."""
+    """Return what could replace each named hypothesis: rivals, and what was not recorded."""
     return {i: (rivals(stage.search, stage.chosen, i),
                 look_alikes(stage.search, stage.library.unrecorded, stage.chosen, i))
             for i in named_only(stage)}
@@ -252,22 +252,26 @@ def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...
     out = []
     stage, left = found.last, list(found.added)
     for i, (others, alike) in alternatives.items():
-        form = stage.forms[i]
+        hypothesis = stage.hypotheses[i]
         value = own_log_p(stage.search, stage.chosen, i)
-        for added in _of(form, left):
+        for added in _of(hypothesis, left):
             left.remove(added)
             out.append(NamedEffect(
-                form.kind, added.on, added.parameters, probability(value), value,
-                stage.search.test.survival(form.columns),
-                (*(r.form.label for r in others), *(f.label for f in alike)),
-                (*(r.odds for r in others), *(np.nan for _ in alike)), form))
+                hypothesis.kind, added.on, added.parameters, probability(value), value,
+                stage.search.test.survival(hypothesis.columns),
+                (*(r.hypothesis.label for r in others), *(f.label for f in alike)),
+                (*(r.odds for r in others), *(np.nan for _ in alike)), hypothesis))
     return tuple(out)
 
 
-def _of(form: Hypothesis, added: Sequence[Added]) -> list[Added]:
-    """Return the effects that were added for a form; of two waves those of the nearer period."""
-    mine = [a for a in added if (a.form.family, a.form.on) == (form.family, form.on)]
-    apart = [form.apart(a.form) for a in mine]
+def _of(hypothesis: Hypothesis, added: Sequence[Added]) -> list[Added]:
+    """Return the effects added for a hypothesis; of two waves those of the nearer period."""
+    mine = [
+        a
+        for a in added
+        if (a.hypothesis.family, a.hypothesis.on) == (hypothesis.family, hypothesis.on)
+    ]
+    apart = [hypothesis.apart(a.hypothesis) for a in mine]
     return [a for a, d in zip(mine, apart, strict=True) if d <= min(apart)]
 
 

@@ -21,7 +21,7 @@ SMALLEST = 1e-3
 class Added:
     """One effect that was added: the hypothesis it came from and its parameters' names."""
 
-    form: Hypothesis
+    hypothesis: Hypothesis
     on: tuple[str, ...]
     parameters: tuple[str, ...]
 
@@ -35,7 +35,7 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
     place = {c: i for i, c in enumerate(columns)}
     added: list[Added] = []
     for i in chosen:
-        hypothesis = search.forms[i]
+        hypothesis = search.hypotheses[i]
         at = [place[c] for c in hypothesis.columns]
         if hypothesis.slot:
             mechanism = _freed(mechanism, hypothesis.slot, float(value[at[0]]))

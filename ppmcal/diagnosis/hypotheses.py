@@ -69,13 +69,13 @@ class Hypothesis:
         return f"{GEOMETRY} {self.slot}" if self.slot else self.kind
 
     def apart(self, other: Hypothesis) -> float:
-        """Return by how much the constants of two forms of a grid differ."""
+        """Return by how much the constants of two hypotheses of a grid differ."""
         return sum(abs(v - other.constants.get(n, v)) for n, v in self.constants.items())
 
     def alike(self, other: Hypothesis) -> bool:
         """Whether the constants are the same; each joint may have a stroke of its own."""
-        mine, others = ({n: v for n, v in form.constants.items() if n not in self.strokes}
-                        for form in (self, other))
+        mine, others = ({n: v for n, v in hypothesis.constants.items() if n not in self.strokes}
+                        for hypothesis in (self, other))
         return mine == others
 
     @property
@@ -88,15 +88,20 @@ class Hypothesis:
         return f"{self.kind} on {', '.join(self.on)}" if self.on else self.kind
 
 
-def united(forms: Sequence[Hypothesis]) -> Hypothesis:
-    """Return forms of one kind on one actuator each as one, with values of its own for each."""
-    if len(forms) == 1:
-        return forms[0]
+def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+    """Return hypotheses of one kind on one actuator each as one, each with its own values."""
+    if len(hypotheses) == 1:
+        return hypotheses[0]
     return replace(
-        forms[0], on=tuple(a for f in forms for a in f.on), shared=False,
-        names=tuple(f"{f.on[0]}:{n}" for f in forms for n in f.names),
-        low=sum((f.low for f in forms), ()), high=sum((f.high for f in forms), ()),
-        columns=sum((f.columns for f in forms), ()), usual=sum((f.usual for f in forms), ()))
+        hypotheses[0],
+        on=tuple(a for f in hypotheses for a in f.on),
+        shared=False,
+        names=tuple(f"{f.on[0]}:{n}" for f in hypotheses for n in f.names),
+        low=sum((f.low for f in hypotheses), ()),
+        high=sum((f.high for f in hypotheses), ()),
+        columns=sum((f.columns for f in hypotheses), ()),
+        usual=sum((f.usual for f in hypotheses), ()),
+    )
 
 
 @dataclass(frozen=True)
@@ -110,24 +115,24 @@ class Untestable:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """All hypotheses: ``columns`` (N, m, T) white, ``forms`` over them, and what is untestable.
+    """All hypotheses: ``columns`` (N, m, T) white, ``hypotheses`` over them, what is untestable.
 
     ``unrecorded``: what might be there too, but cannot be tested for want of a column.
     """
 
     columns: Array
-    forms: tuple[Hypothesis, ...]
+    hypotheses: tuple[Hypothesis, ...]
     untestable: tuple[Untestable, ...]
     unrecorded: tuple[Hypothesis, ...] = ()
 
 
 class Collector:
-    """Collects columns and forms over the rows of a system."""
+    """Collects columns and hypotheses over the rows of a system."""
 
     def __init__(self, system: System) -> None:
         self.system = system
         self.columns: list[Array] = []
-        self.forms: list[Hypothesis] = []
+        self.hypotheses: list[Hypothesis] = []
         self.untestable: list[Untestable] = []
         self.unrecorded: list[Hypothesis] = []
         mechanism = system.problem.mechanism
@@ -148,7 +153,7 @@ class Collector:
         """Return what was collected."""
         shape = (*self.system.residual.shape, 0)
         columns = np.stack(self.columns, axis=-1) if self.columns else np.zeros(shape)
-        return Library(columns, tuple(self.forms), tuple(self.untestable),
+        return Library(columns, tuple(self.hypotheses), tuple(self.untestable),
                        tuple(self.unrecorded))
 
 
@@ -166,8 +171,18 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
                  or any(p in (r, a) for _, _, r, a in limb.slots.polar)]
         on = tuple(dict.fromkeys(to.actuators[limb.actuator] for limb in limbs))
         column = to.shifted(shifts)
-        to.forms.append(Hypothesis(GEOMETRY, on, True, (parameter.name,), (-np.inf,), (np.inf,),
-                               (column,), slot=parameter.name))
+        to.hypotheses.append(
+            Hypothesis(
+                GEOMETRY,
+                on,
+                True,
+                (parameter.name,),
+                (-np.inf,),
+                (np.inf,),
+                (column,),
+                slot=parameter.name,
+            )
+        )
 
 
 def slot_shift(system: System, parameter: int) -> Shift:
@@ -204,7 +219,7 @@ def shapes(to: Collector) -> None:
             shifts = [p.setting.at_joints(_shape(p.setting.travel, low + at * length,
                                                  width * length), one)
                       for p in to.system.parts]
-            to.forms.append(Hypothesis(
+            to.hypotheses.append(Hypothesis(
                 LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
                 (to.shifted(shifts),), anonymous=True,
                 searched=2 if width else 1))
@@ -217,7 +232,7 @@ def shapes(to: Collector) -> None:
         along = np.maximum(np.sum(point**2, axis=1), 1e-12)[:, None, None]
         turn = np.eye(3) - middle[:, None] * point[:, None, :] / along
         shifts.append(Shift(stretch=swell[:, None, None] * turn))
-    to.forms.append(Hypothesis(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
+    to.hypotheses.append(Hypothesis(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
                            (to.shifted(shifts),), anonymous=True))
 
 

@@ -64,7 +64,7 @@ def nothing(reason: str, joints: int) -> Proposal:
 
 
 def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) -> Proposal:
-    """Return measurements that tell two forms apart, ``a`` being likelier by ``odds``."""
+    """Return measurements that tell two hypotheses apart, ``a`` being likelier by ``odds``."""
     mechanism = stage.system.problem.mechanism
     rng = np.random.default_rng(seed)
     data = possible_rows(stage, rng)
@@ -183,7 +183,7 @@ Blocks = tuple[Array, Array, Array]
 
 
 def _old_blocks(stage: Stage, a: Hypothesis, b: Hypothesis) -> Blocks:
-    """Return geometry (N, m, c) and the columns of both forms, of the rows measured."""
+    """Return geometry (N, m, c) and the columns of both hypotheses, of the rows measured."""
     shape = (*stage.system.residual.shape, -1)
     geometry = stage.noise.apply(stage.system.jacobian, stage.system)
     return (geometry.reshape(shape), form_columns(stage, a).reshape(shape),
@@ -191,7 +191,7 @@ def _old_blocks(stage: Stage, a: Hypothesis, b: Hypothesis) -> Blocks:
 
 
 def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Blocks | None:
-    """Return the same of possible rows; None where a pose or a form does not exist there."""
+    """Return the same of possible rows; None where a pose or a hypothesis does not exist there."""
     i = _template(stage)
     problem = replace(stage.system.problem, datasets=(data,),
                       pivots=(stage.system.problem.opens[i].about,), given=None)
@@ -205,12 +205,12 @@ def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Bl
     system = without(build(problem, state, keep), stage.added)
     found = library(system, tuple({a.kind, b.kind}))
 
-    def columns(form: Hypothesis) -> Array:
-        match = [f for f in found.forms if (f.kind, f.on, f.shared, f.slot) == (
-            form.kind, form.on, form.shared, form.slot)]
+    def columns(hypothesis: Hypothesis) -> Array:
+        match = [f for f in found.hypotheses if (f.kind, f.on, f.shared, f.slot) == (
+            hypothesis.kind, hypothesis.on, hypothesis.shared, hypothesis.slot)]
         if not match:
-            return of_single(found.columns, found.forms, form)
-        nearest = min(match, key=lambda f: f.apart(form))
+            return of_single(found.columns, found.hypotheses, hypothesis)
+        nearest = min(match, key=lambda f: f.apart(hypothesis))
         return np.asarray(found.columns[..., nearest.columns])
 
     # other data sets' frames and targets are open too, and new rows do not feel them

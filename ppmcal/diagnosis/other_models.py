@@ -39,14 +39,14 @@ def other_models(
     out = []
     for i, others in rivals.items():
         for rival in sorted(others, key=lambda r: r.odds)[:MOST]:
-            search = replace(stage.search, forms=(*stage.search.forms, rival.form))
-            chosen = [j for j in named_only(stage) if j != i] + [len(stage.search.forms)]
+            search = replace(stage.search, hypotheses=(*stage.search.hypotheses, rival.hypothesis))
+            chosen = [j for j in named_only(stage) if j != i] + [len(stage.search.hypotheses)]
             try:
                 mechanism, _ = with_named(whole.problem.mechanism, search, chosen)
                 fit = with_mechanism(whole, mechanism, options)
             except PpmcalError:
                 continue
-            out.append(Reading(rival.form.label, stage.forms[i].label, rival.odds,
+            out.append(Reading(rival.hypothesis.label, stage.hypotheses[i].label, rival.odds,
                                   fitted(fit)))
     return (*out, Reading("", "", 1.0, fitted(whole)))
 

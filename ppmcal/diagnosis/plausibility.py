@@ -17,25 +17,25 @@ COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg)
 """What to look at, by what an effect depends on."""
 
 
-def fitted_values(search: Search, form: int) -> list[float]:
-    """Return the coefficients of one form alone, SI."""
-    return [float(v) for v in search.test.fit(columns_of(search, [form]))[0]]
+def fitted_values(search: Search, hypothesis: int) -> list[float]:
+    """Return the coefficients of one hypothesis alone, SI."""
+    return [float(v) for v in search.test.fit(columns_of(search, [hypothesis]))[0]]
 
 
 def implausible(search: Search, named: Sequence[Hypothesis]) -> int | None:
-    """Return a form that explains more than what was chosen, but of a size that machines have not.
+    """Return a hypothesis that explains more than what was chosen, of a size that no machine has.
 
     Something else is wrong then, a unit perhaps, and what was chosen in its place imitates it.
 
     Args:
         search: the first one.
-        named: what was chosen at last, perhaps forms that a later search made.
+        named: what was chosen at last, perhaps hypotheses that a later search made.
     """
     values, chosen = search.values(), _nearest(search, named)
     now = bic(search, chosen)
     for i in np.argsort(values, kind="stable")[:STARTS]:
-        form = search.forms[i]
-        if values[i] > search.name or form.anonymous or int(i) in chosen:
+        hypothesis = search.hypotheses[i]
+        if values[i] > search.name or hypothesis.anonymous or int(i) in chosen:
             continue
         if possible(search, [int(i)], False) and not possible(search, [int(i)]) and (
                 bic(search, [int(i)]) < now):
@@ -44,31 +44,33 @@ def implausible(search: Search, named: Sequence[Hypothesis]) -> int | None:
 
 
 def _nearest(search: Search, named: Sequence[Hypothesis]) -> list[int]:
-    """Return the forms of a search most like others, which may be of another search.
+    """Return the hypotheses of a search most like others, which may be of another search.
 
     A group of joints that it does not have is taken joint by joint.
     """
-    def like(form: Hypothesis, on: tuple[str, ...]) -> list[int]:
-        same = [(form.apart(f), i) for i, f in enumerate(search.forms)
-                if (f.family, f.on) == (form.family, on)
-                and (f.shared == form.shared or len(on) == 1)]
+    def like(hypothesis: Hypothesis, on: tuple[str, ...]) -> list[int]:
+        same = [(hypothesis.apart(f), i) for i, f in enumerate(search.hypotheses)
+                if (f.family, f.on) == (hypothesis.family, on)
+                and (f.shared == hypothesis.shared or len(on) == 1)]
         return [min(same)[1]] if same else []
 
     out: list[int] = []
-    for form in named:
-        out += like(form, form.on) or [i for a in form.on for i in like(form, (a,))]
+    for hypothesis in named:
+        out += like(hypothesis, hypothesis.on) or [
+            i for a in hypothesis.on for i in like(hypothesis, (a,))
+        ]
     return list(dict.fromkeys(out))
 
 
 def implausible_words(found: Found, index: int) -> str:
     """Return what a size outside the range of machines says about the data."""
-    form = found.first.search.forms[index]
+    hypothesis = found.first.search.hypotheses[index]
     values = fitted_values(found.first.search, index)
     motion = found.before.problem.mechanism.motion
-    kind = find_effect(form.kind)
+    kind = find_effect(hypothesis.kind)
     specs = {s.name: s for s in kind.parameters(motion)}
     told = []
-    for name, value, (low, high) in zip(form.names, values, form.usual, strict=True):
+    for name, value, (low, high) in zip(hypothesis.names, values, hypothesis.usual, strict=True):
         if low <= value <= high:
             continue
         spec = specs[name.split(":")[-1]]
@@ -78,5 +80,7 @@ def implausible_words(found: Found, index: int) -> str:
                     f"(SI; {spec.why})")
     column = kind.doubt or ", ".join(COLUMNS.get(n, n) for n in kind.needs) or (
         "the joint columns and of the rotations")
-    return (f"{form.label} would explain most, but with {'; '.join(told[:2])}: no machine has "
-            f"that; check the unit of {column}. Nothing is named in its place")
+    return (
+        f"{hypothesis.label} would explain most, but with {'; '.join(told[:2])}: no machine has "
+        f"that; check the unit of {column}. Nothing is named in its place"
+    )

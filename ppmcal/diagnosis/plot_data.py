@@ -129,8 +129,15 @@ def _ranking(result: Diagnosis) -> tuple[Ranked, ...]:
     out = []
     if result.effects:
         alone = stage.search.values()
-        out = [_ranked(stage.forms[i], own_log_p(stage.search, stage.chosen, i), float(alone[i]),
-                       "named") for i in named_only(stage)]
+        out = [
+            _ranked(
+                stage.hypotheses[i],
+                own_log_p(stage.search, stage.chosen, i),
+                float(alone[i]),
+                "named",
+            )
+            for i in named_only(stage)
+        ]
     rest = [_ranked(c.hypothesis, c.log_p, c.log_p_alone, c.status) for c in result.candidates
             if c.status not in ("not testable", "named")]
     rest = _one_alternative_each(result, sorted(rest, key=lambda r: r.log_p))
@@ -180,7 +187,7 @@ def _steps(result: Diagnosis) -> tuple[SelectionStep, ...]:
     for count, _ in enumerate(order, 1):
         ratio = result.remainder.ratio if count == len(order) else _ratio(
             stage, order[:count], result.remainder.reference)
-        hypothesis = stage.forms[order[count - 1]]
+        hypothesis = stage.hypotheses[order[count - 1]]
         out.append(SelectionStep("effect", ratio, hypothesis.family,
                                  () if hypothesis.slot else hypothesis.on))
     return tuple(out)

@@ -107,9 +107,9 @@ def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit |
 
 
 def _without(found: Found, key: Key) -> tuple[int, ...]:
-    """Return the chosen forms without those of ``key``; of two waves only the weaker one goes."""
+    """Return the chosen hypotheses without those of ``key``; of two waves the weaker one goes."""
     last = found.last
-    mine = [i for i in last.chosen if _key(last.forms[i]) == key]
+    mine = [i for i in last.chosen if _key(last.hypotheses[i]) == key]
     if len(mine) > 1:
         mine = [max(mine, key=lambda i: own_log_p(last.search, last.chosen, i))]
     return tuple(i for i in last.chosen if i not in mine)
@@ -123,14 +123,14 @@ def nothing_named(found: Found) -> Found:
 Key = tuple[str, tuple[str, ...]]
 
 
-def _key(form: Hypothesis) -> Key:
-    return form.family, form.on
+def _key(hypothesis: Hypothesis) -> Key:
+    return hypothesis.family, hypothesis.on
 
 
 def _columns(fit: Fit, added: Sequence[Added], key: Key) -> list[int]:
-    """Return the columns of the parameters that were added for a form."""
+    """Return the columns of the parameters that were added for a hypothesis."""
     names = fit.problem.mechanism.names
-    own = {n for a in added if _key(a.form) == key for n in a.parameters}
+    own = {n for a in added if _key(a.hypothesis) == key for n in a.parameters}
     return [c for c, p in enumerate(fit.problem.free) if names[p] in own]
 
 
@@ -143,7 +143,7 @@ def _known_size(fit: Fit, spread: Array, added: Sequence[Added], key: Key) -> fl
     size of an effect is not known, however well it explains the rows. Of values for each actuator
     most have to be known.
     """
-    mine = [a for a in added if _key(a.form) == key]
+    mine = [a for a in added if _key(a.hypothesis) == key]
     each = np.array([_against_zero(fit, spread, _columns(fit, [a], key)) for a in mine])
     if np.mean(each < np.log(SURE)) < MOSTLY_KNOWN:
         return 0.0
@@ -203,11 +203,11 @@ def _none_of_machines(fit: Fit, spread: Array, found: Found, key: Key, spec: Eff
 
 def own_values(fit: Fit, added: Sequence[Added], noise: Whitening, keep: Sequence[Bools]
                ) -> dict[Key, float]:
-    """Return the log p of each added form given geometry and the others, at a fit."""
+    """Return the log p of each added hypothesis given geometry and the others, at a fit."""
     names = fit.problem.mechanism.names
     where: dict[Key, list[int]] = {}
     for a in added:
-        own = where.setdefault(_key(a.form), [])
+        own = where.setdefault(_key(a.hypothesis), [])
         own += [c for c, p in enumerate(fit.problem.free) if names[p] in a.parameters]
     system = build(fit.problem, fit.state, keep)
     out = {}

@@ -28,9 +28,9 @@ def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate,
     families = {e.hypothesis.family for e in effects}
     rivals = {a.split(" on ")[0] for e in effects for a in e.alternatives}
     left = first.search.test.given(columns_of(first.search, named_only(first)))
-    after = scan(left, first.library.forms)
+    after = scan(left, first.library.hypotheses)
     best: dict[Key, int] = {}
-    for i, hypothesis in enumerate(first.library.forms):
+    for i, hypothesis in enumerate(first.library.hypotheses):
         if hypothesis.anonymous:
             continue
         key = _key(hypothesis)
@@ -40,7 +40,7 @@ def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate,
             best[key] = i
     out = [_named(found, e) for e in effects]
     for i in best.values():
-        hypothesis = first.library.forms[i]
+        hypothesis = first.library.hypotheses[i]
         survival = first.search.test.survival(hypothesis.columns)
         significant = first.log_p[i] < first.search.name
         status = "not needed"
@@ -68,9 +68,11 @@ def _key(hypothesis: Hypothesis) -> Key:
 def _named(found: Found, effect: NamedEffect) -> Candidate:
     """Return the row of an effect that was named, its hypothesis perhaps made while choosing."""
     hypothesis, last = effect.hypothesis, found.last
-    alone = float(last.search.values()[last.forms.index(hypothesis)])
-    same = [i for i, f in enumerate(found.first.library.forms) if _key(f) == _key(hypothesis)]
-    like = min(same, key=lambda i: hypothesis.apart(found.first.library.forms[i]), default=None)
+    alone = float(last.search.values()[last.hypotheses.index(hypothesis)])
+    same = [i for i, f in enumerate(found.first.library.hypotheses) if _key(f) == _key(hypothesis)]
+    like = min(
+        same, key=lambda i: hypothesis.apart(found.first.library.hypotheses[i]), default=None
+    )
     return Candidate(replace(hypothesis, on=effect.on), effect.log_p, alone, effect.survival,
                      "named", effect.alternatives,
                      0.0 if like is None else _detectable(found.first, like))
@@ -78,7 +80,7 @@ def _named(found: Found, effect: NamedEffect) -> Candidate:
 
 def _detectable(stage: Stage, index: int) -> float:
     """Return the smallest value of a single-column hypothesis that would be named 9 times in 10."""
-    hypothesis = stage.library.forms[index]
+    hypothesis = stage.library.hypotheses[index]
     if hypothesis.size != 1:
         return 0.0
     c = hypothesis.columns[0]
@@ -104,7 +106,7 @@ def possible(found: Found, effects: Sequence[NamedEffect], verdict: str
     out = []
     for i in np.argsort(stage.log_p, kind="stable")[:3]:
         if stage.log_p[i] < stage.search.detect:
-            hypothesis = stage.library.forms[i]
+            hypothesis = stage.library.hypotheses[i]
             log_p = float(stage.log_p[i])
             survival = stage.search.test.survival(hypothesis.columns)
             out.append(Candidate(hypothesis, log_p, log_p, survival, "weak", (), 0.0))

@@ -36,13 +36,13 @@ DOUBTED = 23.0
 
 @dataclass(frozen=True)
 class Rival:
-    """A form that could take another's place.
+    """A hypothesis that could take another's place.
 
     ``angle``: between their columns, seen past geometry and the other effects, rad; ``odds``:
     how much likelier the chosen one is, e^(BIC difference/2).
     """
 
-    form: Hypothesis
+    hypothesis: Hypothesis
     angle: float
     odds: float
 
@@ -52,46 +52,46 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
     others = [i for i in chosen if i != effect]
     values = search.values(others)
     now, doubt = bic(search, chosen), doubtful(search, chosen, effect)
-    form = search.forms[effect]
-    taken = {search.forms[i].family for i in chosen}
+    hypothesis = search.hypotheses[effect]
+    taken = {search.hypotheses[i].family for i in chosen}
     best: dict[str, Rival] = {}
     for rival in [*((int(i),) for i in np.argsort(values, kind="stable")
-                    if values[i] <= NOTICEABLE), *_elsewhere(search, form)]:
-        first = search.forms[rival[0]]
+                    if values[i] <= NOTICEABLE), *_elsewhere(search, hypothesis)]:
+        first = search.hypotheses[rival[0]]
         if first.anonymous or first.family in taken or first.family in best:
             continue
         trial = (*others, *rival)
         worse = bic(search, trial) - now
-        size = sum(search.forms[i].size for i in rival)
+        size = sum(search.hypotheses[i].size for i in rival)
         limit = DOUBTED if doubt else AS_GOOD
         if first.shared:  # a kind is not out for having more parameters, unless one per joint
-            limit += np.log(search.test.freedom) * max(0, size - form.size)
+            limit += np.log(search.test.freedom) * max(0, size - hypothesis.size)
         if worse > limit or not possible(search, trial):
             continue
         if own_log_p(search, [*trial, effect], effect) > (
                 search.name if doubt else np.log(ADDS_NOTHING)):
-            best[first.family] = Rival(united([search.forms[i] for i in rival]),
+            best[first.family] = Rival(united([search.hypotheses[i] for i in rival]),
                                        _angle(search, others, effect, rival),
                                        float(np.exp(min(worse / 2.0, 50.0))))
     return list(best.values())
 
 
-def _elsewhere(search: Search, form: Hypothesis) -> list[tuple[int, ...]]:
-    """Return other kinds on just the actuators of ``form``, one value for each."""
-    if len(form.on) < 2:
+def _elsewhere(search: Search, hypothesis: Hypothesis) -> list[tuple[int, ...]]:
+    """Return other kinds on just the actuators of ``hypothesis``, one value for each."""
+    if len(hypothesis.on) < 2:
         return []
     single: dict[str, dict[str, int]] = {}
-    for i, other in enumerate(search.forms):
-        if len(other.on) == 1 and other.on[0] in form.on and not other.slot and (
-                not other.searched and other.kind != form.kind):
+    for i, other in enumerate(search.hypotheses):
+        if len(other.on) == 1 and other.on[0] in hypothesis.on and not other.slot and (
+                not other.searched and other.kind != hypothesis.kind):
             single.setdefault(other.kind, {}).setdefault(other.on[0], i)
-    return [tuple(have.values()) for have in single.values() if len(have) == len(form.on)]
+    return [tuple(have.values()) for have in single.values() if len(have) == len(hypothesis.on)]
 
 
 def _angle(search: Search, others: list[int], one: int, rival: Sequence[int]) -> float:
-    """Return the smallest principal angle between two forms' columns."""
+    """Return the smallest principal angle between two hypotheses' columns."""
     rest = search.test.given(columns_of(search, others))
-    a = np.array(search.forms[one].columns)
+    a = np.array(search.hypotheses[one].columns)
     b = np.array(columns_of(search, rival))
 
     def root(block: Array) -> Array:
@@ -124,12 +124,18 @@ def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ..
     Tried are one value for a set of actuators and one for each of them, besides what was
     chosen: those that were named, and the strongest one, two, ... BIC decides.
     """
-    kinds = list(dict.fromkeys(
-        search.forms[i].kind for i in chosen if search.forms[i].on and not search.forms[i].slot
-        and not search.forms[i].anonymous))
+    kinds = list(
+        dict.fromkeys(
+            search.hypotheses[i].kind
+            for i in chosen
+            if search.hypotheses[i].on
+            and not search.hypotheses[i].slot
+            and not search.hypotheses[i].anonymous
+        )
+    )
     best = tuple(chosen)
     for kind in kinds:
-        mine = [i for i in best if search.forms[i].kind == kind]
+        mine = [i for i in best if search.hypotheses[i].kind == kind]
         if not mine:
             continue
         others = [i for i in best if i not in mine]
@@ -143,18 +149,18 @@ def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ..
 
 def _options(search: Search, kind: str, mine: Sequence[int], others: Sequence[int]
              ) -> tuple[Search, list[tuple[int, ...]]]:
-    """Return sets of forms of one kind that might replace ``mine``."""
-    forms = search.forms
+    """Return sets of hypotheses of one kind that might replace ``mine``."""
+    hypotheses = search.hypotheses
     options: list[tuple[int, ...]] = [tuple(mine)]
-    constants = forms[mine[0]].constants
-    single = {f.on[0]: i for i, f in enumerate(forms)
+    constants = hypotheses[mine[0]].constants
+    single = {f.on[0]: i for i, f in enumerate(hypotheses)
               if f.kind == kind and len(f.on) == 1 and f.constants == constants}
-    named = [a for a in single if any(a in forms[i].on for i in mine)]
+    named = [a for a in single if any(a in hypotheses[i].on for i in mine)]
     for subset in _subsets(search, others, single, named):
         alone = [single[a] for a in subset]
         options.append(tuple(alone))
         if len(subset) > 1:
-            search, together = _together(search, [forms[single[a]] for a in subset])
+            search, together = _together(search, [hypotheses[single[a]] for a in subset])
             options.append((together,))
     return search, options
 
@@ -175,11 +181,11 @@ def _subsets(search: Search, others: Sequence[int], single: Mapping[str, int],
 
 
 def _together(search: Search, parts: Sequence[Hypothesis]) -> tuple[Search, int]:
-    """Return the form in which several actuators share one value, added where it is new."""
+    """Return the hypothesis in which several actuators share one value, added where it is new."""
     wanted = {a for part in parts for a in part.on}
-    for i, form in enumerate(search.forms):
-        if form.kind == parts[0].kind and form.shared and set(form.on) == wanted \
-                and form.alike(parts[0]):
+    for i, hypothesis in enumerate(search.hypotheses):
+        if hypothesis.kind == parts[0].kind and hypothesis.shared and set(hypothesis.on) == wanted \
+                and hypothesis.alike(parts[0]):
             return search, i
     total = search.test.right.size
     size = parts[0].size
@@ -188,27 +194,27 @@ def _together(search: Search, parts: Sequence[Hypothesis]) -> tuple[Search, int]
         for j, c in enumerate(part.columns):
             weights[c, j] = 1.0
     on = tuple(a for part in parts for a in part.on)
-    form = replace(parts[0], on=on, columns=tuple(range(total, total + size)),
+    hypothesis = replace(parts[0], on=on, columns=tuple(range(total, total + size)),
                    choices=_choices(search, len(on)))
     return replace(search, test=search.test.extended(weights),
-                   forms=(*search.forms, form)), len(search.forms)
+                   hypotheses=(*search.hypotheses, hypothesis)), len(search.hypotheses)
 
 
 def _choices(search: Search, some: int) -> float:
     """Return the logarithm of the number of sets of so many actuators."""
-    total = max(len(f.on) for f in search.forms)
+    total = max(len(f.on) for f in search.hypotheses)
     return float(gammaln(total + 1) - gammaln(some + 1) - gammaln(max(total - some, 0) + 1))
 
 
-def held(search: Search, chosen: tuple[int, ...], forms: Sequence[Hypothesis]
+def held(search: Search, chosen: tuple[int, ...], hypotheses: Sequence[Hypothesis]
          ) -> tuple[Search, tuple[int, ...]]:
-    """Return ``forms``, chosen at an earlier fit, if they are as good as ``chosen``.
+    """Return ``hypotheses``, chosen at an earlier fit, if they are as good as ``chosen``.
 
     Without this two effects that look alike would take turns for ever.
     """
     old: list[int] = []
-    for form in forms:
-        search, index = find(search, form)
+    for hypothesis in hypotheses:
+        search, index = find(search, hypothesis)
         if index is None:
             return search, chosen
         old.append(index)
@@ -218,16 +224,16 @@ def held(search: Search, chosen: tuple[int, ...], forms: Sequence[Hypothesis]
     return search, tuple(old) if good else chosen
 
 
-def find(search: Search, form: Hypothesis) -> tuple[Search, int | None]:
-    """Return where a form of another search is in this one, made where it can be."""
-    match = [i for i, f in enumerate(search.forms)
-             if (f.family, f.on, f.shared) == (form.family, form.on, form.shared)]
+def find(search: Search, hypothesis: Hypothesis) -> tuple[Search, int | None]:
+    """Return where a hypothesis of another search is in this one, made where it can be."""
+    match = [i for i, f in enumerate(search.hypotheses)
+             if (f.family, f.on, f.shared) == (hypothesis.family, hypothesis.on, hypothesis.shared)]
     if match:
-        return search, min(match, key=lambda i: form.apart(search.forms[i]))
-    parts = [f for f in search.forms if f.family == form.family and len(f.on) == 1
-             and f.on[0] in form.on and f.alike(form)]
-    if len(parts) != len(form.on):
+        return search, min(match, key=lambda i: hypothesis.apart(search.hypotheses[i]))
+    parts = [f for f in search.hypotheses if f.family == hypothesis.family and len(f.on) == 1
+             and f.on[0] in hypothesis.on and f.alike(hypothesis)]
+    if len(parts) != len(hypothesis.on):
         return search, None
-    if form.shared:
+    if hypothesis.shared:
         return _together(search, parts)
-    return replace(search, forms=(*search.forms, united(parts))), len(search.forms)
+    return replace(search, hypotheses=(*search.hypotheses, united(parts))), len(search.hypotheses)

@@ -47,19 +47,19 @@ class Search:
     """
 
     test: AddedVariableTest
-    forms: tuple[Hypothesis, ...]
+    hypotheses: tuple[Hypothesis, ...]
     detect: float
     name: float
     smallest: Array
 
     @cached_property
-    def hypotheses(self) -> int:
+    def distinct(self) -> int:
         """How many there are, the constants of a grid not counted."""
-        return len({(f.family, f.on, f.shared) for f in self.forms})
+        return len({(f.family, f.on, f.shared) for f in self.hypotheses})
 
     @cached_property
     def _groups(self) -> list[Group]:
-        return by_size(self.forms)
+        return by_size(self.hypotheses)
 
     @cached_property
     def _found(self) -> dict[tuple[int, ...], Array]:
@@ -70,7 +70,7 @@ class Search:
         key = tuple(sorted(chosen))
         if key not in self._found:
             rest = self.test.given(columns_of(self, key))
-            self._found[key] = _scanned(rest, self._groups, len(self.forms))
+            self._found[key] = _scanned(rest, self._groups, len(self.hypotheses))
             self._found[key].setflags(write=False)
         return self._found[key]
 
@@ -123,7 +123,7 @@ def prepare(
 ) -> Search:
     """Return the search with its thresholds from simulated noise, or those of ``like``."""
     if like is not None:
-        return replace(like, test=test, forms=tuple(hypotheses))
+        return replace(like, test=test, hypotheses=tuple(hypotheses))
     smallest = null_scan(test, hypotheses) if hypotheses else np.zeros(test.null.shape[1])
     # without freedom nothing can be shown, however small the smallest
     detect, name = np.minimum(np.quantile(smallest, [DETECT, NAME]), np.log([DETECT, NAME]))
@@ -143,8 +143,8 @@ def choose(search: Search) -> list[Choice]:
         if values[i] > level or len(starts) == STARTS:
             break
         if possible(search, [int(i)]) and all(
-                search.forms[i].family != search.forms[j].family
-                or search.forms[i].size != search.forms[j].size for j in starts):
+                search.hypotheses[i].family != search.hypotheses[j].family
+                or search.hypotheses[i].size != search.hypotheses[j].size for j in starts):
             starts.append(int(i))
     found: dict[frozenset[int], Choice] = {}
     for start in starts:
@@ -156,7 +156,7 @@ def choose(search: Search) -> list[Choice]:
 
 def columns_of(search: Search, chosen: Sequence[int]) -> list[int]:
     """Return the columns of chosen hypotheses, each once."""
-    return list(dict.fromkeys(c for i in chosen for c in search.forms[i].columns))
+    return list(dict.fromkeys(c for i in chosen for c in search.hypotheses[i].columns))
 
 
 def bic(search: Search, chosen: Sequence[int]) -> float:
@@ -167,11 +167,11 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
     columns = columns_of(search, chosen)
     left = search.test.left(columns)
     n = search.test.freedom
-    searched = sum(search.forms[i].searched for i in chosen)
-    hypotheses, k = search.hypotheses, len(chosen)
+    searched = sum(search.hypotheses[i].searched for i in chosen)
+    hypotheses, k = search.distinct, len(chosen)
     looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
-    anonymous = sum(1 for i in chosen if search.forms[i].anonymous)
-    looked += sum(search.forms[i].choices for i in chosen)
+    anonymous = sum(1 for i in chosen if search.hypotheses[i].anonymous)
+    looked += sum(search.hypotheses[i].choices for i in chosen)
     return float(n * np.log(max(left, 1e-300) / n) + ANONYMOUS * anonymous
                  + (len(columns) + searched) * np.log(n) + 2.0 * looked)
 
@@ -181,14 +181,14 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
 
     ``usual``: they have to be in the range of machines too, not only to have a meaning.
     """
-    if not _apart([search.forms[i] for i in chosen if search.forms[i].turns]):
+    if not _apart([search.hypotheses[i] for i in chosen if search.hypotheses[i].turns]):
         return False
     columns = columns_of(search, chosen)
     value, covariance = search.test.fit(columns)
     slack = OUT_OF_RANGE * np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     place = {c: j for j, c in enumerate(columns)}
     for i in chosen:
-        hypothesis = search.forms[i]
+        hypothesis = search.hypotheses[i]
         at = [place[c] for c in hypothesis.columns]
         if hypothesis.size == 1:
             slack = np.where(np.isin(np.arange(len(columns)), at), 0.0, slack)
@@ -240,7 +240,7 @@ def pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
     """Drop hypotheses that add nothing to the others, weakest first."""
     left = list(chosen)
     while len(left) > 1:
-        values = [own_log_p(search, left, i) + search.forms[i].choices for i in left]
+        values = [own_log_p(search, left, i) + search.hypotheses[i].choices for i in left]
         weakest = int(np.argmax(values))
         if values[weakest] <= level:
             break
@@ -251,14 +251,14 @@ def pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
 def stand(search: Search, chosen: Sequence[int]) -> bool:
     """Whether chosen hypotheses are physical, and each reaches the naming threshold."""
     return possible(search, chosen) and all(
-        own_log_p(search, chosen, i) + search.forms[i].choices <= search.name for i in chosen)
+        own_log_p(search, chosen, i) + search.hypotheses[i].choices <= search.name for i in chosen)
 
 
 def own_log_p(search: Search, chosen: Sequence[int], hypothesis: int) -> float:
     """Return the log p of one chosen hypothesis given the others."""
     others = [j for j in chosen if j != hypothesis]
     rest = search.test.given(columns_of(search, others))
-    return float(scan(rest, [search.forms[hypothesis]])[0])
+    return float(scan(rest, [search.hypotheses[hypothesis]])[0])
 
 
 def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:
@@ -294,7 +294,7 @@ def doubtful(search: Search, chosen: Sequence[int], effect: int) -> bool:
     with a value of its own on every actuator, unless most of its values stand out one by
     one. Any other family that explains as much is then a rival, whatever parameters it takes.
     """
-    hypothesis = search.forms[effect]
+    hypothesis = search.hypotheses[effect]
     if search.test.survival(hypothesis.columns) < SWALLOWED:
         return True
     if hypothesis.shared:

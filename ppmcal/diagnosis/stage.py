@@ -40,8 +40,8 @@ class Stage:
         basis: of the geometry, whitened (n, r); residual (n,) whitened, the contributions
             of effects that the state already has added back.
         columns: whitened library (n, T).
-        search: tests and thresholds; chosen: indices of forms.
-        log_p: of every form before anything is chosen (F,).
+        search: tests and thresholds; chosen: indices of hypotheses.
+        log_p: of every hypothesis before anything is chosen (F,).
         pure: scatter of repeats, if there are any.
         added: columns of the problem that belong to effects under test.
     """
@@ -59,19 +59,19 @@ class Stage:
     added: tuple[int, ...] = ()
 
     @property
-    def forms(self) -> tuple[Hypothesis, ...]:
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
         """All hypotheses, those made while choosing included."""
-        return self.search.forms
+        return self.search.hypotheses
 
     @property
     def named(self) -> tuple[Hypothesis, ...]:
         """The chosen hypotheses that have a name."""
-        return tuple(self.search.forms[i] for i in named_only(self))
+        return tuple(self.search.hypotheses[i] for i in named_only(self))
 
 
 def named_only(stage: Stage) -> tuple[int, ...]:
-    """Return the chosen forms without anonymous shapes."""
-    return tuple(i for i in stage.chosen if not stage.forms[i].anonymous)
+    """Return the chosen hypotheses without anonymous shapes."""
+    return tuple(i for i in stage.chosen if not stage.hypotheses[i].anonymous)
 
 
 def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
@@ -98,8 +98,8 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
     rng = np.random.default_rng(seed)
     for _ in range(2):
         stage = _tested(system, found, noise, rng, draws, like, hold)
-        grids = [c for i in stage.chosen for c in stage.forms[i].columns
-                 if stage.forms[i].constants and c < found.columns.shape[-1]]
+        grids = [c for i in stage.chosen for c in stage.hypotheses[i].columns
+                 if stage.hypotheses[i].constants and c < found.columns.shape[-1]]
         if not grids or noise.rho == 0.0:
             break
         noise = estimate(system, found, grids)
@@ -133,7 +133,7 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     left = residual - basis @ (basis.T @ residual)
     test = build_test(basis, columns, residual, system.count,
                       simulated(noise, system, basis, left, 0 if like else draws, rng))
-    search = prepare(test, found.forms, like)
+    search = prepare(test, found.hypotheses, like)
     start = search.values()
     search, chosen = settled(search, choose(search))
     search, chosen = held(search, chosen, hold)
@@ -143,27 +143,32 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
 
 def explained(stage: Stage) -> tuple[Array, Array]:
     """Return a basis (n, r) of geometry and chosen effects, and the residual free of both."""
-    columns = np.concatenate([np.zeros((len(stage.residual), 0)),
-                              *(form_columns(stage, stage.forms[i]) for i in stage.chosen)], axis=1)
+    columns = np.concatenate(
+        [
+            np.zeros((len(stage.residual), 0)),
+            *(form_columns(stage, stage.hypotheses[i]) for i in stage.chosen),
+        ],
+        axis=1,
+    )
     extra = columns - stage.basis @ (stage.basis.T @ columns)
     basis = np.concatenate([stage.basis, range_basis(unit_columns(extra)[0])], axis=1)
     return basis, stage.residual - basis @ (basis.T @ stage.residual)
 
 
-def form_columns(stage: Stage, form: Hypothesis) -> Array:
-    """Return a form's whitened columns (n, k)."""
-    if max(form.columns) < stage.columns.shape[1]:
-        return stage.columns[:, form.columns]
-    return of_single(stage.columns, stage.forms, form)
+def form_columns(stage: Stage, hypothesis: Hypothesis) -> Array:
+    """Return a hypothesis's whitened columns (n, k)."""
+    if max(hypothesis.columns) < stage.columns.shape[1]:
+        return stage.columns[:, hypothesis.columns]
+    return of_single(stage.columns, stage.hypotheses, hypothesis)
 
 
-def of_single(columns: Array, forms: Sequence[Hypothesis], form: Hypothesis) -> Array:
-    """Return the columns (..., k) of a form on a few actuators from those of each alone.
+def of_single(columns: Array, hypotheses: Sequence[Hypothesis], hypothesis: Hypothesis) -> Array:
+    """Return the columns (..., k) of a hypothesis on a few actuators from those of each alone.
 
     Raises:
-        KeyError: an actuator has no form of its own.
+        KeyError: an actuator has no hypothesis of its own.
     """
-    own = {f.on[0]: f for f in forms if f.kind == form.kind and len(f.on) == 1
-           and f.alike(form)}
-    each = [columns[..., own[a].columns] for a in form.on]
-    return np.sum(each, axis=0) if form.shared else np.concatenate(each, axis=-1)
+    own = {f.on[0]: f for f in hypotheses if f.kind == hypothesis.kind and len(f.on) == 1
+           and f.alike(hypothesis)}
+    each = [columns[..., own[a].columns] for a in hypothesis.on]
+    return np.sum(each, axis=0) if hypothesis.shared else np.concatenate(each, axis=-1)

@@ -121,9 +121,9 @@ def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
     """Return measurements that tell the first rivals apart, or what else to do."""
     joints = len(stage.system.problem.mechanism.actuators)
     for i, (others, _) in alternatives.items() if verdict != "unnamed" else ():
-        if others and not stage.forms[i].slot:
+        if others and not stage.hypotheses[i].slot:
             likeliest = min(others, key=lambda r: r.odds)
-            return propose(stage, stage.forms[i], likeliest.form, likeliest.odds, seed)
+            return propose(stage, stage.hypotheses[i], likeliest.hypothesis, likeliest.odds, seed)
     if verdict in ("named-set", "partial") and any(a for _, a in alternatives.values()):
         return nothing("measure again with a known payload (column payload): give under a "
                        "weight that was not recorded looks much like this", joints)

@@ -89,13 +89,13 @@ def estimate(system: System, library: Library, extra: Sequence[int] = ()) -> Whi
 
 
 def _projected(system: System, library: Library, extra: Sequence[int]) -> list[int]:
-    """Return the columns to project out: each kind's freest form, the best few of a grid.
+    """Return the columns to project out: each kind's freest hypothesis, the best few of a grid.
 
     Where there is not room for all, those that explain most come first, grids last.
     """
     room = MOST * system.count - system.jacobian.shape[-1]
     chosen = list(dict.fromkeys(extra))
-    forms: dict[str, list[int]] = {}
+    hypotheses: dict[str, list[int]] = {}
     grid: dict[tuple[str, tuple[str, ...]], tuple[float, list[int]]] = {}
     flat = library.columns.reshape(-1, library.columns.shape[-1])
     residual = system.residual.reshape(-1)
@@ -104,17 +104,17 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
         unit, _ = unit_columns(flat[:, list(columns)])
         return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
-    for form in library.forms:
-        if form.constants and form.searched:
-            if form.shared:
-                key, gain = (form.kind, form.on), explains(form.columns)
+    for hypothesis in library.hypotheses:
+        if hypothesis.constants and hypothesis.searched:
+            if hypothesis.shared:
+                key, gain = (hypothesis.kind, hypothesis.on), explains(hypothesis.columns)
                 if gain > grid.get(key, (0.0, []))[0]:
-                    grid[key] = gain, list(form.columns)
-        elif form.kind == GEOMETRY:
-            forms[GEOMETRY] = [*forms.get(GEOMETRY, []), *form.columns]
-        elif len(form.columns) > len(forms.get(form.kind, [])):
-            forms[form.kind] = list(form.columns)
-    plain_forms = sorted(forms.values(), key=lambda c: -explains(c) / len(c))
+                    grid[key] = gain, list(hypothesis.columns)
+        elif hypothesis.kind == GEOMETRY:
+            hypotheses[GEOMETRY] = [*hypotheses.get(GEOMETRY, []), *hypothesis.columns]
+        elif len(hypothesis.columns) > len(hypotheses.get(hypothesis.kind, [])):
+            hypotheses[hypothesis.kind] = list(hypothesis.columns)
+    plain_forms = sorted(hypotheses.values(), key=lambda c: -explains(c) / len(c))
     for found in [*plain_forms, *(c for _, c in sorted(grid.values(), reverse=True))]:
         if len(chosen) + len(found) <= room:
             chosen += [c for c in found if c not in chosen]
