@@ -165,7 +165,7 @@ def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
     ({"gap": {"interval": [0.1, "x"]}}, r"gap.interval\[1\]: should be a number"),
     ({"confirmed": 1}, "confirmed: should be true or false"),
     ({"plot_data": {"left_out_rows": 1.5}}, "left_out_rows: should be a whole number"),
-    ({"format": "ppmcal/plan/1"}, "is not a diagnosis.json"),
+    ({"format": "ppmcal/plan/1"}, "is no diagnosis.json"),
     ({"other_models": [{"odds": 1e40}]}, "odds: should be a number, 1e[+]30 at most")])
 def test_a_record_of_another_kind_is_refused(tmp_path: Path, record: Record, place: str) -> None:
     path = tmp_path / "diagnosis.json"

@@ -11,6 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from ppmcal.report.format import exact, number, sig
 
@@ -103,6 +104,12 @@ def _environment() -> Environment:
 def part(name: str, *values: Any) -> str:
     """Return one part of a page: a macro of parts.html."""
     return str(getattr(_environment().get_template("parts.html").module, name)(*values))
+
+
+def page(**values: Any) -> str:
+    """Return the whole page; text among ``values`` is escaped unless it is ``Markup``."""
+    return _environment().get_template("page.html").render(css=Markup(CSS), script=Markup(SCRIPT),
+                                                           **values)
 
 
 def _file(name: str) -> str:

@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.io.output import plain
@@ -19,7 +20,7 @@ from ppmcal.report.design import design_headline, design_section, look_at
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.format import exact, with_unit
 from ppmcal.report.headlines import figure, headline
-from ppmcal.report.html import CSS, SCRIPT, amount, definitions, paragraph, table, words
+from ppmcal.report.html import amount, definitions, page, part, table, words
 from ppmcal.report.identification import excluded_rows, identified_section
 from ppmcal.report.other import (
     compensation_section,
@@ -39,33 +40,36 @@ from ppmcal.report.records import (
 from ppmcal.report.residuals import used, white
 from ppmcal.report.truth import stray_note
 
+MOST_LOOKED_AT = 60
+
 
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
-    body = [f"<header><h1>{escape(title(data))}</h1>", _lead(data), "</header>", _look(data)]
-    body += [diagnosis_section(d) for d in data.diagnosed]
-    many = len(data.identified) > 1
+    single = len(data.identified) == 1
+    return page(title=title(data), lead=_lead(data),
+                tiles=_tiles(data.identified[0]) if single else [], look=_look(data),
+                sections=[Markup(section) for section in _sections(data) if section],
+                version=__version__, folders=", ".join(data.folders))
+
+
+def _sections(data: ReportData) -> list[str]:
+    """Return the sections of the page, ready HTML."""
+    out = [diagnosis_section(d) for d in data.diagnosed]
     for one in data.identified:
-        if many:
-            body.append(f'<h2>{escape(one.name)} <span class="soft">({escape(one.folder)})'
-                        "</span></h2>" + _tiles(one))
-        body.append(identified_section(one))
-    body += [compensation_section(r, units_of(r, data)) for r in data.compensated]
-    body += [kinematics_section(r) for r in data.kinematics]
-    body += [design_section(d) for d in data.designed]
-    body += [other_section(o) for o in data.others]
-    body += [comparison_section(o) for o in data.compared]
-    body += [export_section(o) for o in data.exported]
+        if len(data.identified) > 1:
+            out.append(part("session", one.name, one.folder, _tiles(one)))
+        out.append(identified_section(one))
+    out += [compensation_section(r, units_of(r, data)) for r in data.compensated]
+    out += [kinematics_section(r) for r in data.kinematics]
+    out += [design_section(d) for d in data.designed]
+    out += [other_section(o) for o in data.others]
+    out += [comparison_section(o) for o in data.compared]
+    out += [export_section(o) for o in data.exported]
     compared = {c.truth for c in data.comparisons}
-    body += [truth_section(c) for c in data.comparisons]
-    body += [simulation_section(s, stray_note(s, data.identified)) for s in data.simulated
-             if s.folder not in compared]
-    body.append(_provenance(data))
-    return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-            '<meta name="viewport" content="width=device-width,initial-scale=1">'
-            f"<title>{escape(title(data))}</title><style>{CSS}</style></head>\n<body><main>"
-            + "\n".join(p for p in body if p)
-            + f"\n</main><script>{SCRIPT}</script></body></html>\n")
+    out += [truth_section(c) for c in data.comparisons]
+    out += [simulation_section(s, stray_note(s, data.identified)) for s in data.simulated
+            if s.folder not in compared]
+    return [*out, _provenance(data)]
 
 
 def title(data: ReportData) -> str:
@@ -94,44 +98,37 @@ def summary(data: ReportData) -> list[str]:
     return out
 
 
-def _lead(data: ReportData) -> str:
+def _lead(data: ReportData) -> list[str]:
+    """Return the first paragraphs."""
     lines = [" ".join(headline(one)) for one in data.identified]
     lines += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
     lines += [t for o in data.compared if (t := comparison_verdict(o.record))]
     lines += [t for d in data.designed if (t := design_headline(d))]
-    lines = lines or summary(data)
-    text = "".join(paragraph(t) for t in lines)
-    tiles = _tiles(data.identified[0]) if len(data.identified) == 1 else ""
-    return f'<div class="lead">{text}</div>{tiles}'
+    return [t for t in lines or summary(data) if t]
 
 
-def _tiles(one: Identified) -> str:
+def _tiles(one: Identified) -> list[dict[str, Any]]:
     """Return the key figures: rms before, after and held out of each kind of error."""
     out = []
     for kind, after in one.record.residual.after.items():
         stages, unit = (figure(one, "before", kind).rms, after.rms), after.unit
-        flow = '<i>→</i>'.join(escape(with_unit(rms, unit)) for rms in stages if rms is not None)
+        flow = [with_unit(rms, unit) for rms in stages if rms is not None]
         more = [f"{name} {with_unit(value, unit)}" for name, value in
                 (("held out", figure(one, "holdout", kind).rms), ("largest after", after.max))
                 if value is not None]
         if flow:
-            out.append(f'<div class="tile"><div class="what">{escape(kind.capitalize())}, rms '
-                       f'before → after</div><div class="flow">{flow}</div>'
-                       f'<div class="more">{escape(" · ".join(more))}</div></div>')
-    return f'<div class="tiles">{"".join(out)}</div>' if out else ""
+            out.append({"what": f"{kind.capitalize()}, rms before → after", "flow": flow,
+                        "more": " · ".join(more)})
+    return out
 
 
-def _look(data: ReportData) -> str:
-    """Return what the user must look at, or that there is nothing."""
+def _look(data: ReportData) -> list[str]:
+    """Return what the user must look at."""
     items = look_at(data)
-    if not items:
-        return '<section class="fine"><h2>Nothing needs a closer look</h2></section>'
     several = len({where for where, _ in items}) > 1
-    lines = "".join(f"<li>{escape(f'{where}: {text}' if several else text)}</li>"
-                    for where, text in items[:60])
-    if len(items) > 60:
-        lines += f"<li>and {len(items) - 60} more, in the JSON files</li>"
-    return f'<section class="look"><h2>Look at</h2><ul>{lines}</ul></section>'
+    lines = [f"{where}: {text}" if several else text for where, text in items[:MOST_LOOKED_AT]]
+    more = len(items) - MOST_LOOKED_AT
+    return lines + ([f"and {more} more, in the JSON files"] if more > 0 else [])
 
 
 def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
@@ -180,9 +177,6 @@ def _provenance(data: ReportData) -> str:
         if sums or any(v for _, v in facts):
             out.append(f"<h3>{escape(name)}</h3>" + definitions(facts, "Command")
                        + _datasets(record) + sums)
-    out.append(f"<footer>Written by ppmcal {escape(__version__)} from "
-               f"{escape(', '.join(data.folders))}. Every number is in the CSV and JSON files "
-               "there with all its digits.</footer>")
     return "".join(out)
 
 
