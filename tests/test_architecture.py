@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 import yaml
-from commands import install, number, ppmcal_process, rows
+from helpers.commands import install, number, ppmcal_process, rows
+from helpers.paths import ROOT
 
 import ppmcal
 from ppmcal.kinematics.closure import Closure
 
-ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = Path(ppmcal.__file__).parent
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from functools import cache
 
-import machines
 import numpy as np
 import pytest
-from machines import Array
+from helpers import machines
+from helpers.machines import Array
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 

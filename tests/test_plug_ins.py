@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import Run, install, number, pick, ppmcal_process, rows, write_csv
+from helpers.commands import Run, install, number, pick, ppmcal_process, rows, write_csv
+from helpers.paths import ROOT
 
 import ppmcal
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.limbs import kinds
 
-CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+CONFIGS = ROOT / "configs"
 DATA = "s/measurements.csv"
 PACKAGE = '''"""What a workshop knows of its own machines."""
 

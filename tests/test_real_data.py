@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.paths import ROOT
 
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.flatness import flats
@@ -20,9 +20,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.diagnosis.diagnose import diagnose
 
-ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))
-sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import real_deltas  # noqa: E402
 import real_priors  # noqa: E402

@@ -1,0 +1,300 @@
+"""Calibrations carried on with new data, and what changed between two of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers.commands import ppmcal, rows
+from helpers.sessions import BOX, CONFIGS, POSITION, Array, drawn, machine, session
+
+from ppmcal import algebra as cga
+from ppmcal.calibration.change_detection import Comparison, between, posterior_of
+from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.posterior import Posterior
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.summary import rank_of
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+
+OPTIONS = FitOptions(robust=False)
+
+
+def fitted(mechanism: Mechanism, *data: Dataset, before: Posterior | None = None,
+           options: FitOptions = OPTIONS) -> Fit:
+    problem = Problem(mechanism, data, mechanism.free,
+                      earlier=before.data() if before else None)
+    fit = identify(problem, options)
+    assert fit.converged
+    return fit
+
+
+def known(fit: Fit) -> Posterior:
+    """Return what a file would hold of a fit."""
+    return posterior_of(fit, {fit.problem.datasets[0].name: "x.csv"})
+
+
+def sigmas(fit: Fit) -> Array:
+    return np.sqrt(np.diagonal(posterior(fit))[:len(fit.problem.free)])
+
+
+@pytest.mark.parametrize("name", list(BOX))
+def test_carrying_on_is_fitting_everything_at_once(name: str) -> None:
+    """A then B, or A then B then C, give values and uncertainties of A, B and C in one fit."""
+    mechanism, rng = machine(name), np.random.default_rng(5)
+    g = drawn(mechanism, rng)
+    data = [session(mechanism, name, g, rng, label=label) for label in "abc"]
+    whole = fitted(mechanism, *data)
+    step = fitted(mechanism, data[0])
+    for d in data[1:]:
+        step = fitted(mechanism, d, before=known(step))
+    free = list(mechanism.free)
+    apart = np.abs(step.state.g[free] - whole.state.g[free]) / sigmas(whole)
+    assert apart.max() < 0.1
+    assert sigmas(step) == pytest.approx(sigmas(whole), rel=0.02)
+    alone = fitted(mechanism, data[2])
+    assert np.mean(sigmas(step) / sigmas(alone)) < 0.9
+
+
+def test_carrying_on_without_tolerances() -> None:
+    """With a flat prior only what the old data saw is kept."""
+    mechanism, rng = machine("3-RPR"), np.random.default_rng(6)
+    g, flat = drawn(mechanism, rng), FitOptions("flat", robust=False)
+    data = [session(mechanism, "3-RPR", g, rng, label=label) for label in "ab"]
+    whole = fitted(mechanism, *data, options=flat)
+    first = known(fitted(mechanism, data[0], options=flat))
+    step = fitted(replace_values(mechanism, first), data[1], before=first, options=flat)
+    probe = session(mechanism, "3-RPR", g, rng, 20).q
+    apart = []
+    for fit in (whole, step):
+        at = cga.translation(forward(Model(mechanism, fit.state.g), probe).pose)
+        apart.append(np.linalg.norm(at[:, None] - at[None], axis=-1))
+    # as many directions as the data know, no more, and as well known
+    assert first.data().right.size == 9
+    assert (rank_of(step)[1], rank_of(whole)[1]) == (9 + 3, 9 + 6)
+    both = [np.sqrt(np.diagonal(prediction_covariance(f))) for f in (whole, step)]
+    count = len(mechanism.free)
+    seen = np.isfinite(np.diagonal(posterior(whole))[:count])
+    assert both[1][:count][seen] == pytest.approx(both[0][:count][seen], rel=0.05)
+    # frames are free, so only distances compare
+    assert np.max(np.abs(apart[0] - apart[1])) < 0.3 * POSITION
+    alone = fitted(mechanism, data[1], options=flat)
+    at = cga.translation(forward(Model(mechanism, alone.state.g), probe).pose)
+    assert np.max(np.abs(np.linalg.norm(at[:, None] - at[None], axis=-1) - apart[0])) > POSITION
+
+
+def campaigns(count: int, change: float, where: str = "leg2.offset"
+              ) -> list[tuple[Comparison, float]]:
+    """Return comparisons of two sessions of fresh machines, and the change between them, SI."""
+    mechanism = machine("3-RPR")
+    out = []
+    for seed in range(count):
+        rng = np.random.default_rng([17, seed])
+        g = drawn(mechanism, rng)
+        h = g.copy()
+        h[mechanism.names.index(where)] += change
+        old, new = (known(fitted(mechanism, session(mechanism, "3-RPR", v, rng, 25, label)))
+                    for v, label in ((g, "a"), (h, "b")))
+        found, notes = between(replace_values(mechanism, new), old, new, {}, rng)
+        assert not notes
+        out.append((found, change))
+    return out
+
+
+def replace_values(mechanism: Mechanism, found: Posterior) -> Mechanism:
+    g = mechanism.values.copy()
+    g[list(found.places)] = found.value
+    return mechanism.with_values(g)
+
+
+def test_nothing_changed_is_uniform() -> None:
+    """p-values of unchanged machines are uniform, single ones too, and differences have sigma."""
+    found = [c for c, _ in campaigns(50, 0.0)]
+    p = np.array([c.p_value for c in found])
+    assert abs(p.mean() - 0.5) < 3.5 / np.sqrt(12 * p.size)
+    assert np.mean(p < 0.1) < 0.1 + 3.0 * np.sqrt(0.09 / p.size)
+    alone = np.stack([c.alone for c in found])
+    assert abs(alone.mean() - 0.5) < 0.08
+    assert sum(c.changed for c in found) <= 3
+    seen = found[0].sigma > 1e-9
+    z = np.stack([(c.new - c.old)[seen] / c.sigma[seen] for c in found])
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_change_is_named_with_its_interval() -> None:
+    """One offset moved between the sessions: it is named, alone or among those as good."""
+    found = campaigns(24, 1.5e-4)
+    named = hit = total = 0
+    for c, change in found:
+        for one in c.changes:
+            named += one.name == "leg2.offset" or "leg2.offset" in one.instead
+            if one.name == "leg2.offset" and len(c.changes) == 1:
+                total += 1
+                hit += abs(one.value - change) < 1.96 * one.sigma
+    assert named >= 22
+    assert total >= 12 and hit >= 0.8 * total
+
+
+def test_the_same_calibration_twice_has_not_changed() -> None:
+    mechanism, rng = machine("3-RPR"), np.random.default_rng(2)
+    one = known(fitted(mechanism, session(mechanism, "3-RPR", drawn(mechanism, rng), rng)))
+    found, notes = between(replace_values(mechanism, one), one, one,
+                           {"x": (-0.02, 0.02), "y": (-0.02, 0.02), "rz": (-0.1, 0.1)}, rng)
+    assert not found.changed and "x.csv is in both" in notes[0]
+    assert np.max(np.abs(found.new - found.old)) == 0.0
+
+
+# ---------------------------------------------------------------- the commands
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """3-RPR.yaml, three sessions A, B, C (leg 2 homed anew), and their calibrations idA, ..."""
+    folder = tmp_path_factory.mktemp("sessions")
+    ppmcal("init", "3-RPR", cwd=folder, expect=0)
+    scenario = yaml.safe_load((folder / "3-RPR.scenario.yaml").read_text())
+    scenario["errors"] = {"leg1.offset": 0.3, "leg3.base.point.x": -0.2, "leg2.offset": -0.1}
+    for seed, label in enumerate("ABC"):
+        if label == "C":
+            scenario["errors"]["leg2.offset"] = 0.4
+        scenario["seed"] = seed
+        (folder / f"{label}.yaml").write_text(yaml.safe_dump(scenario))
+        ppmcal("simulate", "3-RPR.yaml", f"{label}.yaml", "--out", label, "--quiet", cwd=folder,
+               expect=0)
+        ppmcal("identify", "3-RPR.yaml", f"{label}/measurements.csv", "--out", f"id{label}",
+               "--quiet", cwd=folder, expect=0)
+    return folder
+
+
+def test_compare_says_nothing_changed(sessions: Path, tmp_path: Path) -> None:
+    run = ppmcal("compare", "idA", "idB", "--out", tmp_path / "o", cwd=sessions, expect=0)
+    assert "nothing has changed" in run.out
+    assert max(len(line) for line in run.out.splitlines()) <= 80
+    entries = rows(tmp_path / "o" / "compare.csv")
+    assert {e["status"] for e in entries} == {"unchanged"}
+    found = json.loads((tmp_path / "o" / "comparison.json").read_text())
+    assert found["verdict"] == "unchanged" and found["platform"]["poses"] > 100
+
+
+def test_compare_names_what_changed(sessions: Path, tmp_path: Path) -> None:
+    run = ppmcal("compare", "idA/identified.yaml", "idC", "--out", tmp_path / "o", "--json",
+                 cwd=sessions, expect=1)
+    (change,) = run.json["changes"]
+    assert "leg2.offset" in [change["name"], *change["instead"]]
+    assert run.json["verdict"] == "changed" and run.json["p_value"] < 1e-6
+
+
+def test_keep_carries_on(sessions: Path, tmp_path: Path) -> None:
+    """--start OLD --keep, or the old model itself with --keep; the same rows twice are refused."""
+    args = ("--keep", "--quiet", "--holdout", "0")
+    ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--start", "idA/identified.yaml", *args,
+           "--out", tmp_path / "one", cwd=sessions, expect=0)
+    ppmcal("identify", "idA/identified.yaml", "B/measurements.csv", *args,
+           "--out", tmp_path / "two", cwd=sessions, expect=0)
+    one, two, alone = (rows(f / "parameters.csv") for f in
+                       (tmp_path / "one", tmp_path / "two", sessions / "idB"))
+    assert [r["value"][:10] for r in one] == [r["value"][:10] for r in two]
+    smaller = [float(a["sigma"]) < float(b["sigma"]) for a, b in zip(one, alone, strict=True)
+               if a["status"] == "identified"]
+    assert np.mean(smaller) > 0.9
+    run = ppmcal("identify", "3-RPR.yaml", "A/measurements.csv", "--start",
+                 tmp_path / "one" / "identified.yaml", *args, "--out", tmp_path / "no",
+                 cwd=sessions, expect=2)
+    assert "in that calibration already" in run.err and not (tmp_path / "no").exists()
+
+
+def test_keep_says_when_the_machine_has_changed(sessions: Path, tmp_path: Path) -> None:
+    run = ppmcal("identify", "3-RPR.yaml", "C/measurements.csv", "--start", "idA/identified.yaml",
+                 "--keep", "--out", tmp_path / "o", cwd=sessions, expect=1)
+    words = " ".join(run.out.split())
+    assert "the machine has changed since the calibration" in words
+
+
+def test_bad_starts_are_refused(sessions: Path, tmp_path: Path) -> None:
+    data = "B/measurements.csv"
+    (tmp_path / "identified.yaml").write_text((sessions / "idA" / "identified.yaml").read_text())
+    for args, words in (
+            (("--start", tmp_path / "identified.yaml", "--keep"), "identification.json"),
+            (("--start", CONFIGS / "6-UPS.yaml"), "is of another machine"),
+            (("--keep", "--method", "damped"), "--keep goes with"),
+            (("--start", "nowhere.yaml"), "nowhere.yaml")):
+        run = ppmcal("identify", "3-RPR.yaml", data, *args, "--out", tmp_path / "o",
+                     cwd=sessions, expect=2)
+        assert words in run.err, args
+    (tmp_path / "identification.json").write_text('{"format": "ppmcal/identification/1"}')
+    for args in (("identify", "3-RPR.yaml", data, "--keep", "--start",
+                  tmp_path / "identified.yaml"), ("compare", tmp_path, "idB"),
+                 ("compare", "idA", tmp_path / "none")):
+        run = ppmcal(*args, "--out", tmp_path / "o", cwd=sessions, expect=2)
+        assert run.err.startswith("Error:") or "Error:" in run.err
+
+
+def test_a_table_that_was_only_held_out_is_not_known(sessions: Path, tmp_path: Path) -> None:
+    ppmcal("identify", "3-RPR.yaml", "A/measurements.csv", "--holdout", "B/measurements.csv",
+           "--quiet", "--out", tmp_path / "one", cwd=sessions, expect=0)
+    ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--start", tmp_path / "one", "--keep",
+           "--quiet", "--out", tmp_path / "two", cwd=sessions, expect=0)
+    run = ppmcal("identify", "3-RPR.yaml", "B/measurements.csv", "--start", tmp_path / "two",
+                 "--keep", "--out", tmp_path / "two", cwd=sessions, expect=2)
+    assert "two/identified.yaml: is an input of this run" in run.err
+
+
+def test_a_flat_calibration_claims_no_more_than_its_data(sessions: Path, tmp_path: Path) -> None:
+    """Frame unknown, no tolerances: twelve parameters, nine directions known."""
+    for label in "AB":
+        ppmcal("identify", "3-RPR.yaml", f"{label}/measurements.csv", "--prior", "flat", "--quiet",
+               "--out", tmp_path / label, cwd=sessions, expect=0)
+    run = ppmcal("compare", tmp_path / "A", tmp_path / "B", "--json", "--out", tmp_path / "o",
+                 cwd=sessions, expect=0)
+    assert run.json["degrees"] == 9 and run.json["p_value"] > 1e-3
+
+
+def test_noise_that_was_stated_too_small_is_one_matter(sessions: Path, tmp_path: Path) -> None:
+    """Both commands take the noise as the residuals show it; a change is not made up from it."""
+    for label in "AB":
+        folder = tmp_path / f"u{label}"
+        folder.mkdir()
+        table = (sessions / label / "measurements.csv").read_text()
+        (folder / "measurements.csv").write_text(table)
+        side = yaml.safe_load((sessions / label / "measurements.yaml").read_text())
+        side["instrument"]["sigma"] = {k: v / 3.0 for k, v in side["instrument"]["sigma"].items()}
+        (folder / "measurements.yaml").write_text(yaml.safe_dump(side))
+        ppmcal("identify", "3-RPR.yaml", folder / "measurements.csv", "--quiet", "--out",
+               tmp_path / f"i{label}", cwd=sessions, expect=1)
+    found = ppmcal("compare", tmp_path / "iA", tmp_path / "iB", "--json", "--out", tmp_path / "o",
+                   cwd=sessions).json
+    assert found["p_value"] > 1e-3
+    run = ppmcal("identify", "3-RPR.yaml", tmp_path / "uB" / "measurements.csv", "--start",
+                 tmp_path / "iA", "--keep", "--out", tmp_path / "k", cwd=sessions, expect=1)
+    words = " ".join(run.out.split())
+    assert "times the stated noise" in words
+    assert ("machine has changed" in words) == (found["verdict"] == "changed")
+
+
+def test_a_changed_stiffness_is_named(tmp_path: Path) -> None:
+    """A parameter whose steps are taken in its reciprocal, in units far from the others'."""
+    ppmcal("init", "3-RPR", cwd=tmp_path, expect=0)
+    machine_ = yaml.safe_load((tmp_path / "3-RPR.yaml").read_text())
+    machine_["effects"] = [{"kind": "compliance", "parameters": {
+        "stiffness": {"value": 4000, "tolerance": 2000, "free": True}}}]
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(machine_))
+    scenario = yaml.safe_load((tmp_path / "3-RPR.scenario.yaml").read_text())
+    scenario |= {"errors": {"leg1.offset": 0.2}, "conditions": {"payload": [0, 20, 40]}}
+    for label, stiffness in (("A", 4000), ("B", 2000)):
+        scenario |= {"seed": ord(label), "effects": [
+            {"kind": "compliance", "parameters": {"stiffness": stiffness}}]}
+        (tmp_path / "s.yaml").write_text(yaml.safe_dump(scenario))
+        ppmcal("simulate", "3-RPR.yaml", "s.yaml", "--out", label, "--quiet", cwd=tmp_path,
+               expect=0)
+        ppmcal("identify", "m.yaml", f"{label}/measurements.csv", "--out", f"i{label}", "--quiet",
+               cwd=tmp_path, expect=0)
+    found = ppmcal("compare", "iA", "iB", "--json", cwd=tmp_path, expect=1).json
+    (change,) = found["changes"]
+    assert change["name"] == "compliance.stiffness"
+    assert change["value"] == pytest.approx(-2000, abs=3 * change["sigma"] + 200)

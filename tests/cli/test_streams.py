@@ -1,0 +1,82 @@
+"""A full disk, a closed stream and Ctrl-C: a message and an exit code, and files all the same."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.commands import EXECUTABLE, ppmcal, tree
+
+FULL = Path("/dev/full")
+START = ["-c", "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+         "from ppmcal.cli import main; main()"]
+
+
+def process(*args, path="", **streams):
+    """Run ``ppmcal args`` as a process with streams of its own; ``path`` to find modules first."""
+    known = os.pathsep.join(p for p in (str(path), os.environ.get("PYTHONPATH", "")) if p)
+    return subprocess.run([*map(str, args)], timeout=120, check=False, text=True,
+                          env={**os.environ, "COLUMNS": "80", "PYTHONPATH": known},
+                          **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams})
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A planar machine with simulated measurements."""
+    folder = tmp_path_factory.mktemp("bench")
+    ppmcal("init", "3-RPR", "--out", "m.yaml", cwd=folder, expect=0)
+    ppmcal("simulate", "m.yaml", "m.scenario.yaml", "--out", "s", cwd=folder, expect=0)
+    return folder
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("more", [(), ("--json",), ("--sigma", "estimated")])
+def test_results_are_written_although_standard_output_is_full(bench, tmp_path, more):
+    """With --sigma estimated something is said before anything is written."""
+    args = ("identify", "m.yaml", "s/measurements.csv", *more, "--out")
+    ppmcal(*args, tmp_path / "want", cwd=bench)
+    with FULL.open("w") as full:
+        run = process(*EXECUTABLE, *args, tmp_path / "o", cwd=bench, stdout=full)
+    assert run.returncode == 2
+    assert run.stderr.count("\n") == 1
+    assert run.stderr.startswith("Error: standard output cannot be written")
+    assert set(tree(tmp_path / "o")) == set(tree(tmp_path / "want"))
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("args", [("--help",), ("identify", "--help"), ("init",)])
+def test_help_into_a_full_disk(args):
+    with FULL.open("w") as full:
+        run = process(*EXECUTABLE, *args, stdout=full)
+    assert run.returncode == 2
+    assert run.stderr.startswith("Error: standard output") and run.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+def test_the_exit_code_stands_although_nobody_can_read_why(tmp_path):
+    with FULL.open("w") as full:
+        run = process(*EXECUTABLE, "check", tmp_path / "none.yaml", stderr=full)
+    assert run.returncode == 2
+
+
+def test_results_are_written_although_nobody_listens(bench, tmp_path):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as closed:
+        run = process(*EXECUTABLE, "identify", "m.yaml", "s/measurements.csv", "--sigma",
+                      "estimated", "--out", tmp_path / "o", cwd=bench, stdout=closed)
+    assert run.returncode in (0, 1)
+    assert not run.stderr
+    assert "identified.yaml" in tree(tmp_path / "o")
+
+
+@pytest.mark.parametrize(("module", "text"), [
+    # as compiled modules do: the interrupt becomes an error of their own
+    ("numpy", "import os, signal, time\ntry:\n    os.kill(os.getpid(), signal.SIGINT)\n"
+              "    time.sleep(5)\nexcept KeyboardInterrupt:\n    raise ImportError('failed')\n"),
+    ("click", "raise KeyboardInterrupt\n")])
+def test_an_interrupt_while_modules_load(bench, tmp_path, module, text):
+    (tmp_path / f"{module}.py").write_text(text)
+    run = process(sys.executable, *START, "check", bench / "m.yaml", path=tmp_path)
+    assert (run.returncode, run.stdout, run.stderr) == (130, "", "Stopped.\n")

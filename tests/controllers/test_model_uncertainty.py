@@ -1,0 +1,106 @@
+"""What an export promises: never less than what the model itself does not know."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from helpers.commands import ppmcal
+from helpers.paths import ROOT
+
+from ppmcal.calibration.compensation import compensate, station_of
+from ppmcal.controllers.export import exporter
+from ppmcal.controllers.model_uncertainty import pose_uncertainty
+from ppmcal.io import read_mechanism
+from ppmcal.io.results.export import ExportRecord
+from ppmcal.io.results.knowledge import read_knowledge
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import measured_pose
+from ppmcal.report.controllers import export_section
+from ppmcal.report.records import ControllerExport
+
+CONFIGS = ROOT / "configs"
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A planar machine identified from a few rows, in an unknown frame."""
+    folder = tmp_path_factory.mktemp("model")
+    shutil.copy(CONFIGS / "3-RPR.yaml", folder / "m.yaml")
+    scenario = {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+                "poses": {"random": {"center": {"x": 500, "y": 288.675, "rz": 30}, "half_range": {
+                    "x": 60, "y": 60, "rz": 8}, "count": 20}},
+                "errors": {"random": {"scale": 1.0}}, "seed": 3,
+                "instrument": {"kind": "pose", "sigma": {"position": 0.02, "rotation": 0.004}},
+                "frame": {"x": 4, "y": -3, "rz": 1}, "target": [3, -2]}
+    (folder / "s.yaml").write_text(yaml.safe_dump(scenario))
+    ppmcal("simulate", "m.yaml", "s.yaml", "--out", "s", cwd=folder, expect=0)
+    ppmcal("identify", "m.yaml", "s/measurements.csv", "--out", "i", cwd=folder)
+    return folder / "i" / "identified.yaml"
+
+
+def exported(model: Path, out: Path) -> tuple[dict[str, Any], str]:
+    """Return export.json and what was said."""
+    run = ppmcal("export", "grid", model, "--out", out)
+    return json.loads((out / "export.json").read_text()), " ".join(run.out.split())
+
+
+def test_the_models_own_uncertainty_is_in_the_prediction(model: Path, tmp_path: Path) -> None:
+    """That of `compensate` at the same poses in the frame of the only data set."""
+    found, said = exported(model, tmp_path / "o")
+    told = found["predicted"]
+    mechanism = read_mechanism(model)
+    knowledge = read_knowledge(model.with_name("identification.json"), mechanism)
+    poses = exporter("grid").export(mechanism, None, None).poses
+    (name, registration), = mechanism.registrations.items()
+    wanted = measured_pose(station_of(registration, 3), pose_motor(poses))
+    wide = replace(knowledge, volume={})
+    sigma = compensate(mechanism, wanted, registration, wide, name)
+    for key, values, factor in (("position", sigma.sigma_position, 1e3),
+                                ("rotation", sigma.sigma_rotation, 180.0 / np.pi)):
+        parts = {k: v if key == "position" else v["rotation"] for k, v in told.items()}
+        own = factor * np.sqrt(np.mean(values**2))
+        assert parts["model"]["rms"] == pytest.approx(own, rel=1e-6)
+        assert parts["after"]["rms"] == pytest.approx(
+            np.hypot(own, parts["format"]["rms"]), rel=1e-6)
+        assert parts["after"]["unit"] == ("mm" if key == "position" else "deg")
+    assert told["model"]["frame"] == name
+    assert told["format"]["rms"] == pytest.approx(found["gain"]["after"]["rms"])
+    assert told["after"]["rms"] > 1e-3
+    assert f"{told['model']['rms']:.2g} mm" in said
+    assert f"in the frame of {name}" in said
+    page = export_section(ControllerExport("o", ExportRecord.model_validate(found)))
+    assert f"in the frame of {name}" in page
+    assert str(model.with_name("identification.json")) in found["provenance"]["inputs"]
+
+
+def test_what_is_not_known_is_not_promised(model: Path, tmp_path: Path) -> None:
+    """Without the identification beside it there is no figure, and no 0.0000 either."""
+    alone = tmp_path / "identified.yaml"
+    shutil.copy(model, alone)
+    found, said = exported(alone, tmp_path / "o")
+    assert found["predicted"]["after"]["rms"] is None
+    assert found["predicted"]["model"]["rms"] is None
+    assert "identification.json is not beside the model" in found["predicted"]["model"]["reason"]
+    for text in (said, export_section(ControllerExport("o", ExportRecord.model_validate(found)))):
+        assert "unknown, as identification.json is not beside the model" in text
+        assert "Predicted error with the new" not in text
+
+
+def test_several_frames_are_none(model: Path) -> None:
+    """With two data sets it is the base frame, and that is said."""
+    mechanism = read_mechanism(model)
+    poses = exporter("grid").export(mechanism, None, None).poses
+    (name, registration), = mechanism.registrations.items()
+    two = replace(mechanism, registrations={name: registration, "other": registration})
+    own, base = (pose_uncertainty(m, poses, model) for m in (mechanism, two))
+    assert (own.frame, base.frame) == (name, "base")
+    assert own.position is not None
+    assert base.position is not None
+    assert base.position > own.position > 0.0

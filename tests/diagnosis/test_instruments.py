@@ -1,0 +1,111 @@
+"""Effects searched in heights and distances, also between two platform positions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.instruments import data_of, truth
+from helpers.printers import joints_at, printer, touches
+from numpy.typing import NDArray
+
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.diagnose import diagnose
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.stage import run_stage
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.effects import effect_kinds
+from ppmcal.model.mechanism import Given, Mechanism, with_effect
+
+Array = NDArray[np.float64]
+
+
+def distances(mechanism: Mechanism, g: Array, rng: np.random.Generator, n: int) -> Dataset:
+    """Return distances between pairs of positions above the bed, to 0.01 mm."""
+    ends = np.zeros((2, n, 6))
+    for part in ends:
+        angle, radius = rng.uniform(0, 2 * np.pi, n), 0.1 * np.sqrt(rng.uniform(0.1, 1.0, n))
+        part[:, 0], part[:, 1] = radius * np.cos(angle), radius * np.sin(angle)
+        part[:, 2] = rng.uniform(0.0, 0.08, n)
+    q, to_q = (joints_at(mechanism, g, part) for part in ends)
+    return replace(data_of(mechanism, "distance", q, to_q, g, rng, 1e-5, False), name="pairs")
+
+
+def bent(data: Dataset, tower: int, height: float) -> Dataset:
+    """Return the data as if one tower's drive had a parabola of a height (m) over 1e4 steps."""
+    middle = float(np.median(data.q[:, tower]))
+
+    def believed(q: Array) -> Array:
+        out = q.copy()
+        out[:, tower] += height / 1.25e-5 * ((q[:, tower] - middle) / 1e4) ** 2
+        return out
+
+    return replace(data, q=believed(data.q),
+                   to_q=None if data.to_q is None else believed(data.to_q))
+
+
+def campaign(tmp_path: Path, seed: int, height: float) -> tuple[Mechanism, tuple[Dataset, ...]]:
+    """Return touches and pairs of one printer whose tower a is bent."""
+    mechanism = printer(tmp_path, ratio=-0.0125)
+    rng = np.random.default_rng([31, seed])
+    g = truth(mechanism, rng, 0.5)
+    data = touches(mechanism, g, rng, 60), distances(mechanism, g, rng, 60)
+    return mechanism, tuple(bent(d, 0, height) for d in data)
+
+
+def search(tmp_path: Path, seed: int, height: float) -> Diagnosis:
+    mechanism, data = campaign(tmp_path, seed, height)
+    return diagnose(Problem(mechanism, data, mechanism.free))
+
+
+def test_columns_of_pairs_are_differences(tmp_path: Path) -> None:
+    """Every kind's column of a distance between two positions, against differences."""
+    mechanism, data = campaign(tmp_path, 1, 0.0)
+    problem = Problem(mechanism, data[1:], mechanism.free)
+    fit = identify(problem)
+    stage = run_stage(problem, fit.state, fit.keep, 0, ("curvature", "periodic"))
+    kind = effect_kinds()["curvature"]
+    for form in stage.library.hypotheses:
+        if form.kind != "curvature" or form.on != ("b",):
+            continue
+        low, high = (form.constants[n] for n in ("low", "high"))
+        for n, name in enumerate(("p2", "p3", "p4")):
+            sides = []
+            for sign in (1.0, -1.0):
+                values = {m: Given(sign * 1e-6 if m == name else 0.0) for m in ("p2", "p3", "p4")}
+                values |= {"low": Given(low), "high": Given(high)}
+                one = with_effect(mechanism, kind, (False, True, False), values)
+                g = np.concatenate([fit.state.g, one.values[len(fit.state.g):]])
+                now = replace(problem, mechanism=one.with_values(g))
+                state = now.solve(replace(fit.state, g=g))
+                sides.append(np.concatenate([r.residual for r in now.rows(state, False,
+                                                                          fit.keep)]))
+            slope = -(sides[0] - sides[1]) / 2e-6
+            found = stage.library.columns[..., form.columns[n]]
+            assert np.max(np.abs(found - slope)) < 1e-4 * np.max(np.abs(slope))
+        break
+    else:
+        pytest.fail("no curvature on tower b was tried")
+
+
+def test_a_bent_tower_is_found_in_heights_and_pairs(tmp_path: Path) -> None:
+    """What explains it acts on tower a, and what is held out gets better."""
+    found = search(tmp_path, 2, 2e-4)
+    assert found.verdict in ("named", "named-set", "partial")
+    assert any("a" in e.on for e in found.effects)
+    assert found.gap is not None and found.gap.after < found.gap.before
+
+
+def test_nothing_is_found_where_nothing_is(tmp_path: Path) -> None:
+    verdicts = [search(tmp_path, seed, 0.0).verdict for seed in range(3, 9)]
+    assert verdicts.count("none") >= 5
+    assert not {"named", "named-set", "partial"} & set(verdicts)
+
+
+def test_pairs_alone_can_be_searched(tmp_path: Path) -> None:
+    mechanism, data = campaign(tmp_path, 10, 0.0)
+    found = diagnose(Problem(mechanism, data[1:], mechanism.free))
+    assert found.verdict in ("none", "weak")

@@ -1,0 +1,63 @@
+"""Three effects at once: in the sample campaign, and on the 3-RPR machine of [PPM]."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from helpers.commands import ppmcal
+from helpers.diagnoses import (
+    BACKLASH,
+    SQUEEZED,
+    WARM,
+    diagnose,
+    found_in,
+    named,
+    simulate,
+    value,
+)
+from helpers.paths import ROOT
+
+SAMPLES = ROOT / "sample_data"
+
+
+def holds(found: dict[str, Any], effects: list[dict[str, Any]], actuators: list[str]) -> None:
+    """Check kinds, actuators and sizes against the truth, and that the gap is closed."""
+    assert found["verdict"] in ("named", "named-set")
+    assert named(found) == {e["kind"]: set(e.get("on", actuators)) for e in effects}
+    for e in effects:
+        for name, truth in e["parameters"].items():
+            v = value(found, e["kind"], name)
+            assert abs(v["value"] - float(truth)) < 4.0 * v["sigma"], (e["kind"], v)
+            assert 0.0 < v["sigma"] < 0.25 * float(truth)
+    gap = found["gap"]
+    assert found["confirmed"]
+    assert gap["closed"] > 0.6
+    assert gap["interval"][1] > 0.9
+    assert gap["after"] < 1.25 < gap["before"]
+
+
+def test_the_sample_campaign(tmp_path: Path) -> None:
+    """Its scenario, which no command is given, says what is hidden."""
+    run = ppmcal("diagnose", SAMPLES / "hexapod.yaml", SAMPLES / "hidden" / "measurements.csv",
+                 "--out", "d", cwd=tmp_path)
+    assert run.code in (0, 1), run.err
+    text = (SAMPLES / "hidden" / "scenario.yaml").read_text(encoding="utf-8")
+    truth = yaml.load(text, yaml.BaseLoader)  # else `on` is read as true
+    found = found_in(tmp_path)
+    holds(found, truth["effects"], [f"leg{n}" for n in range(1, 7)])
+    assert [e for e in found["effects"] if e["alternatives"]] == []
+    out = " ".join(run.out.split())
+    for words in ("backlash on leg2, leg5: width", "compliance on all 6 actuators: stiffness",
+                  "leg_thermal on all 6 actuators: expansion"):
+        assert words in out
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_three_effects_on_the_planar_machine(tmp_path: Path, seed: int) -> None:
+    effects = [BACKLASH, SQUEEZED, WARM]
+    simulate(tmp_path, "3-RPR", effects, 30, seed=seed)
+    _, found = diagnose(tmp_path)
+    holds(found, effects, ["leg1", "leg2", "leg3"])

@@ -1,0 +1,260 @@
+"""The tables of a diagnosis: a row and one p-value per effect, the same groups throughout."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import hidden
+import numpy as np
+import pytest
+
+from ppmcal.calibration.problem import Problem
+from ppmcal.cli.common import Console, number
+from ppmcal.cli.diagnose import describe
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.diagnosis.held_out_gap import Gap
+from ppmcal.diagnosis.left_out_rows import LeftOut
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.verdict import findings, next_step
+from ppmcal.errors import BadInput
+from ppmcal.io.results import diagnosis_wording as wording
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_files import effects_csv
+from ppmcal.report.diagnosis import diagnosis_section
+from ppmcal.report.records import Diagnosed
+
+Record = dict[str, Any]
+SUBSETS = {"shared": [("leg2", "leg5")], "each": [("leg2",), ("leg5",)]}
+NEAR = 1000.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A diagnosis, what diagnosis.json holds of it, and the rows of effects.csv."""
+
+    result: Diagnosis
+    whole: DiagnosisRecord
+    table: list[dict[str, str]]
+
+    @cached_property
+    def record(self) -> Record:
+        return dict(json.loads(self.whole.text()))
+
+
+@cache
+def case(name: str, later: float = 0.0) -> Case:
+    """Backlash on two of six legs; ``later``: seconds by which the clock is ahead."""
+    options = hidden.Options(poses=24)
+    causes = [hidden.scaled("6-UPS", 3, hidden.draw("6-UPS", 3, "backlash", options, on=on),
+                            1.0 + 0.5 * n, options) for n, on in enumerate(SUBSETS[name])]
+    made = hidden.campaign("6-UPS", 3, causes, options)
+    columns = made.dataset.columns
+    data = replace(made.dataset, columns={**columns, "time": columns["time"] + later})
+    problem = Problem(made.mechanism, (data,), made.mechanism.free)
+    result = diagnose(problem, DiagnosisOptions(draws=400))
+    assert result.verdict == "named"
+    record = DiagnosisRecord.of(result, {})
+    return Case(result, record, list(csv.DictReader(io.StringIO(effects_csv(result)))))
+
+
+@pytest.mark.parametrize("name", list(SUBSETS))
+def test_every_named_effect_has_its_row(name: str) -> None:
+    """Those on a few actuators too, whose form the library did not hold."""
+    found = case(name)
+    wanted = sorted((e["kind"], " ".join(e["on"])) for e in found.record["effects"])
+    assert {a for _, on in wanted for a in on.split()} == {"leg2", "leg5"}
+    named = [r for r in found.table if r["status"] == "named"]
+    assert sorted((r["kind"], r["on"]) for r in named) == wanted
+    assert found.table[:len(named)] == named
+    others = {(r["kind"], r["on"], r["form"]) for r in found.table if r["status"] != "named"}
+    for row in named:
+        assert (row["kind"], row["on"], row["form"]) not in others
+
+
+@pytest.mark.parametrize("name", list(SUBSETS))
+def test_one_p_value_per_effect(name: str) -> None:
+    """effects.csv, diagnosis.json and the ranking agree; what was before has its own column."""
+    found = case(name)
+    ranked = {(r["kind"], *r["on"]): r for r in found.record["plot_data"]["ranking"]
+              if r["status"] == "named"}
+    for e in found.record["effects"]:
+        row = next(r for r in found.table if (r["kind"], r["on"], r["status"])
+                   == (e["kind"], " ".join(e["on"]), "named"))
+        assert float(row["p_value"]) == pytest.approx(e["p_value"], rel=1e-12, abs=0.0)
+        assert float(row["survival"]) == pytest.approx(e["survival"], rel=1e-12)
+        entry = ranked[e["kind"], *e["on"]]
+        assert entry["log10_p"] == pytest.approx(e["log10_p"], rel=1e-5)
+        alone = np.log10(float(row["p_value_alone"]))
+        assert alone == pytest.approx(entry["log10_p_alone"], rel=1e-5)
+    for row in found.table:
+        if row["status"] not in ("named", "not testable"):
+            assert row["p_value"] == row["p_value_alone"]
+    if name == "each":  # one leg's error hides the other's
+        assert any(abs(r["log10_p"] - r["log10_p_alone"]) > 1.0 for r in ranked.values())
+
+
+@pytest.mark.parametrize("later", [0.0, 1.7e9])
+def test_groups_are_the_same_before_and_after(later: float) -> None:
+    """Each group of rows has its own figure with the effects, near the noise in all of them."""
+    found = case("shared", later)
+    places = found.record["localised"]
+    assert {"actuator", "direction", "region", "load", "time", "temperature"} == {
+        p["by"] for p in places}
+    keys = [(p["by"], p["value"]) for p in places]
+    assert len(keys) == len(set(keys))
+    for p in places:
+        if p["by"] != "actuator":
+            assert p["rms_ratio"] > 1.3, p
+            assert 0.7 < p["rms_ratio_after"] < 1.3, p
+
+
+def test_next_step_agrees_with_the_findings() -> None:
+    """More is to be measured where the held-out poses do not confirm what is named."""
+    result = case("shared").result
+    gap = result.gap
+    assert isinstance(gap, Gap)
+    last, left = result.found.last, result.remainder
+    for confirmed in (True, False):
+        seen = replace(gap, confirmed=confirmed)
+        said = findings(result.before, result.before, left, result.effects, seen,
+                        LeftOut(0, 1, False, "", 0.0, 1.0), ())
+        step = next_step(last, {}, "named", 0, seen).reason
+        assert any("do not confirm" in f for f in said) == (not confirmed)
+        assert ("no further measurement is needed" in step) == confirmed
+        assert ("do not confirm" in step) == (not confirmed)
+
+
+# --- the record ---------------------------------------------------------------------------------
+
+
+def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
+    """All of it; a null stands for a missing key, and what is not written is not made up."""
+    path = tmp_path / "diagnosis.json"
+    for whole in (case("each").whole, wavy().whole):
+        path.write_text(whole.text(), encoding="utf-8")
+        found = DiagnosisRecord.read(path)
+        assert found == whole
+        assert found.text() == whole.text()
+    record = {"verdict": "named", "effects": [{"kind": "drift", "on": None}], "gap": None,
+              "plot_data": {"series": [{"x": [1.0, None]}]}}
+    path.write_text(json.dumps(record), encoding="utf-8")
+    found = DiagnosisRecord.read(path)
+    assert wording.headline(found) == "The missing effect is named: drift."
+    assert found.entries() == {
+        "verdict": "named", "effects": ({"kind": "drift"},),
+        "plot_data": {"series": ({"x": (1.0, None)},)}}
+
+
+@pytest.mark.parametrize(("record", "place"), [
+    ({"effects": {}}, "effects: should be a list"),
+    ({"effects": [None]}, r"effects\[0\]"),
+    ({"effects": [{"on": [3]}]}, r"effects\[0\].on\[0\]: should be text"),
+    ({"effects": [{"parameters": {"width": {"value": "1"}}}]}, "width.value: should be a number"),
+    ({"gap": {"interval": [0.1, "x"]}}, r"gap.interval\[1\]: should be a number"),
+    ({"confirmed": 1}, "confirmed: should be true or false"),
+    ({"plot_data": {"left_out_rows": 1.5}}, "left_out_rows: should be a whole number"),
+    ({"format": "ppmcal/plan/1"}, "is no diagnosis.json"),
+    ({"other_models": [{"odds": 1e40}]}, "odds: should be a number, 1e[+]30 at most")])
+def test_a_record_of_another_kind_is_refused(tmp_path: Path, record: Record, place: str) -> None:
+    path = tmp_path / "diagnosis.json"
+    path.write_text(json.dumps(record), encoding="utf-8")
+    with pytest.raises(BadInput, match=place) as refusal:
+        DiagnosisRecord.read(path)
+    assert str(path) in str(refusal.value)
+
+
+def test_the_same_sentences_on_the_console_and_in_the_report(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    found = case("each")
+    describe(found.result, found.whole, Console(False, False))
+    said = " ".join(capsys.readouterr().out.split())
+    page = " ".join(unescape(diagnosis_section(Diagnosed("d", found.whole, None))).split())
+    step = wording.next_step(found.whole)
+    for sentence in (wording.gap_closed(found.whole), wording.worst_block(found.whole)):
+        assert sentence.endswith(".")
+        assert sentence in said
+        assert sentence in page
+    assert f"Next: {step}" in said
+    assert step[1:] in page
+    # each leg with a value and a p of its own, told as one effect
+    assert "backlash on leg2, leg5: leg" in said
+
+
+# --- figures that follow from parameters ----------------------------------------------------------
+
+
+@cache
+def wavy() -> Case:
+    """An error once per turn of a screw on one of six legs."""
+    options = hidden.Options(poses=40)
+    cause = hidden.scaled("6-UPS", 6, hidden.draw("6-UPS", 6, "periodic", options, on=("leg3",)),
+                          1.0, options)
+    made = hidden.campaign("6-UPS", 6, [cause], options)
+    result = diagnose(Problem(made.mechanism, (made.dataset,), made.mechanism.free),
+                      DiagnosisOptions(draws=400, kinds=("periodic", "backlash")))
+    assert [(e.kind, e.on) for e in result.effects] == [("periodic", ("leg3",))]
+    return Case(result, DiagnosisRecord.of(result, {}), [])
+
+
+def test_amplitude_and_phase_are_those_of_the_wave() -> None:
+    """At mid-stroke the fitted error is amplitude cos(phase), a quarter turn on -sin(phase)."""
+    result, record = wavy().result, wavy().record
+    entry = record["effects"][0]
+    units = result.identification.mechanism.units
+    middle = entry["mid_stroke"]["value"] * units.factor("length")
+    fit = result.identification.fit
+    q = np.concatenate([d.q[k][:, 2] for d, k in zip(fit.problem.datasets, fit.keep, strict=True)])
+    assert middle == pytest.approx(0.5 * (q.min() + q.max()), rel=1e-12)
+    cos, sin, period = (entry["parameters"][n]["value"] for n in ("cos", "sin", "period"))
+    figures = entry["derived"]
+    assert {f["unit"] for f in figures.values()} == {"mm", "deg"}
+    amplitude = figures["amplitude"]["value"]
+    phase = np.radians(figures["phase_mid_stroke"]["value"])
+    for quarter, wanted in ((0.0, np.cos(phase)), (0.25, -np.sin(phase))):
+        turn = 2.0 * np.pi * (entry["mid_stroke"]["value"] / period + quarter)
+        error = cos * np.cos(turn) + sin * np.sin(turn)
+        assert error == pytest.approx(amplitude * wanted, abs=1e-9 * amplitude)
+
+
+def test_uncertainty_of_amplitude_and_phase() -> None:
+    """That of parameters drawn near the fitted ones; at the joint's zero the phase is worse."""
+    result, entry = wavy().result, wavy().record["effects"][0]
+    found = result.identification
+    names = result.effects[0].parameters
+    at = [found.columns.index(n) for n in names]
+    place = {n.rpartition(".")[2]: k for k, n in enumerate(names)}
+    mean = np.array([found.mechanism.values[found.mechanism.names.index(n)] for n in names])
+    # so near that the wave's turn from zero to mid-stroke is linear in its period
+    drawn = np.random.default_rng(1).multivariate_normal(
+        mean, found.covariance[np.ix_(at, at)] / NEAR**2, 20000, method="svd")
+    cos, sin, period = (drawn[:, place[n]] for n in ("cos", "sin", "period"))
+    middle = entry["mid_stroke"]["value"] * found.mechanism.units.factor("length")
+    wave = np.exp(1j * (2.0 * np.pi * middle / period - np.arctan2(sin, cos)))
+    phase = np.degrees(np.angle(wave / wave.mean()))
+    figures = entry["derived"]
+    assert figures["phase_mid_stroke"]["sigma"] == pytest.approx(NEAR * phase.std(), rel=0.03)
+    amplitude = np.hypot(cos, sin) / found.mechanism.units.factor("length")
+    assert figures["amplitude"]["sigma"] == pytest.approx(NEAR * amplitude.std(), rel=0.03)
+    zero = np.exp(1j * np.arctan2(sin, cos))
+    assert np.degrees(np.angle(zero / zero.mean())).std() > 3.0 * phase.std()
+
+
+def test_amplitude_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """On the console, and in the report's table."""
+    describe(wavy().result, wavy().whole, Console(False, False))
+    said = " ".join(capsys.readouterr().out.split())
+    figures = wavy().record["effects"][0]["derived"]
+    assert f"amplitude {number(figures['amplitude']['value'])} +-" in said
+    assert f"phase {number(figures['phase_mid_stroke']['value'])} +-" in said
+    assert "at mid-stroke (" in said
+    page = diagnosis_section(Diagnosed("d", wavy().whole, None))
+    assert re.search(r"amplitude [\d.]+ ± [\d.]+ mm; phase at mid-stroke [−-]?[\d.]+ ± [\d.]+ deg",
+                     page)

@@ -1,0 +1,1 @@
+"""What tests share: machines, commands, campaigns, places of files."""

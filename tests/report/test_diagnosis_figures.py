@@ -1,0 +1,578 @@
+"""The plot data of a diagnosis: its numbers computed another way, its pictures read back."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import hidden
+import numpy as np
+import pytest
+from helpers.commands import ppmcal
+from helpers.paths import ROOT
+from numpy.typing import NDArray
+from scipy.stats import f as fisher
+from scipy.stats import t as student
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import FitOptions as FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.validation import fresh_state
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.diagnosis.extended_model import with_named
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.selection import DETECT, NAME
+from ppmcal.diagnosis.stage import Stage
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.report.diagnosis import diagnosis_section
+from ppmcal.report.diagnosis_figures import pictures
+from ppmcal.report.diagnosis_format import power, scientific
+from ppmcal.report.figure_files import PNG_SCALE, SCALE, diagnosis_files
+from ppmcal.report.format import sig
+from ppmcal.report.records import Diagnosed
+from ppmcal.report.svg import WIDTH
+from ppmcal.report.svg_bars import EDGE, width
+
+Array = NDArray[np.float64]
+Record = dict[str, Any]
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A diagnosis, what diagnosis.json holds of it, and its pictures as files."""
+
+    result: Diagnosis
+    whole: DiagnosisRecord
+
+    @cached_property
+    def record(self) -> Record:
+        return dict(json.loads(self.whole.text()))
+
+    @cached_property
+    def files(self) -> dict[str, str | bytes]:
+        return diagnosis_files(self.whole)
+
+    def drawing(self, name: str) -> ElementTree.Element:
+        text = self.files[f"{name}.svg"]
+        assert isinstance(text, str)
+        return ElementTree.fromstring(text)
+
+    @property
+    def plot_data(self) -> Record:
+        return dict(self.record["plot_data"])
+
+
+def diagnosed(kinds: tuple[str, ...], eta: float, poses: int = 24) -> Case:
+    made = hidden.hide("3-RPR", 3, list(kinds), eta, hidden.Options(poses=poses))
+    problem = Problem(made.mechanism, (made.dataset,), made.mechanism.free)
+    result = diagnose(problem, DiagnosisOptions(draws=400))
+    return Case(result, DiagnosisRecord.of(result, {}))
+
+
+@pytest.fixture(scope="module")
+def cases() -> Callable[[str], Case]:
+    """One diagnosis for each verdict, made on first use."""
+    recipes = {"named": (("backlash", "leg_thermal"), 2.0), "none": ((), 1.0),
+               "named-set": (("tilt",), 1.5), "unnamed": (("kink",), 3.0, 40)}
+    done: dict[str, Case] = {}
+
+    def case(name: str) -> Case:
+        if name not in done:
+            done[name] = diagnosed(*recipes[name])
+            assert done[name].record["verdict"] == name
+        return done[name]
+
+    return case
+
+
+VERDICTS = ("named", "none", "named-set", "unnamed")
+
+
+# --- numbers --------------------------------------------------------------------------------------
+
+
+def joint_errors(fit: Fit, keep: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return joint errors (N, 3) and their sigma by moving each joint and predicting again."""
+    data, step = fit.problem.datasets[0], 1e-6
+
+    def residual(q: Array) -> Array:
+        problem = replace(fit.problem, datasets=(replace(data, q=q),),
+                          pivots=tuple(o.about for o in fit.problem.opens))
+        rows = list(problem.rows(fresh_state(problem, fit.state), False))
+        return np.concatenate([r.raw for r in rows])[keep]
+
+    columns = []
+    for a in range(3):
+        move = step * np.eye(3)[a]
+        columns.append((residual(data.q - move) - residual(data.q + move)) / (2.0 * step))
+    back = np.linalg.inv(np.stack(columns, axis=-1))
+    sigma = np.array([data.sigma_position[0, 0]] * 2 + [data.sigma_rotation[0, 2]])
+    return (np.einsum("nam,nm->na", back, residual(data.q)),
+            np.sqrt(np.einsum("nam,m->na", back**2, sigma**2)))
+
+
+@dataclass(frozen=True)
+class Known:
+    before: Array
+    after: Array
+    sigma: Array
+
+
+@pytest.fixture(scope="module")
+def known(cases: Callable[[str], Case]) -> Known:
+    result = cases("named").result
+    fit = result.identification.fit
+    before, _ = joint_errors(result.before, fit.keep[0])
+    return Known(before, *joint_errors(fit, fit.keep[0]))
+
+
+def test_joint_errors(cases: Callable[[str], Case], known: Known) -> None:
+    case = cases("named")
+    stage = case.result.found.last
+    left = 1.0 - stage.basis.shape[1] / stage.system.count
+    rows = case.plot_data["actuators"]
+    assert [a["name"] for a in rows] == ["leg1", "leg2", "leg3"]
+    for a, entry in enumerate(rows):
+        assert entry["unit"] == "mm"
+        for name, values in (("rms_before", known.before), ("rms_after", known.after)):
+            rms = 1e3 * np.sqrt(np.mean(values[:, a] ** 2))
+            assert entry[name] == pytest.approx(rms, rel=1e-3), name
+        noise = 1e3 * np.sqrt(left * np.mean(known.sigma[:, a] ** 2))
+        assert entry["noise"] == pytest.approx(noise, rel=1e-3)
+        # the effects were on every joint; now only noise is left
+        assert entry["rms_before"] > 1.5 * entry["noise"]
+        assert entry["rms_after"] == pytest.approx(entry["noise"], rel=0.2)
+
+
+def test_errors_against_the_direction(cases: Callable[[str], Case], known: Known) -> None:
+    """Means and 95 % intervals of each joint's error from each side."""
+    case = cases("named")
+    series = next(s for s in case.plot_data["series"] if s["input"] == "direction")
+    assert case.record["effects"][series["effect"]]["kind"] == "backlash"
+    assert series["names"] == [f"leg{i} {sign}" for i in (1, 2, 3) for sign in "−+"]
+    data = case.result.identification.fit.problem.datasets[0]
+    keep = case.result.identification.fit.keep[0]
+    for n, name in enumerate(series["names"]):
+        leg, sign = name.split()
+        mine = data.columns[f"dir_{leg}"][keep] == (1.0 if sign == "+" else -1.0)
+        assert series["count"][n] == mine.sum()
+        for part, errors in (("before", known.before), ("after", known.after)):
+            values = 1e3 * errors[mine, int(leg[-1]) - 1]
+            half = student.ppf(0.975, mine.sum() - 1) * values.std(ddof=1) / np.sqrt(mine.sum())
+            assert series[part][n] == pytest.approx(values.mean(), rel=2e-3, abs=1e-6)
+            assert series[f"{part}_95"][n] == pytest.approx(half, rel=2e-3)
+        assert abs(series["before"][n]) > series["before_95"][n]
+        assert np.sign(series["before"][n]) == (1.0 if sign == "+" else -1.0)
+
+
+def test_errors_against_the_temperature(cases: Callable[[str], Case], known: Known) -> None:
+    case = cases("named")
+    series = next(s for s in case.plot_data["series"] if s["input"] == "temperature")
+    assert case.record["effects"][series["effect"]]["kind"] == "leg_thermal"
+    assert series["input_unit"] == "deg C"
+    assert sum(series["count"]) == known.before.size
+    assert np.all(np.diff(series["x"]) > 0.0)
+    data = case.result.identification.fit.problem.datasets[0]
+    seen = data.columns["temperature"][case.result.identification.fit.keep[0]]
+    if seen.mean() > 200.0:
+        seen = seen - 273.15
+    assert seen.min() <= series["x"][0] < series["x"][-1] <= seen.max()
+    slopes = []
+    for part, errors in (("before", known.before), ("after", known.after)):
+        weights = np.array(series["count"])
+        assert np.average(series[part], weights=weights) == pytest.approx(
+            1e3 * errors.mean(), abs=1e-5)
+        slopes.append(np.polyfit(series["x"], series[part], 1, w=np.sqrt(weights))[0])
+    assert abs(slopes[1]) < 0.2 * abs(slopes[0])
+
+
+def white_ratio(fit: Fit) -> float:
+    """Return rms of the whitened residuals over the noise, for what the fit has freed."""
+    total, count = 0.0, 0
+    for rows in fit.problem.rows(fit.state, False, fit.keep):
+        total += float(np.sum(rows.residual**2))
+        count += int(rows.observed.sum())
+    return math.sqrt(total / (count - len(fit.problem.columns)))
+
+
+def test_gap_from_start_to_noise(cases: Callable[[str], Case]) -> None:
+    """Every model of the gap fitted as such: nominal, geometry, one effect more each time."""
+    case = cases("named")
+    found, steps = case.result.found, case.plot_data["steps"]
+    assert [s["what"] for s in steps] == ["start", "geometry", "effect", "effect"]
+    ratios = [s["rms_ratio"] for s in steps]
+    assert ratios == sorted(ratios, reverse=True)
+    assert ratios[-1] == pytest.approx(1.0, abs=0.15)
+    assert ratios[-1] == pytest.approx(case.record["remainder"]["rms_ratio"], rel=1e-5)
+    assert ratios[1] == pytest.approx(case.record["fit"]["before"], rel=1e-5)
+    plainly = FitOptions(method="flat", robust=False)
+    training = found.before.problem
+    start = identify(replace(training, free=()), plainly)
+    assert ratios[0] == pytest.approx(white_ratio(start), rel=0.02)
+    # the prior and directions that cannot be seen make a few degrees of freedom's difference
+    assert ratios[1] == pytest.approx(white_ratio(identify(training, plainly)), rel=0.1)
+    stage, at = found.last, list(found.last.chosen)
+    for count in (1, 2):
+        kinds = [s["kind"] for s in steps[2:2 + count]]
+        some = [i for i in at if stage.hypotheses[i].kind in kinds]
+        assert len(some) == count
+        mechanism, _ = with_named(training.mechanism, stage.search, some)
+        fit = identify(replace(training, mechanism=mechanism, free=mechanism.free), plainly)
+        assert ratios[1 + count] == pytest.approx(white_ratio(fit), rel=0.1)
+        assert steps[1 + count]["on"] == ["leg1", "leg2", "leg3"]
+
+
+def f_test(stage: Stage, columns: tuple[int, ...]) -> float:
+    """Return log10 p of columns on top of the geometry, by least squares with and without."""
+
+    def left(model: Array) -> tuple[float, int]:
+        model = model / np.maximum(np.linalg.norm(model, axis=0), 1e-300)
+        u, s, _ = np.linalg.svd(model, full_matrices=False)
+        u = u[:, s > 1e-6]
+        rest = stage.residual - u @ (u.T @ stage.residual)
+        return float(rest @ rest), u.shape[1]
+
+    old, rank = left(stage.basis)
+    new, more = left(np.concatenate([stage.basis, stage.columns[:, list(columns)]], axis=1))
+    size, freedom = more - rank, stage.system.count - more
+    return float(fisher.logsf((old - new) / size / (new / freedom), size, freedom) / math.log(10.0))
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
+    """Sorted, the p-values those of F tests, the named ones those that are named."""
+    case = cases(verdict)
+    found, ranked = case.result.found, case.plot_data["ranking"]
+    values = [r["log10_p_alone"] for r in ranked]
+    assert values == sorted(values)
+    given = {(e["kind"], *e["on"]): e["log10_p"] for e in case.record["effects"]}
+    for r in ranked:
+        one = given[r["kind"], *r["on"]] if r["status"] == "named" else r["log10_p_alone"]
+        assert r["log10_p"] == pytest.approx(one, rel=1e-5), r
+    assert 5 <= len(ranked) <= 15
+    for r in ranked:
+        stage = found.last if r["status"] == "named" else found.first
+        # one form may be made of several grid points; the best of them is shown
+        same = [f for f in stage.library.hypotheses
+                if f.family == r["kind"] and (f.on == tuple(r["on"]) or f.slot)
+                and (len(f.on) < 2 or f.shared == (r["form"] == "one value"))]
+        if same:
+            best = min(f_test(stage, f.columns) for f in same)
+            assert r["log10_p_alone"] == pytest.approx(best, rel=2e-3, abs=2e-3), r
+    named = [(r["kind"], tuple(r["on"])) for r in ranked if r["status"] == "named"]
+    assert set(named) == {(e["kind"], tuple(e["on"])) for e in case.record["effects"]}
+    wanted = {a for e in case.record["effects"] for a in e["alternatives_on"]}
+    others = [r for r in ranked if r["status"] == "alternative"]
+    assert {f"{r['kind']} on {', '.join(r['on'])}" if r["on"] else r["kind"]
+            for r in others} == wanted
+    assert not any(r["status"] == "not testable" for r in ranked)
+    crowd = [r["kind"] for r in ranked if r["status"] not in ("named", "alternative")]
+    assert max(map(crowd.count, crowd)) <= 2
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_thresholds(cases: Callable[[str], Case], verdict: str) -> None:
+    """4 and 1 % of simulated campaigns of noise go beyond; what is named does too."""
+    case = cases(verdict)
+    noise, smallest = case.record["noise"], case.result.found.first.search.smallest
+    for key, share in (("detect_p", DETECT), ("name_p", NAME)):
+        beyond = np.mean(smallest < math.log(noise[key]))
+        assert beyond == pytest.approx(share, abs=1.0 / smallest.size)
+    assert noise["name_p"] < noise["detect_p"]
+    for e in case.record["effects"]:
+        assert e["log10_p"] < math.log10(noise["name_p"])
+    best = case.plot_data["ranking"][0]["log10_p_alone"]
+    assert (best < math.log10(noise["detect_p"])) == (verdict != "none")
+
+
+# --- pictures -------------------------------------------------------------------------------------
+
+
+def texts(root: ElementTree.Element) -> list[str]:
+    return ["".join(t.itertext()) for t in root.iter(f"{SVG}text")]
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], verdict: str
+                                                  ) -> None:
+    case = cases(verdict)
+    wanted = {"gap.svg", "actuators.svg", "inputs.svg", "ranking.svg"}
+    assert set(case.files) == wanted | ({"alternatives.svg"} if verdict == "named-set" else set())
+    for name, text in case.files.items():
+        assert isinstance(text, str)
+        root = ElementTree.fromstring(text)
+        assert root.tag == f"{SVG}svg"
+        assert root.find(f"{SVG}title") is not None
+        assert not re.search(r"\b(nan|NaN|-?inf|None)\b", text), name
+        assert re.findall(r"https?://[^\"]*", text) == ["http://www.w3.org/2000/svg"]
+        assert not re.search(r"href|url\(|@import|<script|<image|var\(", text), name
+        height = float(root.get("viewBox", "").split()[3])
+        for t in root.iter(f"{SVG}text"):
+            assert 0.0 <= float(t.get("y", 0.0)) <= height
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_words_have_room(cases: Callable[[str], Case], verdict: str) -> None:
+    """No words leave a drawing or lie on other words; only long names are cut short."""
+    for drawings in pictures(cases(verdict).whole).values():
+        for picture in drawings:
+            boxes: list[tuple[float, float, float, float, str]] = []
+            for found in re.finditer(r'<text x="(\S+)" y="(\S+)" text-anchor="(\w+)"'
+                                     r'(?: class="([\w ]+)")?>([^<]*)', "".join(picture.parts)):
+                x, y, words = float(found[1]), float(found[2]), found[5].replace("&gt;", ">")
+                # the room reckoned with is for wide fonts
+                room = 0.9 * width(words, "strong" in (found[4] or ""))
+                left = x - room * {"start": 0.0, "middle": 0.5, "end": 1.0}[found[3]]
+                boxes.append((left, left + room, y - 8.0, y + 1.5, words))
+                assert -1.0 <= left <= left + room <= WIDTH + 1.0, words
+                assert 0.0 < y < picture.height, words
+                assert not words.endswith("…"), words
+            for n, (a, b, top, low, words) in enumerate(boxes):
+                for c, d, other_top, other_low, other in boxes[:n]:
+                    apart = b <= c or d <= a or low <= other_top or other_low <= top
+                    assert apart, (picture.name, words, other)
+
+
+def bars(root: ElementTree.Element, kinds: tuple[str, ...]) -> list[float]:
+    """Return the lengths of bars from the top down, those of the legend left out."""
+    found = [(float(r.get("y", 0.0)), float(r.get("width", 0.0))) for r in root.iter(f"{SVG}rect")
+             if r.get("class") in kinds and r.get("width") != "22"]
+    return [w for _, w in sorted(found)]
+
+
+def test_gap_picture(cases: Callable[[str], Case]) -> None:
+    """Bars end where the logarithm of their ratio is, the line at the noise."""
+    case = cases("named")
+    root = case.drawing("gap")
+    record = case.record
+    values = [*(s["rms_ratio"] for s in case.plot_data["steps"]),
+              record["gap"]["before"], record["gap"]["after"]]
+    lengths = bars(root, ("r-before", "r-after"))
+    assert len(lengths) == len(values) == 6
+    scale = lengths[0] / math.log(values[0] / 0.5)
+    for length, value in zip(lengths, values, strict=True):
+        assert length == pytest.approx(scale * math.log(value / 0.5), abs=0.3)
+    lines = [p.get("d", "") for p in root.iter(f"{SVG}path") if "limit" in p.get("class", "")]
+    assert len(lines) == 6
+    for line in lines:
+        place = float(re.findall(r"[\d.]+", line)[0])
+        assert place - EDGE == pytest.approx(scale * math.log(2.0), abs=0.3)
+    words = texts(root)
+    names = [f"+ {s['kind']} on all 3 actuators" for s in case.plot_data["steps"][2:]]
+    for text in ("machine as in its file, only frames fitted", "+ geometry identified", *names,
+                 f"Check on {record['gap']['poses']} poses that no fit has seen", "1 (noise)",
+                 "rms of the residuals over the noise", "geometry and what is named"):
+        assert text in words, text
+    for value in values:
+        shown = next(w for w in words if w.endswith(" ×") and abs(float(w[:-2]) - value) <= 0.06)
+        assert len(shown) <= 6
+
+
+def test_ranking_picture(cases: Callable[[str], Case]) -> None:
+    """Bars grow with the root of -log p; the outline is the p-value given the other effects."""
+    case = cases("named")
+    root, ranked = case.drawing("ranking"), case.plot_data["ranking"]
+    kinds = ("r-named", "r-explained", "r-alternative", "r-other")
+    lengths = bars(root, kinds)
+    assert len(lengths) == len(ranked)
+    scale = lengths[0] / math.sqrt(-ranked[0]["log10_p_alone"])
+    for length, r in zip(lengths, ranked, strict=True):
+        wanted = max(scale * math.sqrt(-r["log10_p_alone"]), 0.8)
+        assert length == pytest.approx(wanted, abs=0.3), r
+    later = {e["kind"]: -e["log10_p"] for e in case.record["effects"]}
+    outlines = bars(root, ("r-more",))
+    assert outlines == pytest.approx([scale * math.sqrt(later[r["kind"]]) for r in ranked
+                                      if r["status"] == "named"], abs=0.3)
+    words = texts(root)
+    for text, kind in (("named", "r-named"), ("explained by what is named", "r-explained"),
+                       ("with the other named ones in the model", "r-more")):
+        assert text in words
+        assert root.findall(f".//{SVG}rect[@class='{kind}']")
+    for key, text in (("detect_p", "something is missing"), ("name_p", "an effect may be named")):
+        assert f"beyond it {text}: p < {scientific(case.record['noise'][key])}" in words
+    first = ranked[0]
+    assert f"{first['kind']} on all 3 actuators, {first['form']}" in words
+    alone = power(first["log10_p_alone"])
+    assert f"{power(-later[first['kind']])} ({alone} alone)" in words
+    dotted = [p.get("d", "") for p in root.iter(f"{SVG}path")
+              if p.get("class", "").strip() == "limit dotted"][1:]
+    assert len(dotted) == len(ranked)
+    place = float(re.findall(r"[\d.]+", dotted[0])[0]) - EDGE
+    assert place == pytest.approx(
+        scale * math.sqrt(-math.log10(case.record["noise"]["detect_p"])), abs=0.3)
+
+
+def test_actuators_picture(cases: Callable[[str], Case]) -> None:
+    case = cases("named")
+    root, rows = case.drawing("actuators"), case.plot_data["actuators"]
+    words = texts(root)
+    lengths = bars(root, ("r-before", "r-after"))
+    values = [a[k] for a in rows for k in ("rms_before", "rms_after")]
+    assert lengths == pytest.approx(
+        [v * lengths[0] / values[0] for v in values], abs=0.3)
+    for a in rows:
+        assert a["name"] in words
+        assert f"{sig(1e3 * a['rms_before'])} → {sig(1e3 * a['rms_after'])} µm" in words
+    assert {"geometry alone", "with what is named", "noise", "rms of the joint error (µm)"
+            } <= set(words)
+
+
+def test_inputs_picture(cases: Callable[[str], Case]) -> None:
+    """A ring for each mean before, a disc for each after, axes with units."""
+    case = cases("named")
+    root, series = case.drawing("inputs"), case.plot_data["series"]
+    count = sum(len(s["x"]) for s in series)
+    marks = [c.get("class") for c in root.iter(f"{SVG}circle")]
+    assert marks.count("ring") == marks.count("disc") == count
+    words = texts(root)
+    for text in ("direction of approach (+: joint increasing)", "temperature (°C)",
+                 "error of all 3 actuators (µm)", "backlash on all 3 actuators",
+                 "leg_thermal on all 3 actuators", "leg2"):
+        assert text in words, text
+    assert any("○ geometry alone, ● with what is named." in w for w in words)
+    # higher on the page is a larger error
+    group = next(g for g in root.iter(f"{SVG}g") if g.findall(f"{SVG}circle"))
+    first = series[0]
+    heights = [-float(c.get("cy", 0.0)) for c in group.iter(f"{SVG}circle")
+               if c.get("class") == "ring"]
+    assert np.corrcoef(heights, first["before"])[0, 1] > 0.9999
+
+
+# --- each verdict ---------------------------------------------------------------------------------
+
+
+def section(record: Record) -> str:
+    return re.sub(r"<style>.*?</style>|<[^>]*>", " ", diagnosis_section(
+        Diagnosed("d", DiagnosisRecord.model_validate(record), None)).replace("</p>", " "))
+
+
+def test_diagnosis_of_nothing(cases: Callable[[str], Case]) -> None:
+    case = cases("none")
+    text = section(case.record)
+    assert "No missing effect is detectable in these data." in text
+    assert "nothing passes them" in text
+    assert "named." not in text.replace("an effect may be named", "")
+    assert [s["what"] for s in case.plot_data["steps"]] == ["start", "geometry"]
+    # one joint against all that was recorded, by geometry alone
+    assert {s["role"] for s in case.plot_data["series"]} == {"recorded"}
+    root = case.drawing("inputs")
+    assert not [c for c in root.iter(f"{SVG}circle") if c.get("class") == "ring"]
+    assert "with what is named" not in " ".join(texts(root))
+    assert len(bars(case.drawing("gap"), ("r-before", "r-after"))) == 3
+    assert bars(case.drawing("ranking"), ("r-named", "r-alternative", "r-explained")) == []
+
+
+def test_diagnosis_of_something_unknown(cases: Callable[[str], Case]) -> None:
+    case = cases("unnamed")
+    text = section(case.record)
+    assert "Something is missing that ppmcal does not know." in text
+    assert "what passes imitates something that has no name here" in text
+    assert case.record["effects"] == []
+    assert case.plot_data["steps"][-1]["rms_ratio"] > 1.3
+    assert all(s["before"] == s["after"] for s in case.plot_data["series"])
+    follows = case.record["remainder"]["follows"]
+    assert f"What is left follows {follows}" in text
+    assert {s["role"] for s in case.plot_data["series"]} == {"left"}
+    # the kink is in leg3, where the robust fit takes many rows for outliers: they are shown
+    worst = max(case.plot_data["actuators"], key=lambda a: a["rms_before"] / a["noise"])
+    assert worst["name"] == "leg3"
+    assert worst["rms_before"] > 2.0 * worst["noise"]
+    out = case.plot_data["left_out_rows"]
+    assert out == len(case.record["excluded"]) > 4
+    assert f"With {out} rows that the fit took for outliers." in text
+    assert case.plot_data["series"][0]["on"] == ["leg3"]
+    assert case.plot_data["series"][0]["input"] == "travel"
+    assert bars(case.drawing("ranking"), ("r-named", "r-alternative", "r-explained")) == []
+    assert bars(case.drawing("ranking"), ("r-other",))
+
+
+def test_diagnosis_of_effects_that_look_alike(cases: Callable[[str], Case]) -> None:
+    case = cases("named-set")
+    (effect,) = case.record["effects"]
+    others = [a.replace("leg1, leg2, leg3", "all 3 actuators") for a in effect["alternatives_on"]]
+    assert others
+    text = section(case.record)
+    assert ("these data cannot tell a few effects apart: "
+            + " or ".join([effect["kind"], *others])) in text
+    root = case.drawing("alternatives")
+    words = texts(root)
+    assert effect["kind"] in words
+    assert "odds for the named effect against the alternative" in words
+    order = np.argsort(effect["odds"], kind="stable")
+    shown = [w.removeprefix("or ") for w in words if w.startswith("or ")]
+    assert shown == [others[i] for i in order]
+    lengths = bars(root, ("r-alternative",))
+    odds = np.minimum(np.sort(effect["odds"]), 1e6)
+    for length, value in zip(lengths, odds, strict=True):
+        assert length == pytest.approx(
+            lengths[0] * math.log(value / 0.5) / math.log(odds[0] / 0.5), abs=0.4)
+    assert len(bars(case.drawing("ranking"), ("r-alternative",))) == len(others)
+    for other in others:
+        assert other in text
+
+
+def test_records_cut_down_still_draw(cases: Callable[[str], Case]) -> None:
+    """Older or shortened records: less is drawn, nothing fails."""
+    record = cases("named").record
+
+    def drawn(series: list[Record]) -> set[str]:
+        return set(pictures(DiagnosisRecord.model_validate(
+            {**record, "plot_data": {"series": series}})))
+
+    assert pictures(DiagnosisRecord()) == {}
+    assert section({"verdict": "none"})
+    for part in ("actuators", "series", "ranking", "steps"):
+        less = {**record, "plot_data": {k: v for k, v in record["plot_data"].items() if k != part}}
+        assert diagnosis_files(DiagnosisRecord.model_validate(less))
+        assert section(less)
+    for key in record:
+        assert section({k: v for k, v in record.items() if k != key})
+    for key in ("x", "before", "before_95", "after", "after_95"):
+        series = [{**s, key: [None] * len(s["x"])} for s in record["plot_data"]["series"]]
+        assert "inputs" not in drawn(series)
+        series = [{**s, key: s[key][:2]} for s in record["plot_data"]["series"]]
+        assert "inputs" in drawn(series)
+
+
+# --- PNG ------------------------------------------------------------------------------------------
+
+
+def test_png(cases: Callable[[str], Case]) -> None:
+    pytest.importorskip("resvg_py")
+    files = diagnosis_files(cases("named-set").whole, png=True)
+    assert sorted(n for n in files if n.endswith(".png")) == sorted(
+        n.replace(".svg", ".png") for n in files if n.endswith(".svg"))
+    for name, drawing in files.items():
+        if isinstance(drawing, bytes):
+            assert drawing.startswith(b"\x89PNG\r\n\x1a\n")
+            size = [int.from_bytes(drawing[i:i + 4], "big") for i in (16, 20)]
+            text = files[name.replace(".png", ".svg")]
+            assert isinstance(text, str)
+            wide, high = map(float, re.findall(r'^<svg [^>]*width="([\d.]+)" height="([\d.]+)"',
+                                               text)[0])
+            assert size == pytest.approx([wide * PNG_SCALE / SCALE, high * PNG_SCALE / SCALE],
+                                         abs=2.0)
+
+
+def test_png_without_the_extra_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Before any work is done, with the extra to install."""
+    monkeypatch.setitem(sys.modules, "resvg_py", None)
+    data = ROOT / "sample_data"
+    run = ppmcal("diagnose", data / "hexapod.yaml", data / "hidden" / "measurements.csv", "--png",
+                 "--out", "d", cwd=tmp_path)
+    assert run.code == 2
+    message = " ".join(run.err.split())
+    assert "PNG pictures need the package resvg-py of the extra 'plots'" in message
+    assert "pip install 'ppmcal[plots]'" in message
+    assert "--png" in message
+    assert not (tmp_path / "d").exists()
