@@ -1,10 +1,10 @@
-# Two commands are all it takes: `make demo` and `make test`.
+# Two commands are all it takes: `make demo` and `make test`; `make test-all` takes longer.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 
-.PHONY: demo test lint bench study schemas clean
+.PHONY: demo test test-all lint bench study schemas clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -22,7 +22,10 @@ demo: $(VENV)/.run
 	@$(BIN)/ppmcal demo --out $(OUT)
 
 test: $(VENV)/.test
-	@$(BIN)/python -m pytest -n auto --dist loadfile
+	@$(BIN)/python -m pytest -n auto --dist load -m "not slow"
+
+test-all: test
+	@$(BIN)/python -m pytest -n auto --dist load -m slow
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check ppmcal tests benchmarks

@@ -67,6 +67,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(41)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("right", ["vector", "motor", "line", "full"])
 @pytest.mark.parametrize("left", ["vector", "motor", "pair", "full"])
 @pytest.mark.parametrize("kind", ["geometric", "outer", "inner"])
@@ -85,6 +86,7 @@ def test_product_is_cliffords(
         np.testing.assert_allclose(ours[index], oracle.lower(table.out, theirs), atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMED)
 def test_dual_and_reverse_are_cliffords(
     name: str, oracle: Oracle, rng: np.random.Generator

@@ -44,6 +44,7 @@ def sigmas(fit: Fit) -> Array:
     return np.sqrt(np.diagonal(posterior(fit))[:len(fit.problem.free)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(BOX))
 def test_carrying_on_is_fitting_everything_at_once(name: str) -> None:
     """A then B, or A then B then C, give values and uncertainties of A, B and C in one fit."""
@@ -113,6 +114,7 @@ def replace_values(mechanism: Mechanism, found: Posterior) -> Mechanism:
     return mechanism.with_values(g)
 
 
+@pytest.mark.slow
 def test_nothing_changed_is_uniform() -> None:
     """p-values of unchanged machines are uniform, single ones too, and differences have sigma."""
     found = [c for c, _ in campaigns(50, 0.0)]
@@ -127,6 +129,7 @@ def test_nothing_changed_is_uniform() -> None:
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.08)
 
 
+@pytest.mark.slow
 def test_a_change_is_named_with_its_interval() -> None:
     """One offset moved between the sessions: it is named, alone or among those as good."""
     found = campaigns(24, 1.5e-4)

@@ -79,6 +79,7 @@ def a_tenth(rows: list[Row]) -> None:
         rows[i][column] = value * 10 if rng.random() < 0.5 else value + 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mistake", [y_times_ten, joint_plus_hundred, both, a_tenth])
 def test_values_typed_wrong_cost_no_honest_row(tmp_path: Path,
                                                mistake: Callable[[list[Row]], None]) -> None:
@@ -150,6 +151,7 @@ MISTAKES: dict[str, Callable[[list[Row]], None]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_file_read_wrongly_is_seen_before_any_fit(tmp_path: Path, name: str) -> None:
     found = misfit(problem(session(tmp_path, MISTAKES[name])))
@@ -170,6 +172,7 @@ def test_what_tolerances_explain_is_no_misreading(tmp_path: Path) -> None:
     assert found.times < 1.0 and np.isnan(found.after)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_machine_far_from_nominal_is_no_misreading(seed: int) -> None:
     """Sixty tolerances off: a short fit comes near the noise, so the files are read rightly."""
@@ -183,6 +186,7 @@ def test_a_machine_far_from_nominal_is_no_misreading(seed: int) -> None:
     assert not found.misread
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
 def test_commands_refuse_it_and_write_nothing(tmp_path: Path, command: str) -> None:
     path = session(tmp_path, MISTAKES["metres for mm"])
@@ -230,6 +234,7 @@ def test_the_right_sigma_is_no_finding(tmp_path: Path) -> None:
 
 # --- cross-validation and the damped scheme -------------------------------------------------------
 
+@pytest.mark.slow
 def test_cross_validation_is_made_without_outliers() -> None:
     """With them in, the prior shrinks and its intervals hold 42 % in place of 95."""
     mechanism = read_mechanism(MACHINE)

@@ -153,6 +153,7 @@ def test_rank_with_the_full_pose(case: tuple[str, float | None], unknown: bool) 
     assert rank_of(fit_of(setup(*case), "pose", unknown))[1] == TABLE[case][0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unknown", [False, True], ids=["known", "unknown"])
 @pytest.mark.parametrize("case", [c for c in TABLE if c[0] not in SYMMETRIC], ids=label)
 def test_rank_with_one_measured_point(case: tuple[str, float | None], unknown: bool) -> None:

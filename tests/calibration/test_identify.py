@@ -106,6 +106,7 @@ def found(fit: Fit) -> dict[str, float]:
 
 # --- exact without noise ------------------------------------------------------------------------
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", ["pose", "position"])
 def test_exact_data_give_the_exact_machine(request: pytest.FixtureRequest, name: str, kind: str
@@ -228,6 +229,7 @@ def machine_of(label: str) -> Mechanism:
     return full(label)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e-4], ids=["", "joint-noise"])
 @pytest.mark.parametrize("label", [*KINDS, "delta-linear", "delta-rotary", "delta-linear-6rods"])
 def test_jacobian_is_that_of_central_differences(label: str, noise: float) -> None:
@@ -282,6 +284,7 @@ def with_outliers(data: Dataset, motion: str, share: float, sigmas: float, seed:
     return replace(data, position=both[:, :3], rotation=both[:, 3:]), set(bad.tolist())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-RPS", "6-UPS", "delta-linear", "linapod"])
 def test_outliers_are_found_by_row(name: str, seed: int) -> None:
@@ -309,6 +312,7 @@ def test_without_robustness_every_row_counts() -> None:
     assert fit.keep[0].all() and len(bad) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["3-RPR", "3-PRR-1", "6-UPS", "6-PUS", "delta-linear"])
 def test_missing_values_are_left_out_and_nothing_else(name: str) -> None:
@@ -352,6 +356,7 @@ def test_one_row_of_half_the_sigma_is_worth_four(noise: float) -> None:
     np.testing.assert_allclose(one, four, rtol=1e-4, atol=1e-6 * float(np.max(four)))
 
 
+@pytest.mark.slow
 def test_joint_noise_is_carried_to_the_pose() -> None:
     mechanism, scenario = machine("6-UPS")
     plan = replace(box(scenario, 150), sigma_position=2e-6, sigma_rotation=1e-6,
@@ -396,6 +401,7 @@ def test_damped_scheme_that_has_not_converged_says_so() -> None:
     assert not fit.converged
 
 
+@pytest.mark.slow
 def test_damped_command_refuses_what_has_not_converged(tmp_path: Path) -> None:
     simulated(tmp_path, "6-RUS")
     done = ppmcal("identify", CONFIGS / "6-RUS.yaml", "sim/measurements.csv", "--method", "damped",
@@ -404,6 +410,7 @@ def test_damped_command_refuses_what_has_not_converged(tmp_path: Path) -> None:
     assert not (tmp_path / "no").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.1, 1.0])
 def test_cross_validation_finds_the_size_of_the_errors(scale: float) -> None:
     mechanism, scenario = machine("6-UPS")
@@ -433,6 +440,7 @@ def test_flat_prior_has_no_bound_where_the_data_have_none() -> None:
             assert not np.isfinite(variance[c]) and e.sigma is None, e.name
 
 
+@pytest.mark.slow
 def test_flat_prior_without_redundancy_has_the_sigma_of_the_data() -> None:
     mechanism, scenario = machine("6-UPS")
     plan = replace(scenario, frame=np.zeros(6), target=np.zeros(3), frame_known=True,
@@ -457,6 +465,7 @@ def test_infinite_tolerance_means_no_prior() -> None:
     assert weight["leg1.offset"] == 0.0 and weight["leg2.offset"] > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("true", [4.0, -4.0])
 def test_a_lateral_of_second_order_is_found_but_for_its_sign(true: float) -> None:
     tree = yaml.safe_load((CONFIGS / "3-RPR.yaml").read_text(encoding="utf-8"))
@@ -556,6 +565,7 @@ def test_a_shared_frame_is_fitted_once() -> None:
 
 # --- reports -------------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_held_out_poses_are_as_good_as_the_noise_allows() -> None:
     mechanism, scenario = machine("6-UPS")
     made = run(mechanism, replace(box(scenario, 60), repeats=2), 3)
@@ -592,6 +602,7 @@ def said(folder: Path) -> dict[str, dict[str, Any]]:
     return {p["name"]: p for p in content["parameters"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPR", "delta-linear", "6-PUS"])
 def test_identifying_again_from_the_result_changes_nothing(name: str, tmp_path: Path) -> None:
     simulated(tmp_path, name)
@@ -618,6 +629,7 @@ def test_identifying_again_from_the_result_changes_nothing(name: str, tmp_path: 
 
 # --- commands that lead the true machine where it is wanted ---------------------------------------
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-PPR-1", "mixed-planar", "6-UPS", "6-RUS",
                                   "delta-linear"])
 def test_compensated_commands_lead_the_true_machine_to_the_pose(name: str) -> None:
@@ -628,6 +640,7 @@ def test_compensated_commands_lead_the_true_machine_to_the_pose(name: str) -> No
     assert_led(made, result, wanted, true_station)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPS", "delta-linear-6rods"])
 def test_commands_of_machines_with_open_coordinates(name: str) -> None:
     mechanism, scenario = machine(name)

@@ -43,6 +43,7 @@ def session(name: str, kind: str, n: int, seed: int, noise: float = 0.0, unknown
     return Problem(mechanism, (data,), mechanism.free), g
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_derivatives(name: str, kind: str) -> None:
     """Every column against central differences of the residuals, poses solved anew."""
@@ -65,6 +66,7 @@ def test_derivatives(name: str, kind: str) -> None:
             assert np.max(away) < 1e-5 * max(1.0, np.max(np.abs(slope))), now.columns[c]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_exact_data_are_fitted_exactly(name: str, kind: str) -> None:
     """To a part of the noise that the sidecar states: tolerances still pull a little."""
@@ -84,6 +86,7 @@ def white_errors(fit: Fit, g: Array) -> Array:
     return np.asarray((fit.state.g[free] - g[free]) / sigma)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), [("6-UPS", "point"), ("6-UPS", "pair"),
                                             ("delta-linear", "plane"), ("linapod", "plane")])
 def test_what_is_promised_is_kept(name: str, kind: str) -> None:

@@ -83,6 +83,7 @@ def gain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_other_readings_are_written_as_machines(gain: Path) -> None:
     found = json.loads((gain / "d" / "diagnosis.json").read_text())
     assert found["verdict"] == "named-set"

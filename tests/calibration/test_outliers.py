@@ -108,6 +108,7 @@ def found_shifts(seed: int, shift: float, second: int = 20) -> tuple[HomingShift
     return find_gross_errors(fitted(mechanism, data)).homing_shifts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("second", [20, 6])
 def test_a_zero_that_moved_is_named(second: int) -> None:
     """Also where all rows of its session were left out; of two sessions it is the smaller."""
@@ -119,6 +120,7 @@ def test_a_zero_that_moved_is_named(second: int) -> None:
     assert hits >= 6
 
 
+@pytest.mark.slow
 def test_zeros_that_stayed_are_not_accused() -> None:
     assert sum(bool(found_shifts(seed, 0.0)) for seed in range(30)) == 0
 

@@ -314,6 +314,7 @@ def test_output_keeps_foreign_files(bench):
     assert (bench / "i" / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", MACHINES)
 def test_output_is_no_wider_than_a_terminal(campaigns, tmp_path, motion):
     folder = copy(campaigns(motion), tmp_path / "c")
@@ -405,6 +406,7 @@ def test_truth_within_posterior(bench):
     assert math.sqrt(sum(s * s for s in scores) / len(scores)) < 1.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", MACHINES)
 def test_identified_is_a_mechanism_file(campaigns, tmp_path, motion):
     folder = copy(campaigns(motion), tmp_path / "c")
@@ -765,6 +767,7 @@ def to_quaternion(row):
     return [*(scale * v for v in vector), math.cos(angle / 2)]
 
 
+@pytest.mark.slow
 def test_quaternions(campaigns, tmp_path):
     folder = copy(campaigns("spatial"), tmp_path / "c")
     table = []
@@ -859,6 +862,7 @@ def test_few_rows_with_known_frame_are_a_fit_or_refused(bench, count):
 PAPER_HEADER = "x1,y1,z1,phix1,phiy1,phiz1"
 
 
+@pytest.mark.slow
 def test_paper_header(campaigns, tmp_path):
     """x1,y1,z1,phix1,phiy1,phiz1 and the joints by their names are read by header alone."""
     folder = copy(campaigns("spatial"), tmp_path / "c")
@@ -872,6 +876,7 @@ def test_paper_header(campaigns, tmp_path):
     assert len(rows(folder / "o" / "residuals.csv")) == len(rows(data))
 
 
+@pytest.mark.slow
 def test_leg_length_header(campaigns, tmp_path):
     folder = copy(campaigns("spatial"), tmp_path / "c")
     data = folder / "s" / "measurements.csv"

@@ -142,6 +142,7 @@ def test_frozen_slots_that_look_alike_are_a_set(tmp_path: Path) -> None:
     assert labels & {"leg2.base.point.y", "geometry leg2.base.point.y"}
 
 
+@pytest.mark.slow
 def test_a_large_slot_error_is_not_another_effect(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], free=["*.offset", "*.platform.point.*"], frame="known",
              target="known", errors={"leg2.base.point.angle": 0.03, "leg1.offset": 0.3})
@@ -464,6 +465,7 @@ def test_residuals_before_and_after(made: Callable[[str], Path]) -> None:
     assert number(table[0], "sigma_x") == pytest.approx(0.005, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_model_is_a_mechanism_file(made: Callable[[str], Path], tmp_path: Path) -> None:
     """It reads, it is complete for these data, and it can be fitted again."""
     folder = shutil.copytree(made("two"), tmp_path / "c")

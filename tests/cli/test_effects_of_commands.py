@@ -92,6 +92,7 @@ def test_every_kind_is_recovered_somewhere() -> None:
             if k.evaluate.__module__.startswith("ppmcal.")} <= seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("campaign", CAMPAIGNS)
 def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None:
     """Marked free, every parameter comes out within 4 sigma, and clear of its start."""

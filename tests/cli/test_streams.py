@@ -30,6 +30,7 @@ def bench(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("more", [(), ("--json",), ("--sigma", "estimated")])
 def test_results_are_written_although_standard_output_is_full(bench, tmp_path, more):

@@ -340,6 +340,7 @@ def test_loads_temperature_and_speed_are_listed_without_a_cost(tmp_path: Path) -
     assert found["gain"]["after"]["rms"] < 0.01 * found["gain"]["before"]["rms"]
 
 
+@pytest.mark.slow
 def test_rods_of_one_drive_share_its_table(tmp_path: Path) -> None:
     names = [limb["name"] for limb in
              yaml.safe_load((CONFIGS / "delta-linear-6rods.yaml").read_text())["limbs"]]

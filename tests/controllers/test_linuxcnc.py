@@ -157,6 +157,7 @@ ITERATION = st.lists(st.tuples(st.sampled_from(["convergence-criterion", "max-er
                                st.floats(1e-12, 1e4)), max_size=2, unique_by=lambda v: v[0])
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(POINTS, POINTS, st.one_of(st.just((BASE_N, PLATFORM_N)), st.tuples(POINTS, POINTS)),
        st.tuples(*[st.one_of(st.just(0.0), NUMBER)] * 3), ITERATION, st.text(max_size=300))
@@ -450,6 +451,7 @@ def exported(path: Path) -> Exported:
     return export(read_mechanism(path), None, None)
 
 
+@pytest.mark.slow
 def test_joints_beside_the_line_are_listed_with_their_cost(tmp_path: Path) -> None:
     costs = []
     for beside in (10, 20):

@@ -75,6 +75,7 @@ def table(folder: Path) -> dict[str, np.ndarray]:
 
 # ---------------------------------------------------------------- the gain
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "factor"), [("3-RPR", 500), ("delta-linear", 150),
                                               ("6-UPS", 300), ("3-RPS", 500)])
 def test_errors_between_the_poses_shrink(tmp_path: Path, name: str, factor: float) -> None:

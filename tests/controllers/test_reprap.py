@@ -409,6 +409,7 @@ def test_any_file_is_refused_in_words(tmp_path: Path, content: bytes) -> None:
     assert "p.g" in run.err and "fault of ppmcal" not in run.err
 
 
+@pytest.mark.slow
 def test_cut_and_scrambled_files_never_end_in_a_traceback(tmp_path: Path,
                                                           monkeypatch: pytest.MonkeyPatch) -> None:
     draw = random.Random(3)

@@ -127,6 +127,7 @@ def test_every_planar_kind_with_all_its_slots(kind):
     assert np.allclose(found.motors[0] * np.sign(found.motors[0] @ poses[0]), poses[0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_three_rpr_has_up_to_six_modes_and_never_more():
     rng = np.random.default_rng(0)
     counts = []
@@ -153,6 +154,7 @@ MIXES = [(("R(P)R", "(P)RR", "(R)RR"), 3), (("R(P)R", "R(P)R", "(P)PR"), 3),
          (("(P)PR", "R(P)P", "(P)RP"), 2), (("(R)RP", "R(P)P", "(P)RP"), 1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds,degree", MIXES, ids=lambda v: "+".join(v) if isinstance(v, tuple)
                          else str(v))
 def test_degree_of_each_mix(kinds, degree):
@@ -270,6 +272,7 @@ def test_delta_with_centres_on_one_line_is_refused():
         assembly_modes(Model(flat), np.zeros(3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPS", "6-UPS", "6-RUS", "delta-rotary-6rods", "linapod"])
 def test_spatial_machines_are_searched(name):
     model = Model(read_mechanism(CONFIGS / f"{name}.yaml"))

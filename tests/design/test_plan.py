@@ -78,6 +78,7 @@ def part(whole, keep):
 
 # --- the choice -----------------------------------------------------------------------------------
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name, count", [("3-RPR", 5), ("3-RPS", 4), ("delta-linear", 6)])
 def test_exchange_finds_the_best_of_all_subsets(name, count):
     whole = part(possible(name), np.arange(0, 60, 6))
@@ -117,6 +118,7 @@ def test_exchange_against_fedorov_and_greedy(name):
         whole, random)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_updates_of_rank_m_are_what_they_replace(name):
     whole, count = possible(name), 30
@@ -167,6 +169,7 @@ def test_frames_count_only_where_they_imitate_geometry():
 
 # --- candidates -----------------------------------------------------------------------------------
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*MACHINES, "3-RRR-1"])
 def test_candidates_can_be_measured(name):
     found, mechanism = pool(name), machine(name)
@@ -198,6 +201,7 @@ def test_poses_on_the_edge_can_go_no_farther(name):
     assert good[found.even].mean() > 0.5 and good[~found.even].mean() < 0.2
 
 
+@pytest.mark.slow
 def test_distance_of_segments_by_another_way():
     rng = np.random.default_rng(4)
     a = rng.normal(size=(4, 30, 3))
@@ -295,6 +299,7 @@ def settings_of(kinds, payload=None, temperature=None, name="3-RPR", count=20):
     return plan(mechanism, default_instrument(mechanism), PlanOptions(count, 1, asked, 40))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPR", "delta-linear"])
 def test_backlash_and_compliance_need_both_ends(name):
     found = settings_of(("backlash", "compliance"), (0.0, 20.0), name=name)
@@ -327,6 +332,7 @@ def test_temperature_and_speed_at_both_ends():
     assert {-1.0, 1.0} == set(found.columns["dir_leg1"])
 
 
+@pytest.mark.slow
 def test_every_kind_is_planned_or_refused_with_a_reason():
     done = set()
     for name in ("3-RPR", "delta-rotary"):
@@ -389,6 +395,7 @@ def test_two_opt_against_all_orders():
     np.testing.assert_allclose(line[on_line, 0], np.linspace(0.0, 1.0, 9))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mixed-planar", "3-RPR"])
 def test_moves_across_singularities_are_seen(name):
     drawn = machine(name).nominal()
@@ -595,6 +602,7 @@ def test_a_singular_home_is_refused(tmp_path):
         plan(mechanism, default_instrument(mechanism))
 
 
+@pytest.mark.slow
 def test_a_plan_with_settings_can_be_simulated_and_shows_what_it_was_made_for(tmp_path):
     """Approaches and payloads of poses.csv go into the simulation; the effects come out."""
     config = CONFIGS / "3-RPR.yaml"

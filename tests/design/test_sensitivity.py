@@ -62,6 +62,7 @@ def free_of(mechanism: Mechanism) -> list[int]:
 
 # ---------------------------------------------------------------- three ways to J_g
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_by_leg_lines_is_by_refitted_forward_kinematics(name: str) -> None:
     m = machine(name)
@@ -256,6 +257,7 @@ def test_near_a_singularity_the_command_says_so(tmp_path: Path) -> None:
 
 # ---------------------------------------------------------------- the command
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_every_machine(name: str, tmp_path: Path) -> None:
     m = machine(name)

@@ -247,6 +247,7 @@ def pushed(mechanism: Mechanism, a: Array, b: Array, wrench: Array) -> tuple[Arr
     return give, np.linalg.solve(a, -b @ give)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", machines.KINDS)
 def test_the_internal_loads_put_through_the_springs_move_the_tool_as_c_does(kind: str) -> None:
     mechanism = sprung(kind)
@@ -283,6 +284,7 @@ def test_springs_as_shifts_of_slots_move_the_nonlinear_machine_alike(kind: str) 
     np.testing.assert_allclose(real, linear, rtol=1e-4, atol=1e-5 * np.abs(linear).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["6-UPS", "3-RPR", "linapod", "6-RUS", "3-RPS",
                                   "delta-linear-6rods", "delta-rotary-6rods", "delta-linear"])
 def test_drives_agree_with_the_effect_compliance(tmp_path: Path, name: str) -> None:
@@ -500,6 +502,7 @@ def test_effects_are_left_out_and_said(tmp_path: Path) -> None:
 
 # --- the command ------------------------------------------------------------------------------
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_shipped_machine(tmp_path: Path, name: str) -> None:
     path = CONFIGS / "linapod.yaml" if name == "linapod" else edited(

@@ -67,6 +67,7 @@ def slope_of_lengths(model, q, pose):
     return np.stack(out, axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_measures_against_differences(name):
     """det A and its singular values, by differences of the limbs' own lengths."""
@@ -144,6 +145,7 @@ def leg_lines(pose):
     return length, np.concatenate([n, moment[..., None]], axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coordinates,levels", [
     ((0, 1), (np.linspace(0.1, 0.9, 33), np.linspace(-0.1, 0.7, 35))),
     ((0, 5), (np.linspace(0.1, 0.9, 21), np.radians(np.linspace(-100, 200, 37)))),
@@ -208,6 +210,7 @@ def test_distances_settle_as_the_grid_gets_finer():
     assert coarse.nearest.distance == pytest.approx(fine.nearest.distance, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_distances_that_the_grid_cannot_settle_are_told(tmp_path):
     """The singular curve of the 3-RPR is a circle about home: on a small map most is beyond."""
     mechanism = machine("3-RPR")
@@ -237,6 +240,7 @@ def test_no_singularity_is_invented():
         assert np.isnan(found.distance).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PLANAR)
 def test_a_jump_of_the_determinant_is_no_singularity(kind):
     """Turned so that a slide is parallel to its guide, a limb's joint value goes through infinity.
@@ -302,6 +306,7 @@ def test_home_that_is_singular_has_no_workspace(tmp_path):
 
 # --- the command ------------------------------------------------------------------------------
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name,grid", [("3-RPR", "x=250:800:12,y=0:550:12"),
                                        ("3-RPS", "rx=-60:60:5,ry=-60:60:5"),
                                        ("delta-linear", "x,y=-100:100:4,z=0:300:4")])
@@ -335,6 +340,7 @@ def test_command_agrees_with_kinematics(tmp_path, name, grid):
     assert bool(edge) == (content["singular"]["nearest_to_home"] is not None)
 
 
+@pytest.mark.slow
 def test_units_of_the_file(tmp_path):
     """The same machine in mm and degrees, and in inches and radians, gives the same numbers."""
     def inches(tree):
@@ -420,6 +426,7 @@ def test_findings_about_home(tmp_path):
     assert "cannot reach" in run.out and "No pose of this grid has joint values" in run.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("args,words", [
     (("--grid", "foo"), "unknown pose coordinate"), (("--grid", "x=1"), "is not a range"),
     (("--grid", "x,y,rz,x"), "twice"), (("--joints", "none.csv"), "none.csv"),

@@ -72,6 +72,7 @@ def test_every_pose_is_approached_from_both_sides(machine: str) -> None:
     assert np.abs(scene.temperature).max() <= 4.0 + 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [
     USUAL, hidden.Options(row_sigmas=True), hidden.Options(tails="t4"),
     hidden.Options(actuator=(4e-6, 2e-5))], ids=["plain", "row sigmas", "t4", "drives"])
@@ -93,6 +94,7 @@ def test_without_effects_the_residuals_are_the_stated_noise(machine: str, option
         assert 1e-4 < chi2.sf(total, dof) < 1.0 - 1e-4, total / dof
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", tuple(hidden.KINDS))
 @pytest.mark.parametrize("machine", ["3-RPR", "3-RRR-1", "3-PRR-1", "delta-rotary", "6-UPS"])
 def test_a_scaled_effect_has_the_size_it_was_given(machine: str, kind: str) -> None:

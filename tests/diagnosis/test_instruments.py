@@ -99,6 +99,7 @@ def test_a_bent_tower_is_found_in_heights_and_pairs(tmp_path: Path) -> None:
     assert found.gap is not None and found.gap.after < found.gap.before
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is(tmp_path: Path) -> None:
     verdicts = [search(tmp_path, seed, 0.0).verdict for seed in range(3, 9)]
     assert verdicts.count("none") >= 5

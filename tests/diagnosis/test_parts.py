@@ -290,6 +290,7 @@ def kurtosis(values: Array) -> float:
     return float(np.mean(values**4) / np.mean(values**2) ** 2 - 3.0)
 
 
+@pytest.mark.slow
 def test_simulated_noise_has_the_tails_of_the_residuals() -> None:
     """Heavy tails are drawn again, row by row and with unit variance; normal noise stays normal."""
     rng, found = np.random.default_rng(8), {}
@@ -316,6 +317,7 @@ def correlations(ar: float, kinds: tuple[str, ...], eta: float, seeds: range) ->
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ar", "kinds"), [(0.0, ()), (0.3, ()), (0.6, ()), (0.0, ("drift",)),
                                            (0.6, ("drift",))])
 def test_correlation_is_that_of_the_noise(ar: float, kinds: tuple[str, ...]) -> None:
@@ -326,6 +328,7 @@ def test_correlation_is_that_of_the_noise(ar: float, kinds: tuple[str, ...]) -> 
     assert abs(rho.mean() - ar) < 3.0 * error, rho
 
 
+@pytest.mark.slow
 def test_a_strong_slow_effect_is_not_whitened_away() -> None:
     """Drift in correlated noise: still there after whitening, and named."""
     stage = stage_of("3-RPR", 41, ("drift",), 3.0, hidden.Options(poses=40, ar=0.6))
@@ -369,6 +372,7 @@ def test_repeats_at_nearly_the_same_temperature_are_repeats() -> None:
 # --- what is left ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_kernel_test_false_alarms_and_power() -> None:
     """1 % at 1 %; a bump of the noise's size over a part of one joint's stroke is seen."""
     rng = np.random.default_rng(8)
@@ -480,6 +484,7 @@ def test_gap_that_grows_is_not_closed(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- rivals ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_sensor_scale_and_gain_of_all_encoders_are_rivals() -> None:
     """A larger machine and a longer ruler are the same to every measured pose."""
     stage = stage_of("6-UPS", 9, ("sensor_scale",), 1.0, SMALL)
@@ -497,6 +502,7 @@ def test_sensor_scale_and_gain_of_all_encoders_are_rivals() -> None:
         assert 0.05 < rival.odds < 20.0
 
 
+@pytest.mark.slow
 def test_backlash_and_compliance_are_no_rivals() -> None:
     stage = stage_of("6-UPS", 9, ("backlash",), 1.0, SMALL)
     assert [f.kind for f in stage.named] == ["backlash"]

@@ -39,6 +39,7 @@ def holds(found: dict[str, Any], effects: list[dict[str, Any]], actuators: list[
     assert gap["after"] < 1.25 < gap["before"]
 
 
+@pytest.mark.slow
 def test_the_sample_campaign(tmp_path: Path) -> None:
     """Its scenario, which no command is given, says what is hidden."""
     run = ppmcal("diagnose", SAMPLES / "hexapod.yaml", SAMPLES / "hidden" / "measurements.csv",
@@ -55,6 +56,7 @@ def test_the_sample_campaign(tmp_path: Path) -> None:
         assert words in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 5])
 def test_three_effects_on_the_planar_machine(tmp_path: Path, seed: int) -> None:
     effects = [BACKLASH, SQUEEZED, WARM]

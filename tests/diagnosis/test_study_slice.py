@@ -94,6 +94,7 @@ def story(machine: str, seed: int, kind: str, session: hidden.Options = SESSION)
     return f"{machine} {seed}: {truth} -> {result.verdict} {effects}"
 
 
+@pytest.mark.slow
 def test_nothing_hidden_is_not_named() -> None:
     """12 campaigns, with correlated noise, outliers and worn drives among them."""
     verdicts = {c: diagnosed(c[0], c[1], "", c[2])[1].verdict for c in NOTHING}
@@ -102,6 +103,7 @@ def test_nothing_hidden_is_not_named() -> None:
     assert len(other) <= 2, other
 
 
+@pytest.mark.slow
 def test_one_hidden_effect_is_found() -> None:
     """At least nine of ten, alone or in a named set."""
     scores = {c: score(*c) for c in HIDDEN}

@@ -74,6 +74,7 @@ def in_sequence(folder: Path, effects: list[dict[str, Any]], **changes: Any) -> 
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4])
 def test_backlash_in_a_sequence_is_named(tmp_path: Path, seed: int) -> None:
     """The direction of approach follows from the order, also where rows are held out."""
@@ -86,6 +87,7 @@ def test_backlash_in_a_sequence_is_named(tmp_path: Path, seed: int) -> None:
     assert not_used(tmp_path) == {1: "dir_leg1 is not known here", 2: "dir_leg1 is not known here"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [5])
 def test_no_backlash_in_a_sequence_without(tmp_path: Path, seed: int) -> None:
     _, found = diagnose(in_sequence(tmp_path, [], seed=seed))
@@ -144,6 +146,7 @@ def emptied(folder: Path, column: str, where: range) -> None:
     write_csv(folder / DATA, table)
 
 
+@pytest.mark.slow
 def test_a_temperature_that_few_rows_lack(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=120, **SINGLE)
     emptied(tmp_path, "temperature", range(50, 53))
@@ -155,6 +158,7 @@ def test_a_temperature_that_few_rows_lack(tmp_path: Path) -> None:
     assert "leg_thermal" not in {e["kind"] for e in found["not_testable"]}
 
 
+@pytest.mark.slow
 def test_a_temperature_that_most_rows_lack(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=120, **SINGLE)
     emptied(tmp_path, "temperature", range(20, 110))
@@ -179,6 +183,7 @@ def repeated(folder: Path, seed: int, **changes: Any) -> list[int]:
     return [n for n in range(len(poses)) if n == 0 or poses[n] != poses[n - 1]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["by some sigma", "by a part of the move"])
 def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> None:
     rng = np.random.default_rng(6)
@@ -199,6 +204,7 @@ def test_first_rows_that_fall_short_have_a_pattern(tmp_path: Path, how: str) -> 
     assert found["remainder"]["p_value"] < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 5, 6])
 def test_gross_errors_have_no_pattern(tmp_path: Path, seed: int) -> None:
     repeated(tmp_path, seed, noise={"outliers": 0.1})
@@ -292,6 +298,7 @@ def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
             assert abs(rms - (square / count) ** 0.5) < 0.01, (by, rms)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [effect("backlash", ["leg3"], width=0.1),
                                     effect("leg_thermal", ["leg2"], expansion=25e-6)])
 def test_what_is_there_predicts_every_stretch(tmp_path: Path, hidden: dict[str, Any]) -> None:
@@ -321,6 +328,7 @@ def with_jump(folder: Path, shift: float, seed: int, at: float = 0.5) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "at"), [(4, 0.5), (5, 0.5), (4, 0.8)])
 def test_a_jump_while_it_gets_warmer_is_not_heat(tmp_path: Path, seed: int, at: float) -> None:
     """Leg 2 loses its zero by 30 um: heat explains half of it, and is not told as settled."""
@@ -337,6 +345,7 @@ def test_a_jump_while_it_gets_warmer_is_not_heat(tmp_path: Path, seed: int, at: 
 # --- units ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_payload_in_grams_is_not_a_stiffer_machine(tmp_path: Path) -> None:
     """Where the file says kg, stiffness comes out a thousand times too large."""
     simulate(tmp_path, "6-UPS", [effect("compliance", stiffness=5900.0)], count=40,
@@ -384,6 +393,7 @@ def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
     assert named_one.hypothesis.kind == "periodic"
 
 
+@pytest.mark.slow
 def test_a_sigma_a_thousand_times_too_large(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=40, **SINGLE)
     edit(tmp_path, instrument={"kind": "pose", "sigma": {"position": 5.0, "rotation": 1.0}})
@@ -401,6 +411,7 @@ FLAT: list[tuple[str, str, float, str, int]] = [
     ("sample", "unknown", 10.0, "one", 5), ("6-UPS", "known", 10.0, "one", 6)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("machine", "frame", "looser", "approach", "seed"), FLAT)
 def test_a_flat_grid_shows_no_effect_that_is_not_there(
         tmp_path: Path, machine: str, frame: str, looser: float, approach: str, seed: int) -> None:
@@ -430,6 +441,7 @@ def test_a_flat_grid_shows_no_effect_that_is_not_there(
         assert found["verdict"] in ("none", "weak") and named(found) == {}
 
 
+@pytest.mark.slow
 def test_a_wave_that_is_there_is_named(tmp_path: Path) -> None:
     """An eighth of the stroke on one leg, in 120 rows."""
     simulate(tmp_path, "6-UPS", [effect("periodic", ["leg3"], cos=0.02, sin=0.01, period=68.0)],

@@ -198,6 +198,7 @@ def awkward(mechanism: Mechanism, kind: str, seed: int) -> dict[str, Any]:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_round_trip(tmp_path: Path, name: str, kind: str) -> None:
     """What is written reads back equal: values, joints, what is free, tolerances, sigmas."""

@@ -419,6 +419,7 @@ def assert_derivatives(name: str, kinds: tuple[str, ...]) -> None:
     assert {n: a for n, a in apart.items() if a > allowed} == {}
 
 
+@pytest.mark.slow
 @few_cases
 def test_derivatives_against_differences(name: str, kind: str) -> None:
     """By the effect's parameters, and by geometry, frame and target with the effect at work."""
@@ -583,6 +584,7 @@ def wanted_about(mechanism: Mechanism) -> Array:
     return wanted
 
 
+@pytest.mark.slow
 @few_cases
 def test_joints_that_make_up_for_effects(name: str, kind: str) -> None:
     """The joints of the inverse reach the wanted pose, and are others than without effects."""

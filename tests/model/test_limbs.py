@@ -170,6 +170,7 @@ def test_joint_and_pose_derivatives_are_those_of_the_matrix_chain(kind: str, shi
         np.testing.assert_allclose(by_joint[..., k], expected, rtol=1e-8, atol=2e-9)
 
 
+@pytest.mark.slow
 @each
 def test_error_jacobian_is_that_of_refitted_forward_kinematics(kind: str) -> None:
     """J_g = -A^-1 Bg for every slot of a limb against the poses that Newton finds ([LIN])."""

@@ -63,6 +63,7 @@ def values_over(mechanism, grid):
     return value.reshape(grid.shape), determinant.reshape(grid.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONFIGS)
 @pytest.mark.parametrize("axes", [1, 2, 3])
 def test_every_machine_has_a_picture(name, axes):
@@ -103,6 +104,7 @@ def strange(shape, seed=3):
             "wide": 10.0 ** (30.0 * (plain_ - 1.5)), "edge": np.where(plain_ > 1.3, 1.0, NAN)}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("case", list(strange((4, 4))))
 @pytest.mark.parametrize(("shape", "log"), [((9,), True), ((4, 5), True), ((4, 5), False)])

@@ -248,6 +248,7 @@ def f_test(stage: Stage, columns: tuple[int, ...]) -> float:
     return float(fisher.logsf((old - new) / size / (new / freedom), size, freedom) / math.log(10.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
     """Sorted, the p-values those of F tests, the named ones those that are named."""

@@ -79,6 +79,7 @@ def page(*dirs: Path) -> tuple[str, str]:
     return html, "".join(checker.text)
 
 
+@pytest.mark.slow
 def test_comparison(folders: Path) -> None:
     html, text = page(folders / "cmp")
     found = record(folders / "cmp", "comparison.json")
@@ -289,6 +290,7 @@ def places(value: Any, put: Callable[[Any], None] | None = None) -> list[Callabl
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["fit/identification.json", "touches/identification.json",
                                     "cmp/comparison.json", "lean/export.json",
                                     "grid/export.json"])
