@@ -3,6 +3,7 @@
 import ast
 import inspect
 import json
+import re
 import subprocess
 import sys
 
@@ -117,6 +118,13 @@ def test_a_data_frame_is_as_good_as_its_file(stage, session, folder):
     np.testing.assert_array_equal(by_path[0].q, filed.q)
 
 
+def test_a_sidecar_may_end_in_yml(stage, folder, tmp_path):
+    (tmp_path / "run.csv").write_bytes((folder / "measurements.csv").read_bytes())
+    (tmp_path / "run.yml").write_bytes((folder / "measurements.yaml").read_bytes())
+    fit = ppmcal.identify(stage, tmp_path / "run.csv")
+    assert str(tmp_path / "run.yml") in fit.provenance["inputs"]
+
+
 def test_units_of_a_table_are_said_once(stage, session, folder):
     sidecar = yaml.safe_load((folder / "measurements.yaml").read_text())
     frame = session.to_frame()
@@ -227,6 +235,18 @@ def test_a_result_never_replaces_its_inputs(stage, tmp_path):
         with pytest.raises(ppmcal.BadInput, match=r"input of this run|did not write"):
             found.save(tmp_path, force=force)
     assert table.read_text() == "x,y,rz\n230,200,0\n"
+
+
+def test_the_python_block_of_the_readme_runs(tmp_path, monkeypatch):
+    (block,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
+    monkeypatch.chdir(tmp_path)
+    command("init", "6-UPS", "--out", "mine.yaml", expect=0)
+    run = ppmcal.simulate("mine.yaml", "mine.scenario.yaml")
+    names = {"frame": run.to_frame()}
+    exec(compile(block, "README.md", "exec"), names)
+    assert names["fit"].converged
+    written = pd.read_csv(tmp_path / "compensated" / "commands.csv")
+    assert list(written["status"]) == ["ok", "ok"]
 
 
 def test_the_notebook_runs_and_says_what_its_text_says(capsys):
