@@ -1,7 +1,6 @@
 """Reading the JSON that commands wrote; every refusal names file and place.
 
-Nothing here trusts the files: they may be cut off, edited by hand or written by another
-version. A missing key is no error, a value of the wrong kind is.
+Nothing here trusts the files: they may be cut off, edited by hand or written by another version.
 """
 
 from __future__ import annotations
@@ -15,14 +14,7 @@ from ppmcal.io.folder import note_read
 
 AGAIN = "Run the command that writes it again"
 MAX_DEPTH_MEND = "It is nested too deeply to be one of ppmcal's files"
-NUMBER = "number"
-"""Any number, nan and inf as well: what is only shown."""
-FINITE = "finite"
-"""A number to calculate with, at most LARGEST."""
-TEXT = "text"
 LARGEST = 1e30
-
-Shape = Any
 
 
 def read_text(path: Path) -> str:
@@ -37,56 +29,22 @@ def read_text(path: Path) -> str:
         raise BadInput(f"is not UTF-8 text (byte {error.start})", str(path), AGAIN) from None
 
 
-def read_json(path: Path, shape: Shape) -> dict[str, Any]:
-    """Return a JSON object whose parts have the kinds that ``shape`` says.
-
-    ``shape`` is NUMBER, FINITE or TEXT, None (anything), ``[shape]`` for a list, ``(shape,)`` for
-    one in which nulls may stand, or a dict by key (``"*"``: every other key). Missing keys and
-    nulls pass.
+def read_object(path: Path, mend: str = AGAIN) -> dict[str, Any]:
+    """Return the JSON object in a file.
 
     Raises:
-        BadInput: not readable, no JSON object, or a part of another kind.
+        BadInput: not readable, cut off, or no JSON object.
     """
     try:
-        record = json.loads(read_text(path))
-        if not isinstance(record, dict):
-            raise BadInput("holds no JSON object", str(path), AGAIN)
-        check_shape(record, shape, str(path), "")
+        content = json.loads(read_text(path))
+        if not isinstance(content, dict):
+            raise BadInput("holds no JSON object", str(path), mend)
     except json.JSONDecodeError as error:
         raise BadInput(f"is not valid JSON ({error.msg}); it may be cut off",
-                       f"{path}: line {error.lineno}, column {error.colno}", AGAIN) from None
+                       f"{path}: line {error.lineno}, column {error.colno}", mend) from None
     except ValueError as error:
         raise BadInput(f"cannot be read as JSON ({str(error).partition(';')[0]})", str(path),
-                       AGAIN) from None
+                       mend) from None
     except RecursionError:
         raise BadInput("cannot be read as JSON", str(path), MAX_DEPTH_MEND) from None
-    return record
-
-
-def check_shape(value: Any, shape: Shape, source: str, place: str) -> None:
-    """Refuse a value that is not of the kind that ``shape`` says."""
-    if value is None or shape is None:
-        return
-    if isinstance(shape, dict):
-        _expect(isinstance(value, dict), "an object", source, place)
-        for key, part in value.items():
-            inner = shape.get(key, shape.get("*"))
-            check_shape(part, inner, source, f"{place}.{key}" if place else key)
-    elif isinstance(shape, list | tuple):
-        _expect(isinstance(value, list), "a list", source, place)
-        for i, part in enumerate(value):
-            _expect(part is not None or isinstance(shape, tuple), "something, not null", source,
-                    f"{place}[{i}]")
-            check_shape(part, shape[0], source, f"{place}[{i}]")
-    elif shape in (NUMBER, FINITE):
-        _expect(isinstance(value, int | float) and not isinstance(value, bool), "a number",
-                source, place)
-        _expect(shape == NUMBER or abs(value) <= LARGEST, f"a number, {LARGEST:g} at most",
-                source, place)
-    else:
-        _expect(isinstance(value, str), "text", source, place)
-
-
-def _expect(right: bool, kind: str, source: str, place: str) -> None:
-    if not right:
-        raise BadInput(f"should be {kind}", f"{source}: {place}", AGAIN)
+    return content

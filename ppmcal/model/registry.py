@@ -43,7 +43,7 @@ class Registry(Generic[T]):
         return kind
 
     def kinds(self) -> dict[str, T]:
-        """Return all kinds by name."""
+        """Return all kinds by name, those of other packages last."""
         if not self._loaded:
             self._loaded = True
             for entry in entry_points(group=self._group):
@@ -51,7 +51,11 @@ class Registry(Generic[T]):
         return dict(self._kinds)
 
     def find(self, name: str, where: str = "") -> T:
-        """Return the kind called ``name``; BadInput where there is none."""
+        """Return the kind called ``name``.
+
+        Raises:
+            BadInput: unknown name; lists the valid ones and the nearest match.
+        """
         kinds = self.kinds()
         if name not in kinds:
             raise unknown(self._sort, name, kinds, where)

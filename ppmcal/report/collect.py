@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppmcal.errors import BadInput
-from ppmcal.io.json import TEXT, read_json
 from ppmcal.io.results.commands import CommandsRecord
 from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.kinematics import KinematicsRecord
+from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.record import Record as JsonRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.linalg import Array
@@ -28,7 +28,6 @@ from ppmcal.report.records import (
     Diagnosed,
     Identified,
     Other,
-    Record,
     ReportData,
     ResidualRows,
     Simulated,
@@ -36,8 +35,6 @@ from ppmcal.report.records import (
 from ppmcal.report.sources import digest, is_command_number, is_number_column, read_columns
 from ppmcal.report.truth import compare
 
-_PROVENANCE = {"inputs": {"*": TEXT}}
-LOOSE = {"findings": [None], "units": {"*": TEXT}, "provenance": _PROVENANCE, "name": TEXT}
 COMPARE_WORDS = frozenset({"name", "unit", "status"})
 """Columns of compare.csv that are words; the others are numbers."""
 
@@ -104,9 +101,6 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
         wanted = None if only is None else only.__contains__
         return read_columns(folder / file, wanted=wanted, numeric=numeric) if has(file) else None
 
-    def record(file: str, shape: Any) -> Record:
-        return read_json(folder / file, shape) if has(file) else {}
-
     out: list[tuple[str, Any]] = []
     if has("truth.json", "measurements.csv"):
         out.append(("simulated", _simulated(folder)))
@@ -133,8 +127,9 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     held = {file for d in designs for file in d.rows}
     for kind, stem in (("check", "check"), ("plan", "poses"), ("map", "map")):
         if f"{stem}.csv" not in held and has(f"{stem}.csv", f"{stem}.json"):
-            out.append(("others", Other(name, kind, record(f"{stem}.json", LOOSE),
-                                        table(f"{stem}.csv", only=()))))
+            found_json = folder / f"{stem}.json"
+            any_record = AnyRecord.read(found_json) if found_json.is_file() else AnyRecord()
+            out.append(("others", Other(name, kind, any_record, table(f"{stem}.csv", only=()))))
     if has("comparison.json", "compare.csv"):
         compared = _with_parameters(
             _record(ComparisonRecord, folder),

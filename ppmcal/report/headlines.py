@@ -75,7 +75,7 @@ def attention(data: ReportData) -> list[tuple[str, str]]:
     for rows in (*data.compensated, *data.kinematics):
         out += [(rows.folder, t) for t in _of_rows(rows)]
     for other in data.others:
-        out += [(other.folder, finding_text(f)) for f in other.record.get("findings") or ()]
+        out += [(other.folder, finding_text(f)) for f in other.record.findings or ()]
     for c in data.compared:
         out += [(c.folder, t) for t in (*compare_section.attention(c.record), *c.record.findings)]
     for exported in data.exported:

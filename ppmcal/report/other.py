@@ -111,13 +111,13 @@ def kinematics_section(rows: ResidualRows) -> str:
 
 def other_section(other: Other) -> str:
     """Return findings, plain facts and the size of any other output."""
-    findings = [finding_text(f) for f in other.record.get("findings") or ()]
-    clean = "findings" in other.record and not findings
+    findings = [finding_text(f) for f in other.record.findings or ()]
+    clean = other.record.findings is not None and not findings
     size = f"{count(other.table.size, 'row')} in its CSV. " if other.table is not None else ""
     return (f"<h2>{other.kind.capitalize()}</h2>"
             + paragraph(f"{size}From {other.folder}.", "note")
             + paragraph("Nothing was found wrong." if clean else "")
-            + bullets(findings) + scalars(other.record))
+            + bullets(findings) + scalars(other.record.entries()))
 
 
 def scalars(record: Mapping[str, Any]) -> str:

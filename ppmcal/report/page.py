@@ -147,7 +147,7 @@ def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
     out += [(f"{r.folder}: {'compensate' if r.kind == 'commands' else r.kind}", r.record.entries())
             for r in (*data.compensated, *data.kinematics)]
     out += [(f"{d.folder}: {d.kind}", d.record.entries()) for d in data.designed]
-    out += [(f"{o.folder}: {o.kind}", o.record) for o in data.others]
+    out += [(f"{o.folder}: {o.kind}", o.record.entries()) for o in data.others]
     out += [(f"{c.folder}: compare", c.record.entries()) for c in data.compared]
     out += [(f"{e.folder}: export", e.record.entries()) for e in data.exported]
     out += [(f"{s.folder}: simulate", s.truth.entries()) for s in data.simulated if s.truth]
@@ -199,7 +199,7 @@ def to_json(data: ReportData) -> dict[str, Any]:
                          "rows": s.measurements.size if s.measurements is not None else None,
                          "sha256": s.digest, "note": stray_note(s, data.identified)}
                         for s in data.simulated],
-        "others": [{"folder": o.folder, "kind": o.kind, "record": o.record,
+        "others": [{"folder": o.folder, "kind": o.kind, "record": o.record.entries(),
                     "rows": o.table.size if o.table is not None else None} for o in data.others],
         "designs": [{"folder": d.folder, "kind": d.kind, "record": d.record.entries(),
                      "rows": d.rows,

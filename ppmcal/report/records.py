@@ -15,6 +15,7 @@ from ppmcal.io.results.export import ExportRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.plan import PlanRecord
+from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
@@ -122,7 +123,7 @@ class Other:
 
     folder: str
     kind: str
-    record: Record
+    record: AnyRecord
     table: Columns | None = None
 
 

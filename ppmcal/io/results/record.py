@@ -9,7 +9,6 @@ where a field knows no null; a value of the wrong kind is refused with file and 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from ppmcal.errors import BadInput
-from ppmcal.io.json import AGAIN, LARGEST, MAX_DEPTH_MEND, read_text
+from ppmcal.io.json import AGAIN, LARGEST, read_object
 from ppmcal.io.output import csv_text, json_text, plain
 from ppmcal.units import Units
 
@@ -148,19 +147,7 @@ class Record(Part):
         Raises:
             BadInput: not readable, no JSON object, another format, or a value of another kind.
         """
-        try:
-            data = json.loads(read_text(path))
-            if not isinstance(data, dict):
-                raise BadInput("holds no JSON object", str(path), mend)
-        except json.JSONDecodeError as error:
-            raise BadInput(f"is not valid JSON ({error.msg}); it may be cut off",
-                           f"{path}: line {error.lineno}, column {error.colno}", mend) from None
-        except ValueError as error:
-            raise BadInput(f"cannot be read as JSON ({str(error).partition(';')[0]})", str(path),
-                           mend) from None
-        except RecursionError:
-            raise BadInput("cannot be read as JSON", str(path), MAX_DEPTH_MEND) from None
-        return cls.checked(data, path, mend)
+        return cls.checked(read_object(path, mend), path, mend)
 
     @classmethod
     def checked(cls, data: Mapping[str, Any], path: Path, mend: str = AGAIN) -> Self:
@@ -173,9 +160,21 @@ class Record(Part):
             found = cls.model_validate(data, context=_READ)
         except ValidationError as error:
             raise _refusal(error, path, mend) from None
-        if found.format not in ("", cls.FORMAT):
+        if cls.FORMAT and found.format not in ("", cls.FORMAT):
             raise BadInput(f"is no {cls.FILE} of this version of ppmcal", str(path), mend)
         return found
+
+
+class AnyRecord(Record):
+    """What any command may have written: findings, and where they come from; format as it is."""
+
+    FILE: ClassVar[str] = ""
+    FORMAT: ClassVar[str] = ""
+
+    name: Text = ""
+    findings: tuple[Any, ...] | None = None
+    units: Mapping[Text, Text] = Field(default_factory=dict)
+    provenance: Provenance = Provenance()
 
 
 def _refusal(error: ValidationError, path: Path, mend: str) -> BadInput:

@@ -200,22 +200,4 @@ def linear(values: Mapping[str, float], by: Mapping[str, Shift]) -> Terms:
 
 
 _REGISTRY: Registry[EffectKind] = Registry("effect", "ppmcal.effects")
-
-
-def register(kind: EffectKind) -> EffectKind:
-    """Add a kind; its name must be new (else ValueError)."""
-    return _REGISTRY.register(kind)
-
-
-def effect_kinds() -> dict[str, EffectKind]:
-    """Return all kinds by name, those of other packages last."""
-    return _REGISTRY.kinds()
-
-
-def find_effect(name: str, where: str = "") -> EffectKind:
-    """Return the kind called ``name``.
-
-    Raises:
-        BadInput: unknown name; lists the valid ones and the nearest match.
-    """
-    return _REGISTRY.find(name, where)
+register, effect_kinds, find_effect = _REGISTRY.register, _REGISTRY.kinds, _REGISTRY.find

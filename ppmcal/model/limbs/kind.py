@@ -146,22 +146,4 @@ def _stack(parts: list[Array], rank: int) -> Array:
 
 
 _REGISTRY: Registry[LimbKind] = Registry("limb kind", "ppmcal.limbs")
-
-
-def register(kind: LimbKind) -> LimbKind:
-    """Add a kind; its name must be new (else ValueError)."""
-    return _REGISTRY.register(kind)
-
-
-def kinds() -> dict[str, LimbKind]:
-    """Return all kinds by name, those of other packages last."""
-    return _REGISTRY.kinds()
-
-
-def find_kind(name: str, where: str = "") -> LimbKind:
-    """Return the kind called ``name``.
-
-    Raises:
-        BadInput: unknown name; lists the valid ones and the nearest match.
-    """
-    return _REGISTRY.find(name, where)
+register, kinds, find_kind = _REGISTRY.register, _REGISTRY.kinds, _REGISTRY.find
