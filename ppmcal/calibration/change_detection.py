@@ -147,8 +147,8 @@ def compare(mechanism: Mechanism, old: Earlier, new: Now, volume: Array | None =
     g[list(old.places)] = new.value
     rows, slope = old.rows(mechanism, old.places, g)
     inverse = np.where(np.isfinite(new.tolerance), 1.0 / new.tolerance**2, 0.0)
-    spread = np.eye(rows.size) + slope @ new.covariance @ slope.T
-    white = np.linalg.inv(np.linalg.cholesky(spread))
+    covariance = np.eye(rows.size) + slope @ new.covariance @ slope.T
+    white = np.linalg.inv(np.linalg.cholesky(covariance))
     blind = range_basis(white @ slope @ new.unseen, least=BENT)
     misfit = white @ rows
     columns = -white @ (slope - slope @ new.covariance * inverse) * new.scale

@@ -242,10 +242,10 @@ def _digit(mechanism: Mechanism, quantity: str, value: float) -> float:
 def trial_dataset(mechanism: Mechanism) -> Dataset:
     """Return a spread of poses about home, known frame, full pose: what could be seen at all."""
     rng = np.random.default_rng(0)
-    spread = np.where(np.arange(6) < 3, 0.08 * mechanism.reach, 0.15)
+    half_range = np.where(np.arange(6) < 3, 0.08 * mechanism.reach, 0.15)
     poses = np.tile(mechanism.home_pose, (TRIAL_POSES, 1))
     own = list(mechanism.dof)
-    poses[:, own] += rng.uniform(-1.0, 1.0, (TRIAL_POSES, len(own))) * spread[own]
+    poses[:, own] += rng.uniform(-1.0, 1.0, (TRIAL_POSES, len(own))) * half_range[own]
     if len(mechanism.actuators) < mechanism.equations:
         poses = named_only(mechanism, poses)
     bare = replace(mechanism, effects=(), limits=np.tile([-np.inf, np.inf],

@@ -199,8 +199,8 @@ def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
         return position, rotation
     jacobian = prediction_jacobian(model, station, full[good], q[good], knowledge, dataset,
                                    rows.take(good))
-    spread = jacobian @ knowledge.covariance @ np.swapaxes(jacobian, -1, -2)
-    variance = np.diagonal(spread, axis1=-2, axis2=-1)
+    covariance = jacobian @ knowledge.covariance @ np.swapaxes(jacobian, -1, -2)
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
     places = sum(1 for c in model.mechanism.dof if c < 3)
     left = knowledge.unexplained
     position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[0] ** 2)

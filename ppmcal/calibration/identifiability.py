@@ -211,7 +211,11 @@ def _scale(fit: Fit) -> Scale | None:
     if not found:
         return None
     length, slope = max(found, key=lambda s: s[0])
-    return Scale(length, _spread(fit, slope, fit.prior), _spread(fit, slope, 0.0 * fit.prior))
+    return Scale(
+        length,
+        _prediction_sigma(fit, slope, fit.prior),
+        _prediction_sigma(fit, slope, 0.0 * fit.prior),
+    )
 
 
 def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
@@ -245,7 +249,7 @@ def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
     return length, slope
 
 
-def _spread(fit: Fit, slope: Array, prior: Array) -> float:
+def _prediction_sigma(fit: Fit, slope: Array, prior: Array) -> float:
     """Return the standard deviation of slope (C,) . columns with a prior (C,), inf where open."""
     s, vt, seen = directions(fit, prior)
     row = slope * fit.scale

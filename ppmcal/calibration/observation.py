@@ -235,9 +235,9 @@ def whitener(
     safe = np.where(view_.observed, sigma, 1.0)
     if by_joint is None or not np.any(sigma_joint > 0.0):
         return np.eye(m) / safe[..., None]
-    spread = by_joint * sigma_joint
-    spread = np.where(view_.observed[..., None], spread, 0.0)
-    covariance = spread @ np.swapaxes(spread, -1, -2) + np.eye(m) * (safe**2)[..., None]
+    joint_noise = by_joint * sigma_joint
+    joint_noise = np.where(view_.observed[..., None], joint_noise, 0.0)
+    covariance = joint_noise @ np.swapaxes(joint_noise, -1, -2) + np.eye(m) * (safe**2)[..., None]
     # scale to unit diagonal first: metres and radians differ by orders of magnitude
     d = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     root = np.linalg.cholesky(covariance / (d[..., :, None] * d[..., None, :]))

@@ -68,13 +68,13 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
             hat = rows.jacobian @ covariance @ np.swapaxes(rows.jacobian, -1, -2)
             used = np.ones(r.shape[0]) if keep is None else np.where(
                 keep[rows.dataset][rows.index], 1.0, -1.0)
-            spread = np.eye(r.shape[1]) - used[:, None, None] * hat
-            singular = ~np.isfinite(spread).all(axis=(1, 2))
-            spread[singular] = np.eye(r.shape[1])
+            of_residual = np.eye(r.shape[1]) - used[:, None, None] * hat
+            singular = ~np.isfinite(of_residual).all(axis=(1, 2))
+            of_residual[singular] = np.eye(r.shape[1])
             # a row that alone fixes a parameter has no residual to judge
-            weak = np.linalg.eigvalsh(spread)[:, 0] < 1e-3
-            spread[weak] = np.eye(r.shape[1])
-            d2 = np.sum(r * np.linalg.solve(spread, r[..., None])[..., 0], axis=1)
+            weak = np.linalg.eigvalsh(of_residual)[:, 0] < 1e-3
+            of_residual[weak] = np.eye(r.shape[1])
+            d2 = np.sum(r * np.linalg.solve(of_residual, r[..., None])[..., 0], axis=1)
             d2[singular] = np.inf
         square[rows.dataset][rows.index] = d2
         size[rows.dataset][rows.index] = rows.observed.sum(axis=1)

@@ -212,9 +212,11 @@ class Problem:
             for end, ((q, pose), model) in enumerate(zip(ends, models, strict=True)):
                 closure = model.closure(q, self.free if jacobian else ())
                 lines = closure.lines(pose)
-                spread = self._spread(seen.by_poses[end], closure, pose, lines, model.shift)
-                response = Response(closure, pose, lines, spread, seen, rows, end)
-                by_joint.append(spread @ closure.joint_matrix(pose, lines))
+                by_equation = self._by_equation(
+                    seen.by_poses[end], closure, pose, lines, model.shift
+                )
+                response = Response(closure, pose, lines, by_equation, seen, rows, end)
+                by_joint.append(by_equation @ closure.joint_matrix(pose, lines))
                 responses.append(response)
                 if jacobian:
                     self._geometry(i, full, response, by_joint[-1])
@@ -233,7 +235,7 @@ class Problem:
         return Rows(i, index, residual, full, seen.observed, seen.residual, white,
                     *responses)
 
-    def _spread(self, by_pose: Array, closure: Closure, pose: Array, lines: Array,
+    def _by_equation(self, by_pose: Array, closure: Closure, pose: Array, lines: Array,
                 shift: Shift | None) -> Array:
         """Return d prediction / d condition (n, m, d): -by_pose A^-1."""
         if shift is not None and shift.pose is not None:
@@ -250,7 +252,7 @@ class Problem:
         place = {p: c for c, p in enumerate(self.free)}
         for rows, parameters, block in response.closure.error_blocks(response.pose,
                                                                      response.lines):
-            out[..., [place[p] for p in parameters]] += response.spread[..., rows] @ block
+            out[..., [place[p] for p in parameters]] += response.by_equation[..., rows] @ block
         homing = self.opens[i].homing
         if homing.stop > homing.start:
             out[..., homing] += by_joint

@@ -151,11 +151,11 @@ def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64]
     """Return by how much rows miss a station (R,), m; rotations count over the data's spread."""
     point, turn = predict(station, pose[rows])
     away = np.linalg.norm(position[rows] - point, axis=1)
-    spread = float(np.median(np.linalg.norm(
+    extent = float(np.median(np.linalg.norm(
         position[rows] - np.median(position[rows], axis=0), axis=1)))
     angle = np.linalg.norm(rotation_residual(data.take(rows), turn, motion), axis=1) if (
         motion == "spatial" and data.kind == "pose") else np.zeros(rows.size)
-    return np.asarray(away + spread * np.nan_to_num(angle) + 1e-300, dtype=float)
+    return np.asarray(away + extent * np.nan_to_num(angle) + 1e-300, dtype=float)
 
 
 def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:

@@ -20,14 +20,14 @@ from ppmcal.model.effects import Setting, Shift
 class Response:
     """How the predictions of n rows move along shifts of any kind.
 
-    ``spread`` (n, m, d) is d prediction/d condition at closed poses ``pose`` (n, 8), which are
-    number ``end`` of those seen.
+    ``by_equation`` (n, m, d) is d prediction/d closure equation at closed poses ``pose`` (n, 8),
+    which are number ``end`` of those seen.
     """
 
     closure: Closure
     pose: Array
     lines: Array
-    spread: Array
+    by_equation: Array
     seen: ResidualJacobian
     rows: Environment
     end: int = 0
@@ -40,7 +40,7 @@ class Response:
         """Return d prediction/d slot (n, m)."""
         if (limb, slot) not in self._by_slot:
             block = self.closure.slot_matrix(self.pose, limb, (slot,), self.lines)
-            self._by_slot[limb, slot] = (self.spread @ block)[..., 0]
+            self._by_slot[limb, slot] = (self.by_equation @ block)[..., 0]
         return self._by_slot[limb, slot]
 
     def column(self, shift: Shift) -> Array:

@@ -104,8 +104,8 @@ def _unit(mechanism: Mechanism, present: HexapodGeometry | None, old: Path | Non
     if present is None:
         return "in" if mechanism.units.length == "in" else "mm"
     nominal = drive_of(mechanism.nominal(), 1.0).legs
-    size = _spread(nominal.base) + _spread(nominal.platform)
-    held = _spread(np.array(present.base)) + _spread(np.array(present.platform))
+    size = _extent(nominal.base) + _extent(nominal.platform)
+    held = _extent(np.array(present.base)) + _extent(np.array(present.platform))
     for unit in ("mm", "in"):
         if size / APART < held * LENGTHS[unit] < size * APART:
             there = np.hstack([present.base, present.platform]) * LENGTHS[unit]
@@ -125,7 +125,7 @@ def _same_order(mechanism: Mechanism, away: Array, old: Path | None) -> None:
                        "Order the limbs of MODEL as the file numbers its struts")
 
 
-def _spread(values: Array) -> float:
+def _extent(values: Array) -> float:
     """Return the root mean square distance of points (6, 3) from their middle."""
     return float(np.sqrt(np.mean(np.sum((values - values.mean(axis=0)) ** 2, axis=1))))
 

@@ -140,9 +140,9 @@ def survey(model: Model, at: Poses, wanted: Sequence[int], sigma: Array, limits:
     return Survey(figures[0], figures[1], figures[2], figures[3], by[0], by[1])
 
 
-def root_sum_square(spread: Array) -> tuple[Array, Array]:
+def root_sum_square(covariances: Array) -> tuple[Array, Array]:
     """Return position (N,) and rotation (N,): roots of the traces of covariances (N, 6, 6)."""
-    both = np.diagonal(spread, axis1=1, axis2=2)
+    both = np.diagonal(covariances, axis1=1, axis2=2)
     # variances of directions that nothing moves may come out as -1e-40
     return (np.sqrt(np.maximum(both[:, :3].sum(axis=1), 0.0)),
             np.sqrt(np.maximum(both[:, 3:].sum(axis=1), 0.0)))

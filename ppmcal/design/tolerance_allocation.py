@@ -240,7 +240,7 @@ class AccuracyCheck:
 
 def check(fleet: Fleet, built: MachineErrors) -> AccuracyCheck:
     """Return how the linear model's rms error compares with that of machines drawn."""
-    spread = covariance(Model(fleet.mechanism), fleet.tasks, fleet.wanted, fleet.sigma)
+    expected = covariance(Model(fleet.mechanism), fleet.tasks, fleet.wanted, fleet.sigma)
     square = built.position**2
     there = np.isfinite(square)
     n = np.maximum(there.sum(axis=0), 1)
@@ -248,4 +248,4 @@ def check(fleet: Fleet, built: MachineErrors) -> AccuracyCheck:
     spread_of = np.where(there, (square - mean) ** 2, 0.0).sum(axis=0) / n
     drawn = np.sqrt(mean)
     error = np.sqrt(spread_of / n) / np.where(drawn > 0.0, 2.0 * drawn, 1.0)
-    return AccuracyCheck(root_sum_square(spread)[0], drawn, error)
+    return AccuracyCheck(root_sum_square(expected)[0], drawn, error)

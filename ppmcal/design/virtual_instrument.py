@@ -71,8 +71,8 @@ def default_instrument(mechanism: Mechanism) -> Instrument:
     :data:`OF_TOLERANCE` of the median length tolerance, rotations that over the platform's size.
     """
     free = [mechanism.parameters[i] for i in mechanism.free]
-    spread = [p.prior_sigma for p in free if p.quantity == "length" and p.prior_sigma]
-    sigma = OF_TOLERANCE * (float(np.median(spread)) if spread else 1e-3 * mechanism.reach)
+    sigmas = [p.prior_sigma for p in free if p.quantity == "length" and p.prior_sigma]
+    sigma = OF_TOLERANCE * (float(np.median(sigmas)) if sigmas else 1e-3 * mechanism.reach)
     kind = "position" if mechanism.motion == "translational" else "pose"
     nothing = Unknown(False, np.zeros(3))
     return Instrument(kind, sigma, sigma / mechanism.length_scale, np.nan,

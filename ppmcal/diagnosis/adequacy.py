@@ -79,8 +79,8 @@ def _against_noise(stage: Stage, left: Array, freedom: int) -> tuple[float, floa
     scale = mean * 2.0 * abs(rho) / (1.0 - rho**2) * off
     # both as they would be at the noise's own level: few rows far above it scatter as far
     error, scale = (e * min(reference**2 / mean, 1.0) for e in (error, scale))
-    spread = np.sqrt(error**2 + own**2 + scale**2)
-    excess = (mean - reference**2) / max(spread, 1e-300)
+    sigma = np.sqrt(error**2 + own**2 + scale**2)
+    excess = (mean - reference**2) / max(sigma, 1e-300)
     # a handful of values is not normal: chi-squared says what chance gives
     excess = min(excess, -float(ndtri(chdtrc(freedom, freedom * mean / reference**2))))
     return float(np.sqrt(mean)) / reference, float(excess), reference, source
@@ -150,8 +150,8 @@ def _tail(figure: Array) -> Array:
     could not fall below a dozen in B, whatever the data follow.
     """
     noise = figure[1:]
-    spread = float(noise.std()) or 1.0
-    x = (figure - noise.mean()) / spread
+    sigma = float(noise.std()) or 1.0
+    x = (figure - noise.mean()) / sigma
     skew = max(float(np.mean(x[1:] ** 3)), LEAST_SKEW)
     shape = 4.0 / skew**2
     return np.asarray(gammaincc(shape, np.maximum(shape + x * np.sqrt(shape), 0.0)))
@@ -159,8 +159,8 @@ def _tail(figure: Array) -> Array:
 
 def _kernel(values: Array, widths: tuple[float, ...]) -> Array:
     """Return the centred kernel (N, N) of standardised inputs, summed over widths."""
-    spread = values.std(axis=0)
-    x = (values - values.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    sigma = values.std(axis=0)
+    x = (values - values.mean(axis=0)) / np.where(sigma > 0.0, sigma, 1.0)
     square = np.sum(x**2, axis=1)
     apart = np.maximum(square[:, None] + square[None, :] - 2.0 * x @ x.T, 0.0) / x.shape[1]
     kernel = sum((np.exp(-apart / (2.0 * w * w)) for w in widths), np.zeros_like(apart))

@@ -66,9 +66,9 @@ def derived(identification: Identification, parameters: Sequence[str]) -> Derive
             change = np.remainder(up - down + np.pi, 2.0 * np.pi) - np.pi if (
                 d.quantity == "angle") else up - down
             slope[k] = change / (2.0 * SMALL * s) if s > 0.0 else 0.0
-        spread = float(np.sqrt(max(float(slope @ covariance @ slope), 0.0)))
+        known_to = float(np.sqrt(max(float(slope @ covariance @ slope), 0.0)))
         out.append(DerivedError(d.name, resolved(d.quantity, joint), d.value(values, middle),
-                          spread if names and np.isfinite(spread) else None))
+                          known_to if names and np.isfinite(known_to) else None))
     return DerivedErrors(middle, joint, tuple(out))
 
 

@@ -92,8 +92,8 @@ def _by_actuator(stage: Stage, cleaned: Array) -> list[Place]:
     white = stage.noise.apply(drive, stage.system).reshape(drive.shape)
     back = np.linalg.pinv(white, rcond=1e-6)
     errors = np.einsum("nkm,nmb->nkb", back, cleaned, optimize=True)
-    spread = np.sqrt(np.sum(back**2, axis=-1))[..., None]
-    errors = errors / np.where(spread > 0.0, spread, 1.0)
+    sigma = np.sqrt(np.sum(back**2, axis=-1))[..., None]
+    errors = errors / np.where(sigma > 0.0, sigma, 1.0)
     return [_place("actuator", name, np.mean(errors[:, a] ** 2, axis=0))
             for a, name in enumerate(mechanism.actuators)]
 

@@ -90,9 +90,9 @@ def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit |
     while found.added:
         fit = with_mechanism(whole, found.after.problem.mechanism, options)
         values = own_values(fit, found.added, found.last.noise, subsample(fit.keep, MOST_ROWS))
-        spread = posterior(fit)
-        values = {key: max(value, _known_size(fit, spread, found.added, key),
-                           _outside(fit, spread, found, key)) for key, value in values.items()}
+        covariance = posterior(fit)
+        values = {key: max(value, _known_size(fit, covariance, found.added, key),
+                           _outside(fit, covariance, found, key)) for key, value in values.items()}
         weakest = max(values, key=lambda key: values[key])
         if values[weakest] <= found.first.search.name:
             return found, fit
@@ -134,24 +134,24 @@ def _columns(fit: Fit, added: Sequence[Added], key: Key) -> list[int]:
     return [c for c, p in enumerate(fit.problem.free) if names[p] in own]
 
 
-def _known_size(fit: Fit, spread: Array, added: Sequence[Added], key: Key) -> float:
+def _known_size(fit: Fit, covariance: Array, added: Sequence[Added], key: Key) -> float:
     """Return the log p of an effect's size against zero, with all that geometry may do instead.
 
-    ``spread``: covariance of the fit's columns (C, C).
+    ``covariance``: covariance of the fit's columns (C, C).
 
     The linear test counts as geometry what one tolerance can do; a fit may do more, and then the
     size of an effect is not known, however well it explains the rows. Of values for each actuator
     most have to be known.
     """
     mine = [a for a in added if _key(a.hypothesis) == key]
-    each = np.array([_against_zero(fit, spread, _columns(fit, [a], key)) for a in mine])
+    each = np.array([_against_zero(fit, covariance, _columns(fit, [a], key)) for a in mine])
     if np.mean(each < np.log(SURE)) < MOSTLY_KNOWN:
         return 0.0
     together = _columns(fit, mine, key)
-    return _against_zero(fit, spread, together) if len(mine) > 1 else float(each[0])
+    return _against_zero(fit, covariance, together) if len(mine) > 1 else float(each[0])
 
 
-def _against_zero(fit: Fit, spread: Array, columns: Sequence[int]) -> float:
+def _against_zero(fit: Fit, covariance: Array, columns: Sequence[int]) -> float:
     """Return the log p of the linear parameters among some columns of a fit being all 0."""
     mechanism = fit.problem.mechanism
     linear = [c for c in columns if not mechanism.parameters[fit.problem.free[c]].nonlinear]
@@ -163,16 +163,16 @@ def _against_zero(fit: Fit, spread: Array, columns: Sequence[int]) -> float:
     inverse = np.array([p.reciprocal for p in parameters])
     value = np.where(inverse, 1.0 / g, g)
     slope = np.where(inverse, -1.0 / g**2, 1.0)
-    covariance = spread[np.ix_(linear, linear)] * np.outer(slope, slope)
-    if not np.isfinite(covariance).all():
+    linear_part = covariance[np.ix_(linear, linear)] * np.outer(slope, slope)
+    if not np.isfinite(linear_part).all():
         return 0.0
     # residuals above the stated noise make everything less certain
     ratio = max(1.0, fit.reduced.square / max(fit.reduced.count - fit.scale.size, 1))
-    square = float(value @ np.linalg.pinv(covariance, hermitian=True) @ value) / ratio
+    square = float(value @ np.linalg.pinv(linear_part, hermitian=True) @ value) / ratio
     return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
 
 
-def _outside(fit: Fit, spread: Array, found: Found, key: Key) -> float:
+def _outside(fit: Fit, covariance: Array, found: Found, key: Key) -> float:
     """Return 0 where what is not linear, a period, is none of a machine, else -inf.
 
     It has to be in the range that machines have. Joints that are made alike have one period, and
@@ -180,11 +180,11 @@ def _outside(fit: Fit, spread: Array, found: Found, key: Key) -> float:
     """
     kind = effect_kinds().get(key[0])
     specs = kind.parameters(fit.problem.mechanism.motion) if kind else ()
-    return max((_none_of_machines(fit, spread, found, key, s) for s in specs if s.nonlinear),
+    return max((_none_of_machines(fit, covariance, found, key, s) for s in specs if s.nonlinear),
                default=-np.inf)
 
 
-def _none_of_machines(fit: Fit, spread: Array, found: Found, key: Key, spec: EffectParameter
+def _none_of_machines(fit: Fit, covariance: Array, found: Found, key: Key, spec: EffectParameter
                       ) -> float:
     names = fit.problem.mechanism.names
     columns = [c for c in _columns(fit, found.added, key)
@@ -195,7 +195,7 @@ def _none_of_machines(fit: Fit, spread: Array, found: Found, key: Key, spec: Eff
     values = np.array([fit.state.g[fit.problem.free[c]] for c in columns])
     if np.any(values < spec.usual[0] * scale) or np.any(values > spec.usual[1] * scale):
         return 0.0
-    variance = np.diagonal(spread)[columns]
+    variance = np.diagonal(covariance)[columns]
     mean = np.sum(values / variance) / np.sum(1.0 / variance)
     apart = float(np.sum((values - mean) ** 2 / variance))
     return 0.0 if len(values) > 1 and chdtrc(len(values) - 1, apart) < APART else -np.inf

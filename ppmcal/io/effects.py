@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.schema import Flag, Label, Number, Spread, Strict, check, refuse, show
+from ppmcal.io.schema import Flag, Label, Number, Sigma, Strict, check, refuse, show
 from ppmcal.io.yaml import to_file
 from ppmcal.model.effects import (
     GEOMETRY,
@@ -36,10 +36,10 @@ class ValueFile(Strict):
     """``{value, tolerance, free: true}``; ``nominal`` and ``sigma`` are written by identify."""
 
     value: Number | None = None
-    tolerance: Spread | None = None
+    tolerance: Sigma | None = None
     free: Flag | None = None
     nominal: Number | None = None
-    sigma: Spread | None = None
+    sigma: Sigma | None = None
 
 
 def _value(raw: object) -> object:

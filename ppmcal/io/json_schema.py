@@ -195,14 +195,14 @@ def _group(kind: LimbKind, group: str, specs: Any) -> Schema:
 
 def _point() -> Schema:
     slots = dict.fromkeys(("x", "y", "z", "radius", "angle"), SLOT)
-    spread = SlotFile.model_json_schema()["properties"]
+    slot_keys = SlotFile.model_json_schema()["properties"]
     lists: Schema = {"anyOf": [NUMBER, VECTOR]}
     return {"anyOf": [
         {"type": "array", "items": SLOT, "minItems": 2, "maxItems": 3},
         {"type": "object", "properties": slots, "additionalProperties": False},
         {"type": "object", "additionalProperties": False, "properties": {
             key: {"type": "string"} if key == "share" else {"type": "boolean"}
-            if key == "fixed" else lists for key in spread}}]}
+            if key == "fixed" else lists for key in slot_keys}}]}
 
 
 def _springs(joints: tuple[str, ...]) -> Schema:

@@ -15,7 +15,7 @@ from ppmcal.io.schema import (
     Number,
     Path,
     Positive,
-    Spread,
+    Sigma,
     Strict,
     UnitsFile,
     Word,
@@ -55,19 +55,19 @@ class SlotFile(Strict):
 
     value: Number | None = None
     """Present value, in the file's unit of length or angle."""
-    tolerance: Spread | None = None
+    tolerance: Sigma | None = None
     """Standard deviation of the part from its nominal value; .inf: no prior."""
     fixed: Flag | None = None
     """Whether identification must leave it as it is."""
     nominal: Number | None = None
     """Value of the drawing, where `value` is an identified one."""
-    sigma: Spread | None = None
+    sigma: Sigma | None = None
     """Standard deviation of `value` after identification."""
     share: Path | None = None
     """Name of a parameter that several slots have in common."""
 
 
-def _three_spreads(value: object) -> list[float]:
+def _three_sigmas(value: object) -> list[float]:
     values = value if isinstance(value, list) else [value] * 3
     if len(values) != 3:
         raise refuse(f"a number or a list of 3 is needed here, this has {len(values)}",
@@ -94,9 +94,9 @@ class DirectionFile(Strict):
     """The direction of the drawing."""
     rotation: Annotated[list[float], vector(3)] | None = None
     """Small rotation in base axes that turns `value`: [rx, ry, rz]."""
-    sigma: Annotated[list[float], BeforeValidator(_three_spreads)] | None = None
+    sigma: Annotated[list[float], BeforeValidator(_three_sigmas)] | None = None
     """Standard deviation of the rotation after identification."""
-    tolerance: Annotated[list[float], BeforeValidator(_three_spreads)] | None = None
+    tolerance: Annotated[list[float], BeforeValidator(_three_sigmas)] | None = None
     """Standard deviation of the rotation from the drawing."""
     fixed: Flag | None = None
     """Whether identification must leave it as it is."""
@@ -107,13 +107,13 @@ class DirectionFile(Strict):
 class TolerancesFile(Strict):
     """One standard deviation for each class of slots."""
 
-    point: Spread | None = None
+    point: Sigma | None = None
     """Of joint coordinates: x, y, z, radius."""
-    length: Spread | None = None
+    length: Sigma | None = None
     """Of rods and other lengths."""
-    angle: Spread | None = None
+    angle: Sigma | None = None
     """Of angles and directions."""
-    offset: Spread | None = None
+    offset: Sigma | None = None
     """Of the drives' zeros."""
 
 

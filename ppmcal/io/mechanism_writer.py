@@ -165,8 +165,8 @@ class SlotWriter:
         class_ = self.classes.get(("angle", "angle"))
         own = [self._own(p, class_) for p in parts]
         if any("tolerance" in o for o in own):
-            spread = [to_file(p.tolerance or 0.0, factor) for p in parts]
-            out["tolerance"] = spread[0] if len(set(spread)) == 1 else spread
+            tolerances = [to_file(p.tolerance or 0.0, factor) for p in parts]
+            out["tolerance"] = tolerances[0] if len(set(tolerances)) == 1 else tolerances
         if all(p.fixed for p in parts) and any("fixed" in o for o in own):
             out["fixed"] = True
         if share is not None:

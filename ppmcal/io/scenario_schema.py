@@ -12,7 +12,7 @@ from ppmcal.io.schema import (
     Label,
     Number,
     Positive,
-    Spread,
+    Sigma,
     Strict,
     UnitsFile,
     choice,
@@ -117,13 +117,13 @@ def _noise(value: object) -> object:
 class ScenarioSigmaFile(Strict):
     """Standard deviations to simulate; 0 is allowed."""
 
-    position: Spread | None = None
+    position: Sigma | None = None
     """Of each measured coordinate x, y, z."""
-    rotation: Spread | None = None
+    rotation: Sigma | None = None
     """Of each measured angle."""
-    height: Spread | None = None
+    height: Sigma | None = None
     """Of a height (kind plane)."""
-    distance: Spread | None = None
+    distance: Sigma | None = None
     """Of a distance (kind distance)."""
     actuator: Annotated[Any, BeforeValidator(_noise)] = 0.0
     """Of the joint values: one number, or one by actuator."""

@@ -59,7 +59,7 @@ def _number(value: object) -> float:
     return float(value)
 
 
-def _spread(value: object) -> float:
+def _sigma_value(value: object) -> float:
     number = _number(value)
     if math.isnan(number) or number < 0.0:
         raise refuse(f"{show(value)} is not a standard deviation",
@@ -111,7 +111,7 @@ def _flag(value: object) -> bool:
 
 
 Number = Annotated[float, BeforeValidator(_finite)]
-Spread = Annotated[float, BeforeValidator(_spread)]
+Sigma = Annotated[float, BeforeValidator(_sigma_value)]
 Positive = Annotated[float, BeforeValidator(_positive)]
 Count = Annotated[int, BeforeValidator(_count)]
 Label = Annotated[str, BeforeValidator(_label)]

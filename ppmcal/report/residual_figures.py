@@ -19,9 +19,9 @@ from ppmcal.report.residuals import (
     boundaries,
     coordinates,
     envelope,
+    evenly_spread,
     groups,
     quantity_of,
-    spread,
     used,
     white,
 )
@@ -196,7 +196,7 @@ def square(x: Array, y: Array) -> svg.Frame:
 def arrows(places: Array, vector: Array, stage: str, unit: str) -> str:
     """Return error vectors at the measured places, enlarged, with their scale."""
     size = np.hypot(vector[:, 0], vector[:, 1])
-    rows = spread(places, size)
+    rows = evenly_spread(places, size)
     if not rows.size:
         return ""
     frame = square(places[rows, 0], places[rows, 1])

@@ -94,7 +94,7 @@ def envelope(y: Array, bins: int = BINS) -> tuple[Array, Array, Array, Array, Ar
     return centres, low, below, above, high
 
 
-def spread(places: Array, size: Array, cells: int = 22) -> NDArray[np.intp]:
+def evenly_spread(places: Array, size: Array, cells: int = 22) -> NDArray[np.intp]:
     """Return one row for each cell of a square grid over the plane: the largest one."""
     good = np.flatnonzero(np.isfinite(places).all(axis=1) & np.isfinite(size))
     if good.size <= cells * cells:

@@ -64,7 +64,7 @@ class _Block:
 
     jacobian: Array
     inverse: Array
-    spread: Array
+    leverage: Array
 
     @classmethod
     def of(cls, jacobian: Array, prior: Array, rows: Sequence[int]) -> _Block:
@@ -83,11 +83,11 @@ class _Block:
         core = sign * np.linalg.inv(np.eye(len(own)) + sign * (own @ gain))
         along = self.jacobian @ gain
         return _Block(self.jacobian, self.inverse - gain @ core @ gain.T,
-                      self.spread - along @ core @ np.swapaxes(along, -1, -2))
+                      self.leverage - along @ core @ np.swapaxes(along, -1, -2))
 
     def change(self, sign: float, rows: Sequence[int] | slice = slice(None)) -> Array:
         """Return how log det M changes with one row more or less, for all ``rows``."""
-        own = self.spread[rows]
+        own = self.leverage[rows]
         det = np.linalg.det(np.eye(own.shape[-1]) + sign * own)
         return np.asarray(np.log(np.maximum(det, 1e-300)))
 
@@ -140,7 +140,7 @@ class Design:
         By the same update of rank m: trace((1 + J M^-1 J^T)^-1 J M^-1 aim M^-1 J^T).
         """
         half = self.offer.jacobian @ self.whole.inverse
-        inner = np.linalg.solve(np.eye(half.shape[1]) + self.whole.spread,
+        inner = np.linalg.solve(np.eye(half.shape[1]) + self.whole.leverage,
                                 half @ aim @ np.swapaxes(half, -1, -2))
         return np.asarray(np.trace(inner, axis1=-2, axis2=-1))
 

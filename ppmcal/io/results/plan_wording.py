@@ -56,9 +56,9 @@ def effects(plan: Plan) -> list[str]:
     information = offer.information(plan.rows)
     d = np.sqrt(np.diagonal(information))
     values, vectors = np.linalg.eigh(information / np.outer(d, d))
-    spread = np.sqrt(np.sum(vectors**2 / np.maximum(values, 1e-14), axis=1)) / d * offer.scale
+    sigmas = np.sqrt(np.sum(vectors**2 / np.maximum(values, 1e-14), axis=1)) / d * offer.scale
     worst: dict[str, tuple[float, str]] = {}
-    for c, sigma in zip(offer.kept.tolist(), spread.tolist(), strict=True):
+    for c, sigma in zip(offer.kept.tolist(), sigmas.tolist(), strict=True):
         index = offer.problem.free[c] if c < len(offer.problem.free) else -1
         if index not in whose:
             continue
