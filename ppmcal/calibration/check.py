@@ -1,7 +1,7 @@
 """Is this file the machine that I think it is? Findings before anything is measured.
 
 "Closed" means closed within what the file can know: the last printed digit of every number,
-and three standard deviations of the tolerances, carried to each limb's condition.
+and three standard deviations of the tolerances, carried to each limb's closure equation.
 """
 
 from __future__ import annotations
@@ -83,14 +83,14 @@ class Check:
     """What check found.
 
     ``findings`` need a look (exit code 1); ``gaps`` per limb, empty where the file gives no
-    home q; ``condition`` at home; ``rank`` of ``columns``; ``unseen`` parameters that no
-    measured row feels; ``redundant`` further ones that others explain;
+    home q; ``singular_value``: the smallest at home; ``rank`` of ``columns``; ``unseen`` parameters
+    to which no measured row is sensitive; ``redundant`` further ones that others explain;
     ``identifiability``: what a fit to the measurements will leave open, None without any.
     """
 
     findings: tuple[str, ...]
     gaps: tuple[LimbGap, ...]
-    condition: float
+    singular_value: float
     q_home: Array
     rank: int
     columns: int
@@ -216,7 +216,7 @@ def _dead_points(mechanism: Mechanism) -> list[str]:
 
 
 def _allowed(closure: Closure) -> Array:
-    """Return what last digits and tolerances can do to each condition at home (d,), m.
+    """Return what last digits and tolerances can do to each closure equation at home (d,), m.
 
     ``closure`` must have been asked for every parameter.
     """
@@ -254,10 +254,10 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     q = table.q[np.array([s == "ok" for s in table.status])]
     data = Dataset.of_poses("poses about home", q, np.zeros((q.shape[0], 6)),
                             (1e-3 * mechanism.length_scale, 1e-3), fitted=False)
-    return replace(data, columns=_trial_conditions(mechanism, len(data), rng))
+    return replace(data, columns=_trial_environment(mechanism, len(data), rng))
 
 
-def _trial_conditions(mechanism: Mechanism, n: int, rng: np.random.Generator) -> dict[str, Array]:
+def _trial_environment(mechanism: Mechanism, n: int, rng: np.random.Generator) -> dict[str, Array]:
     """Return every column that effects may depend on, all of them varied."""
     columns = {"temperature": rng.uniform(288.15, 298.15, n), "time": rng.uniform(0.0, 3600.0, n),
                "payload": rng.uniform(0.0, 20.0, n)}

@@ -35,7 +35,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
             ["limb", "gap at home", "allowed", "unit"],
             [[g.limb, number(g.gap / factor), number(g.allowed / factor, 2), unit]
              for g in result.gaps], (1, 2)))
-    console.say(f"Smallest singular value at home: {result.condition:.3g} (rotation against "
+    console.say(f"Smallest singular value at home: {result.singular_value:.3g} (rotation against "
                 f"{mechanism.length_scale / factor:.4g} {unit}).")
     if result.columns:
         seen = "the measurements" if datasets else "full-pose measurements about home"
@@ -66,7 +66,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
                 }
                 for g in result.gaps
             ],
-            "condition": result.condition,
+            "condition": result.singular_value,
             "rank": result.rank,
             "columns": result.columns,
             "unseen": list(result.unseen),

@@ -27,9 +27,9 @@ class Modes:
 
     Attributes:
         motors: platform-to-base motors (n, 8).
-        sign: of det A (n,); condition: smallest singular value of A (n,), as
+        sign: of det A (n,); singular_value: the smallest singular value of A (n,), as
             :func:`ppmcal.kinematics.forward.smallest_singular_value`.
-        singular: whether condition is below :data:`tables.SINGULAR` of home's, or two
+        singular: whether that is below :data:`tables.SINGULAR` of home's, or two
             modes coincide there as far as numbers can tell (n,).
         home: which one home's assembly mode is, as :func:`forward.forward` reaches it;
             None where the way there meets a singularity or there is no such pose.
@@ -39,7 +39,7 @@ class Modes:
 
     motors: Array
     sign: Array
-    condition: Array
+    singular_value: Array
     singular: Bools
     home: int | None
     complete: bool
@@ -81,7 +81,7 @@ def assembly_modes(model: Model, q: Array, seed: int = 0) -> Modes:
 
 
 def _limb_of(closure: Closure, row: int) -> str:
-    """Return the name of the limb to which a condition belongs."""
+    """Return the name of the limb to which a closure equation belongs."""
     limbs = [limb.name for limb, body in zip(closure.model.mechanism.limbs, closure.bodies,
                                              strict=True) for _ in body.point_moves]
     return limbs[row]
@@ -105,12 +105,12 @@ def _judged(model: Model, closure: Closure, found: FoundModes, method: str) -> M
     if not len(motors):
         none = np.zeros(0)
         return Modes(motors, none, none, none.astype(bool), None, complete, method)
-    condition, sign = smallest_singular_value(closure, motors)
-    sharp = sharp & (condition > SAME)
+    smallest, sign = smallest_singular_value(closure, motors)
+    sharp = sharp & (smallest > SAME)
     if sharp.all() and len(motors) % 2:
         complete = False  # simple roots come in pairs
-    singular = ~sharp | (condition < SINGULAR * home_singular_value(mechanism)[0])
-    return Modes(motors, sign, condition, singular, None if home is None else 0, complete, method)
+    singular = ~sharp | (smallest < SINGULAR * home_singular_value(mechanism)[0])
+    return Modes(motors, sign, smallest, singular, None if home is None else 0, complete, method)
 
 
 def _order(motors: Array, home: int | None) -> Ints:

@@ -28,7 +28,7 @@ class Quality:
 
     Attributes:
         determinant: det A.
-        condition: smallest singular value of A
+        singular_value: the smallest of A
             (:func:`ppmcal.kinematics.forward.smallest_singular_value`).
         legs: smallest over largest singular value of A: how evenly the legs hold the platform.
         dexterity: smallest over largest singular value of the Jacobian from joint rates to the
@@ -39,7 +39,7 @@ class Quality:
     """
 
     determinant: Array
-    condition: Array
+    singular_value: Array
     legs: Array
     dexterity: Array
 

@@ -212,7 +212,7 @@ def _singular_points(space: _GridSpace, grid: Grid, determinant: Array) -> Array
     start, way = nodes[first], nodes[second] - nodes[first]
     part = _zeros(space, start, way, determinant[first], determinant[second])
     points = (start + part[:, None] * way)[np.isfinite(part)]
-    good = space.at(points).condition < ON_CURVE * space.home.condition[0]
+    good = space.at(points).singular_value < ON_CURVE * space.home.singular_value[0]
     points = points[good]
     steps = np.array([level[1] - level[0] for level in grid.levels])
     once = np.unique(np.round(points / (1e-7 * steps)), axis=0, return_index=True)[1]

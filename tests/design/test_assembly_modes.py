@@ -200,7 +200,7 @@ def test_two_modes_that_meet_are_one_and_singular():
     triangle = np.array([[-100.0, -60.0], [100.0, -60.0], [0.0, 110.0]])
     machine = three_rpr(2 * triangle, triangle, (10, 20, 0))
     found = assembly_modes(Model(machine), home_state(machine).q)
-    assert len(found) == 1 and found.singular[0] and found.condition[0] < 1e-6
+    assert len(found) == 1 and found.singular[0] and found.singular_value[0] < 1e-6
     # a little turned they are two, mirror-like, and still next to singular
     machine = three_rpr(2 * triangle, triangle, (10, 20, 0.05))
     found = assembly_modes(Model(machine), home_state(machine).q)
@@ -256,7 +256,7 @@ def test_delta_where_the_two_modes_meet_and_beyond():
     assert len(assembly_modes(model, raised(edge - 1e-4))) == 2
     assert len(assembly_modes(model, raised(edge + 1e-4))) == 0
     at = assembly_modes(model, raised(edge))
-    assert len(at) == 1 and at.singular[0] and at.condition[0] < 1e-4
+    assert len(at) == 1 and at.singular[0] and at.singular_value[0] < 1e-4
 
 
 def test_delta_with_centres_on_one_line_is_refused():

@@ -177,7 +177,7 @@ def test_candidates_can_be_measured(name):
     assert len(found) > 50 and 0.2 < 1.0 - found.even.mean() < 0.5
     table = inverse_table(Model(drawn), found.pose)
     assert set(table.status) == {"ok"}
-    assert found.condition.min() >= NEAR_SINGULAR
+    assert found.singular_value.min() >= NEAR_SINGULAR
     assert not too_close(Model(drawn), found.q, found.pose).any()
     back = forward_table(Model(drawn), found.q)
     np.testing.assert_allclose(back.pose, found.pose, atol=1e-8)
@@ -197,7 +197,7 @@ def test_poses_on_the_edge_can_go_no_farther(name):
     good = np.array([s == "ok" for s in table.status])
     good &= ((farther[:, own] >= region.low) & (farther[:, own] <= region.high)).all(axis=1)
     smallest = table.singular_value
-    good &= smallest >= NEAR_SINGULAR * smallest[0] / found.condition[0] * 0.99
+    good &= smallest >= NEAR_SINGULAR * smallest[0] / found.singular_value[0] * 0.99
     assert good[found.even].mean() > 0.5 and good[~found.even].mean() < 0.2
 
 

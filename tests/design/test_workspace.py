@@ -83,7 +83,7 @@ def test_measures_against_differences(name):
     turns = [i for i, c in enumerate(mechanism.dof) if c >= 3]
     a[..., turns] /= mechanism.length_scale
     values = np.linalg.svd(a, compute_uv=False)
-    assert np.allclose(found.quality.condition[take], values[:, -1], rtol=1e-5, atol=1e-7)
+    assert np.allclose(found.quality.singular_value[take], values[:, -1], rtol=1e-5, atol=1e-7)
     assert np.allclose(found.quality.legs[take], values[:, -1] / values[:, 0], rtol=1e-5, atol=1e-7)
 
 

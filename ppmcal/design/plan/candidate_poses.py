@@ -44,14 +44,14 @@ WORDS = {"unreachable": "out of reach", "limits": "outside limits", "singular": 
 class Candidates:
     """K poses that can be measured, of the machine as drawn, SI.
 
-    ``q`` (K, k); ``pose`` (K, 6); ``condition`` (K,): smallest singular value as a part of
+    ``q`` (K, k); ``pose`` (K, 6); ``singular_value`` (K,): smallest singular value as a part of
     home's; ``even`` (K,): drawn evenly, not placed on the edge; ``left_out``: reason in words ->
     number of poses; ``rows`` (K,): row numbers in the user's file, from 1, else empty.
     """
 
     q: Array
     pose: Array
-    condition: Array
+    singular_value: Array
     even: Bools
     left_out: Mapping[str, int]
     rows: NDArray[np.int64]
@@ -62,15 +62,15 @@ class Candidates:
 
     def take(self, keep: NDArray[np.int64] | Bools) -> Candidates:
         """Return some of the poses."""
-        return Candidates(self.q[keep], self.pose[keep], self.condition[keep], self.even[keep],
+        return Candidates(self.q[keep], self.pose[keep], self.singular_value[keep], self.even[keep],
                           self.left_out, self.rows[keep] if self.rows.size else self.rows)
 
 
     def joined(self, other: Candidates) -> Candidates:
         """Return these poses and then others; what was left out is these ones'."""
-        q, pose, condition, even = (np.concatenate([getattr(self, n), getattr(other, n)])
-                                    for n in ("q", "pose", "condition", "even"))
-        return Candidates(q, pose, condition, even, self.left_out, self.rows)
+        q, pose, singular_value, even = (np.concatenate([getattr(self, n), getattr(other, n)])
+                                    for n in ("q", "pose", "singular_value", "even"))
+        return Candidates(q, pose, singular_value, even, self.left_out, self.rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class _Judged:
 
     q: Array
     pose: Array
-    condition: Array
+    singular_value: Array
     why: tuple[str, ...]
 
     @property
@@ -127,7 +127,7 @@ def draw(drawn: Mechanism, region: Region, count: int, seed: int) -> Candidates:
                        "Check `home` and `limits`, or give your own poses with --candidates")
     return Candidates(
         np.concatenate([inside.q, edge.q]), np.concatenate([inside.pose, edge.pose]),
-        np.concatenate([inside.condition, edge.condition]),
+        np.concatenate([inside.singular_value, edge.singular_value]),
         np.arange(len(inside.q) + len(edge.q)) < len(inside.q), why, np.zeros(0, dtype=np.int64))
 
 
@@ -141,8 +141,14 @@ def evenly(drawn: Mechanism, region: Region, count: int, seed: int) -> Candidate
     if not len(found.q):
         raise NoResult("no pose of the machine's region can be measured: " + _counted(why),
                        f"{drawn.source}: home, limits", "Check `home` and `limits`")
-    return Candidates(found.q, found.pose, found.condition, np.ones(len(found.q), dtype=np.bool_),
-                      why, np.zeros(0, dtype=np.int64))
+    return Candidates(
+        found.q,
+        found.pose,
+        found.singular_value,
+        np.ones(len(found.q), dtype=np.bool_),
+        why,
+        np.zeros(0, dtype=np.int64),
+    )
 
 
 def listed(drawn: Mechanism, poses: Array, source: str) -> Candidates:
@@ -157,7 +163,7 @@ def listed(drawn: Mechanism, poses: Array, source: str) -> Candidates:
     if not good.size:
         raise BadInput(f"none of the {len(poses)} poses can be used: {_counted(why)}", source,
                        "Give poses inside limits and reach, away from singularities")
-    return Candidates(found.q[good], found.pose[good], found.condition[good],
+    return Candidates(found.q[good], found.pose[good], found.singular_value[good],
                       np.ones(good.size, dtype=np.bool_), why, good + 1)
 
 
@@ -178,7 +184,7 @@ def nearby(drawn: Mechanism, region: Region, pose: Array, scale: float, count: i
     unit = np.clip(((own - region.low) / wide)[:, None] + step, 0.0, 1.0)
     found = _judge(drawn, _poses(drawn, region, unit.reshape(-1, own.shape[1])), False)
     good = np.flatnonzero(found.good)
-    return (Candidates(found.q[good], found.pose[good], found.condition[good],
+    return (Candidates(found.q[good], found.pose[good], found.singular_value[good],
                        np.zeros(good.size, dtype=np.bool_), {}, np.zeros(0, dtype=np.int64)),
             good // count)
 
@@ -199,9 +205,9 @@ def _evenly(drawn: Mechanism, region: Region, count: int, seed: int
         end = int(last[-1]) + 1 if last.size == wanted else size
         why.update(w for w in found.why[:end] if w)
         parts.append(_part(found, last))
-    q, pose, condition = (np.concatenate([getattr(p, n) for p in parts])
-                          for n in ("q", "pose", "condition"))
-    return _Judged(q, pose, condition, ("",) * len(q)), _worded(why)
+    q, pose, singular_value = (np.concatenate([getattr(p, n) for p in parts])
+                          for n in ("q", "pose", "singular_value"))
+    return _Judged(q, pose, singular_value, ("",) * len(q)), _worded(why)
 
 
 def _on_edge(drawn: Mechanism, region: Region, count: int, seed: int) -> _Judged:
@@ -279,7 +285,7 @@ def same_pose(one: Array, two: Array, drawn: Mechanism) -> Bools:
 
 
 def _part(found: _Judged, rows: NDArray[np.int64]) -> _Judged:
-    return _Judged(found.q[rows], found.pose[rows], found.condition[rows],
+    return _Judged(found.q[rows], found.pose[rows], found.singular_value[rows],
                    tuple(found.why[n] for n in rows))
 
 

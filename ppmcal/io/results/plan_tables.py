@@ -35,7 +35,7 @@ def pose_table(plan: Plan) -> dict[str, Any]:
     if "temperature" in given:
         table["temperature"] = np.round(given["temperature"] - ZERO_CELSIUS, 9)
     return table | {"travel": plan.route.travel, "via": list(plan.route.via),
-                    "condition": pool.condition[at], "gain": plan.gain}
+                    "condition": pool.singular_value[at], "gain": plan.gain}
 
 
 def accuracy_table(plan: Plan) -> list[Column]:

@@ -198,7 +198,7 @@ def _axes(found: Workspace) -> dict[str, GridAxis]:
 
 def _home(found: Workspace) -> HomeConditioning:
     home = found.home
-    return HomeConditioning(condition=float(home.condition[0]),
+    return HomeConditioning(condition=float(home.singular_value[0]),
                             dexterity=float(home.dexterity[0]),
                             dexterity_legs=float(home.legs[0]),
                             determinant=float(np.sign(home.determinant[0])),

@@ -43,7 +43,7 @@ def maps(found: Workspace) -> list[Map]:
     columns = (
         ("condition", "smallest singular value of A", "1", found.table.singular_value),
         ("condition_relative", "smallest singular value of A, home = 1", "1",
-         found.table.singular_value / found.home.condition[0]),
+         found.table.singular_value / found.home.singular_value[0]),
         ("dexterity", "dexterity, from joint rates to platform: 1 is isotropic", "1", q.dexterity),
         ("dexterity_legs", "how evenly the legs hold the platform: 1 is isotropic", "1", q.legs),
         ("singularity_distance", "distance to the nearest singularity", far, found.distance),
@@ -120,7 +120,7 @@ def _mode_lines(mechanism: Mechanism, entry: ModeRow) -> dict[str, list[Any]]:
         status, reasons = ["refused" if modes is None else "none"], [reason]
     else:
         count, pose = len(modes), pose_vector(modes.motors)
-        sign, condition = modes.sign, modes.condition
+        sign, condition = modes.sign, modes.singular_value
         number = list(range(1, count + 1))
         home = ["yes" if i == modes.home else "no" for i in range(count)]
         status = ["singular" if s else "ok" for s in modes.singular]
@@ -154,7 +154,7 @@ def modes_table(found: Workspace, rows: Sequence[ModeRow]) -> ShownTable | None:
     own, units = known[0][1], found.mechanism.units
     columns = places(found.mechanism, pose_vector(own.motors))
     cells = ((str(i + 1), *(v[i] for v in columns.values()), f"{own.sign[i]:+.0f}",
-              f"{own.condition[i]:.3g}",
+              f"{own.singular_value[i]:.3g}",
               "home" if i == own.home else "singular" if own.singular[i] else "")
              for i in range(len(own)))
     heads = [f"{n} {units.angle if n.startswith('r') else units.length}" for n in columns]

@@ -85,9 +85,9 @@ def findings(found: Workspace, rows: Sequence[ModeRow]) -> list[str]:
     out = []
     if found.home_limits:
         out.append(f"home is not within limits: {found.home_limits}.")
-    if found.home.condition[0] < SINGULAR_HOME:
+    if found.home.singular_value[0] < SINGULAR_HOME:
         out.append("the machine is close to a singularity at home: smallest singular value "
-                   f"{found.home.condition[0]:.2g} (a sound machine has 0.1 to 1).")
+                   f"{found.home.singular_value[0]:.2g} (a sound machine has 0.1 to 1).")
     bad = [(r.row, r.reason or "no pose closes") for r in rows if not r.modes]
     out += [f"assembly modes of row {n}: {why}." if n else f"assembly modes at home: {why}."
             for n, why in bad[:LISTED]]
