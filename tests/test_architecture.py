@@ -219,6 +219,7 @@ print(json.dumps({"value": one.value, "sigma": one.sigma, "verdict": found.verdi
 """
 
 
+@pytest.mark.slow
 def test_the_effect_of_the_page(site):
     """It is simulated, fitted, and named among all others where the model lacks it."""
     scenario = {
@@ -233,6 +234,7 @@ def test_the_effect_of_the_page(site):
     assert (got["verdict"], got["named"]) == ("named", [["warm_up", ["leg2"]]])
 
 
+@pytest.mark.slow
 def test_the_controller_of_the_page(site, tmp_path):
     """Offsets of drives that are off come out as they are; other errors of geometry cost."""
     tree = yaml.safe_load(ppmcal.shipped("3-RPR").read_text(encoding="utf-8"))

@@ -32,6 +32,7 @@ pytestmark = pytest.mark.skipif(not (DATA / "delta-events").is_dir(),
                                 reason="real measurements are not at hand (PPMCAL_DATA)")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted((DATA / "delta-events").glob("*.json")),
                          ids=lambda p: p.stem)
 def test_a_printer_s_own_calibration(path: Path) -> None:
@@ -57,6 +58,7 @@ def event_of(name: str) -> dict[str, Any]:
     return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["000", "013", "015", "016", "024"])
 def test_with_priors_rods_stay_and_touches_left_out_are_predicted(name: str) -> None:
     event = event_of(name)
@@ -86,6 +88,7 @@ def mesh_of(name: str) -> tuple[Path, dict[str, Any], dict[str, Any]]:
     return path, mesh, event
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mesh08", "mesh10", "mesh20", "mesh22", "mesh23", "mesh26"])
 def test_a_printer_calibrated_from_its_event_predicts_its_bed(name: str) -> None:
     path, mesh, event = mesh_of(name)
@@ -99,6 +102,7 @@ def test_a_printer_calibrated_from_its_event_predicts_its_bed(name: str) -> None
     assert 0.005e-3 < flat.smooth < 0.04e-3 and flat.scatter < 0.06e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "there"), [("mesh10", True), ("mesh26", True),
                                              ("mesh08", False), ("mesh20", False)])
 def test_effects_of_the_approach_are_found_where_they_are(name: str, there: bool) -> None:
@@ -132,6 +136,7 @@ def test_leaning_towers_against_rods_on_touches_left_out() -> None:
     assert towers < rods - 0.0005
 
 
+@pytest.mark.slow
 def test_successive_calibrations_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
     """Endstops that were set anew are named; most pairs have not changed."""
     real_priors.repeated(DATA / "delta-events")

@@ -101,6 +101,7 @@ def test_dual_and_reverse_are_cliffords(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["vector", "twist", "line", "pair", "full"])
 def test_sandwich_is_cliffords(name: str, oracle: Oracle, rng: np.random.Generator) -> None:
     motor = cga.motor_exp(rng.normal(size=6))
@@ -119,6 +120,7 @@ def test_sandwich_by_a_reflection(oracle: Oracle, rng: np.random.Generator) -> N
     np.testing.assert_allclose(sandwich(mirror, x), oracle.lower(sandwich.out, theirs), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_meet_is_cliffords(oracle: Oracle, rng: np.random.Generator) -> None:
     spheres = rng.normal(size=(4, 3, 5))
     spheres[1:, 0, 4] = 0.0  # the first is a plane, then two and three planes

@@ -280,6 +280,7 @@ def test_noise_that_was_stated_too_small_is_one_matter(sessions: Path, tmp_path:
     assert ("machine has changed" in words) == (found["verdict"] == "changed")
 
 
+@pytest.mark.slow
 def test_a_changed_stiffness_is_named(tmp_path: Path) -> None:
     """A parameter whose steps are taken in its reciprocal, in units far from the others'."""
     ppmcal("init", "3-RPR", cwd=tmp_path, expect=0)

@@ -159,6 +159,7 @@ def test_a_file_read_wrongly_is_seen_before_any_fit(tmp_path: Path, name: str) -
     assert found.times > 5.0
 
 
+@pytest.mark.slow
 def test_check_finds_it_too(tmp_path: Path) -> None:
     path = session(tmp_path, MISTAKES["a sign"])
     done = ppmcal("check", MACHINE, path, expect=1)

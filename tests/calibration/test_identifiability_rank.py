@@ -147,6 +147,7 @@ def label(case: tuple[str, float | None]) -> str:
     return case[0] + ("-lateral" if case[1] else "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unknown", [False, True], ids=["known", "unknown"])
 @pytest.mark.parametrize("case", [c for c, r in TABLE.items() if r[0]], ids=label)
 def test_rank_with_the_full_pose(case: tuple[str, float | None], unknown: bool) -> None:
@@ -200,6 +201,7 @@ def test_a_mixed_machine_is_the_sum_of_its_limbs(unknown: bool) -> None:
     assert rank_of(fit_of(setup("mixed-planar"), "position", unknown))[1] == 16
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TABLE, ids=label)
 def test_rank_stands_clear_of_round_off(case: tuple[str, float | None]) -> None:
     kind = "pose" if TABLE[case][0] else "position"

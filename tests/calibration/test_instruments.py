@@ -178,6 +178,7 @@ def test_a_planar_machine_touches_no_flat(tmp_path: Path) -> None:
     assert "s.yaml: instrument.kind" in run.err
 
 
+@pytest.mark.slow
 def test_noise_of_each_instrument_is_found() -> None:
     """Stated noise off by 3 and by 0.4: estimated within its own uncertainty, weights right."""
     found = []
@@ -211,6 +212,7 @@ def test_a_wrong_sigma_is_estimated_on_request(tmp_path: Path) -> None:
            "--out", "f", cwd=tmp_path, expect=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "repeats"), [("delta-linear", 1), ("6-UPS", 2)])
 def test_distances_between_positions_are_simulated_and_identified(
         tmp_path: Path, name: str, repeats: int) -> None:

@@ -94,6 +94,7 @@ def test_other_readings_are_written_as_machines(gain: Path) -> None:
         read_mechanism(gain / "d" / e["file"])
 
 
+@pytest.mark.slow
 def test_readings_that_agree_at_the_targets_promise_what_is_true(gain: Path) -> None:
     done = ppmcal("compensate", "d/model.yaml", "targets.csv", "--out", "c", cwd=gain, expect=0)
     assert "do not tell gain" in " ".join(done.out.split())

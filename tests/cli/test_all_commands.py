@@ -172,6 +172,7 @@ def test_a_command_replaces_only_what_it_wrote_itself(bench):
     assert "my own line" not in model.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("args", [
     ("identify", "m.yaml", "residuals.csv"), ("identify", "identified.yaml", "measurements.csv"),
     ("simulate", "m.yaml", "measurements.yaml"), ("plan", "m.yaml", "--candidates", "poses.csv"),
@@ -330,6 +331,7 @@ def test_output_is_no_wider_than_a_terminal(campaigns, tmp_path, motion):
 # ---------------------------------------------------------------- what is written
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", MACHINES)
 def test_files_and_columns(campaigns, motion):
     folder = campaigns(motion)

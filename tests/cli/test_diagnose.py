@@ -63,6 +63,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 # --- what is found ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_backlash_on_one_leg(made: Callable[[str], Path]) -> None:
     found = found_in(made("backlash"))
     assert found["verdict"] == "named"
@@ -77,6 +78,7 @@ def test_backlash_on_one_leg(made: Callable[[str], Path]) -> None:
     assert strongest["p_value"] < 0.01
 
 
+@pytest.mark.slow
 def test_two_effects_together(made: Callable[[str], Path]) -> None:
     found = found_in(made("two"))
     assert found["verdict"] in ("named", "named-set")
@@ -95,6 +97,7 @@ def test_two_effects_together(made: Callable[[str], Path]) -> None:
         assert abs(s["before"] - s["after"]) > s["tolerance"] > 0.0
 
 
+@pytest.mark.slow
 def test_nothing_hidden(made: Callable[[str], Path]) -> None:
     """The verdict, exit 0, and how small an effect would have been seen."""
     folder = made("none")
@@ -118,6 +121,7 @@ def test_nothing_hidden(made: Callable[[str], Path]) -> None:
     assert model["limbs"] == plain["limbs"]
 
 
+@pytest.mark.slow
 def test_a_frozen_slot_is_named(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [], free=["*.offset", "*.platform.point.radius"],
              errors={"leg2.platform.point.angle": 0.15, "leg1.offset": 0.3}, frame="known",
@@ -132,6 +136,7 @@ def test_a_frozen_slot_is_named(tmp_path: Path) -> None:
     assert slot["on"] == ["leg2"]
 
 
+@pytest.mark.slow
 def test_frozen_slots_that_look_alike_are_a_set(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [], free=["*.offset", "*.platform.point.radius"],
              errors={"leg2.base.point.y": 0.3, "leg1.offset": 0.3}, frame="known", target="known")
@@ -150,6 +155,7 @@ def test_a_large_slot_error_is_not_another_effect(tmp_path: Path) -> None:
     assert set(named(found)) <= {"geometry"}
 
 
+@pytest.mark.slow
 def test_a_machine_with_fewer_actuators_than_coordinates(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPS", [effect("backlash", ["leg2"], width=0.03)])
     _, found = diagnose(tmp_path)
@@ -170,6 +176,7 @@ def test_positions_only(tmp_path: Path) -> None:
     assert not {"after_rz", "before_rz"} & set(columns(tmp_path / "d" / "residuals.csv"))
 
 
+@pytest.mark.slow
 def test_two_data_files(tmp_path: Path) -> None:
     """One machine, the instrument set up twice."""
     errors = {"leg1.offset": 0.3, "leg2.base.point.x": -0.2, "leg3.platform.point.radius": 0.2}
@@ -187,6 +194,7 @@ def test_two_data_files(tmp_path: Path) -> None:
         "datasets"]) == {"s", "t"}
 
 
+@pytest.mark.slow
 def test_outliers_that_an_effect_explains_are_readmitted(tmp_path: Path) -> None:
     """A heavy load once a pose: without compliance these rows are far off."""
     simulate(tmp_path, "3-RPR", [effect("compliance", ["leg1"], stiffness=500.0)], 8,
@@ -203,6 +211,7 @@ def test_outliers_that_an_effect_explains_are_readmitted(tmp_path: Path) -> None
     assert any("8 rows" in f for f in found["findings"])
 
 
+@pytest.mark.slow
 def test_true_outliers_stay_out(tmp_path: Path) -> None:
     simulate(tmp_path, "3-RPR", [effect("backlash", ["leg1"], width=0.03)])
     table = rows(tmp_path / DATA)
@@ -222,6 +231,7 @@ def test_true_outliers_stay_out(tmp_path: Path) -> None:
 # --- what cannot be found -----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_column_that_was_not_recorded(tmp_path: Path) -> None:
     """Nothing is said of kinds that need it but that, and what they need."""
     simulate(tmp_path, "3-RPR", [])
@@ -245,6 +255,7 @@ def test_a_column_that_was_not_recorded(tmp_path: Path) -> None:
     assert "base_thermal, leg_thermal, platform_thermal (need temperature)" in said
 
 
+@pytest.mark.slow
 def test_an_effect_whose_column_was_not_recorded_is_not_called_another(tmp_path: Path) -> None:
     """Legs that grow with a temperature that nobody wrote down: unnamed or partial at most."""
     simulate(tmp_path, "3-RPR", [WARM], 12)
@@ -316,6 +327,7 @@ def test_a_value_beyond_its_physical_range_is_not_named(tmp_path: Path) -> None:
 # --- named sets and next measurements -----------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_apart_is_a_set(made: Callable[[str], Path]) -> None:
     """Gain of all encoders and the instrument's scale: no pose can tell, only a known length."""
     found = found_in(made("scale"))
@@ -331,6 +343,7 @@ def test_no_measurements_are_not_zero_measurements(made: Callable[[str], Path]) 
     assert "0 further" not in found_in(made("scale"))["next_measurements"]["reason"]
 
 
+@pytest.mark.slow
 def test_next_measurements_can_be_taken(made: Callable[[str], Path]) -> None:
     """A table of joints, poses and settings: within limits, within what was seen, consistent."""
     folder = made("thermal")
@@ -523,6 +536,7 @@ def test_a_report_of_a_diagnosis(made: Callable[[str], Path], tmp_path: Path) ->
 # --- the command --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_quiet_json_and_the_same_bytes(made: Callable[[str], Path], tmp_path: Path) -> None:
     """Nothing but errors; one JSON object, that of the file; the seed decides everything."""
     folder = shutil.copytree(made("none"), tmp_path / "c")
@@ -540,6 +554,7 @@ def test_quiet_json_and_the_same_bytes(made: Callable[[str], Path], tmp_path: Pa
     assert one["provenance"]["seed"] == 3
 
 
+@pytest.mark.slow
 def test_the_same_command_writes_the_same_bytes(made: Callable[[str], Path],
                                                 tmp_path: Path) -> None:
     folder = shutil.copytree(made("thermal"), tmp_path / "c")
@@ -598,6 +613,7 @@ def test_bad_input(made: Callable[[str], Path], tmp_path: Path, case: str) -> No
     assert tree(folder) == before
 
 
+@pytest.mark.slow
 def test_in_a_process_of_its_own(made: Callable[[str], Path], tmp_path: Path) -> None:
     folder = shutil.copytree(made("none"), tmp_path / "c")
     run = ppmcal_process("diagnose", "m.yaml", DATA, "--draws", "500", "--kind", "backlash",

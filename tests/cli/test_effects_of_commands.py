@@ -345,6 +345,7 @@ KIND = EffectKind("daily", "du = size cos(2 pi time/day)", "the workshop's diary
 '''
 
 
+@pytest.mark.slow
 def test_a_kind_of_another_package(tmp_path: Path) -> None:
     """Installed with the entry-point group ppmcal.effects, it is read, simulated and fitted."""
     site = install(tmp_path / "site", "workshop", FOREIGN, {"ppmcal.effects": {"daily": "KIND"}})

@@ -142,6 +142,7 @@ def test_signs_are_those_of_the_documents_example() -> None:
                                [-0.005, 0.003, 0.002, 0.0025, -0.005, 0.002], atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0.5, 12.0), st.floats(-3.0, 3.0), st.floats(1e-6, 1e-2))
 def test_points_are_as_few_as_the_error_allows(waves: float, slope: float, target: float) -> None:
@@ -303,6 +304,7 @@ def moved(by: float) -> dict[str, dict[str, Any]]:
     return {"leg2": {"base": {"point": {"x": {"value": 1000.0 + by, "nominal": 1000.0}, "y": 0}}}}
 
 
+@pytest.mark.slow
 def test_geometry_is_listed_with_its_cost(tmp_path: Path) -> None:
     costs = []
     for by in (0.3, 0.6):

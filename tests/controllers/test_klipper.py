@@ -262,6 +262,7 @@ def changed(tmp_path: Path, change: dict[str, dict]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
     costs = []
     for lean in (0.002, 0.004):

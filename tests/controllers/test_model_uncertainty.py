@@ -51,6 +51,7 @@ def exported(model: Path, out: Path) -> tuple[dict[str, Any], str]:
     return json.loads((out / "export.json").read_text()), " ".join(run.out.split())
 
 
+@pytest.mark.slow
 def test_the_models_own_uncertainty_is_in_the_prediction(model: Path, tmp_path: Path) -> None:
     """That of `compensate` at the same poses in the frame of the only data set."""
     found, said = exported(model, tmp_path / "o")

@@ -237,6 +237,7 @@ def test_a_bent_machine_is_driven_with_its_lines(tmp_path: Path) -> None:
     assert "2.03" in notes
 
 
+@pytest.mark.slow
 def test_single_numbers_move_alone(tmp_path: Path) -> None:
     start = project(read_mechanism(CONFIGS / "delta-linear.yaml"))
     assert start.after.max < 1e-7 and start.new == start.old and not start.not_expressed
@@ -298,6 +299,7 @@ def test_files_that_the_old_one_runs_are_named(tmp_path: Path) -> None:
     assert "The endstops go +31.0 mm from where config.g" in " ".join(run.out.split())
 
 
+@pytest.mark.slow
 def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
     costs = []
     for lean in (0.002, 0.004):
@@ -315,6 +317,7 @@ def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
     assert "Cannot be expressed: tower a" in (tmp_path / "exported" / "reprap.g").read_text()
 
 
+@pytest.mark.slow
 def test_the_tilt_of_the_bed_would_add_next_to_nothing(tmp_path: Path) -> None:
     lean = {"base.direction": {"value": [0.004, 0, 1], "nominal": [0, 0, 1]}}
     machine = read_mechanism(changed(tmp_path, dict.fromkeys("abc", lean)))
@@ -338,6 +341,7 @@ def test_the_tilt_of_the_bed_would_add_next_to_nothing(tmp_path: Path) -> None:
         assert least < np.sqrt(np.mean(rest**2)) / rms <= 1.0
 
 
+@pytest.mark.slow
 def test_a_changed_drive_ratio_is_told_as_steps_per_mm(tmp_path: Path) -> None:
     path = changed(tmp_path, {"c": {"ratio": {"value": 1.001, "nominal": 1.0, "tolerance": 0.01}}})
     found = project(read_mechanism(path))

@@ -106,6 +106,7 @@ def three_rpr(base, platform, home):
                                                               strict=True))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLANAR_CONFIGS)
 def test_planar_configs_against_brute_force(name):
     model = Model(read_mechanism(CONFIGS / f"{name}.yaml"))

@@ -37,6 +37,7 @@ def agree(mechanism, q):
     return int(good.sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
 def test_the_intersection_is_newtons_pose_on_shipped_machines(path):
     """Also far from home: poses over the middle of the joint range, reached or not."""
@@ -49,6 +50,7 @@ def test_the_intersection_is_newtons_pose_on_shipped_machines(path):
     assert agree(mechanism, q[np.isfinite(q).all(axis=1)]) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*PLANAR, "mixed"])
 def test_the_intersection_is_newtons_pose_of_every_planar_limb(kind):
     cases = [machines.mixed("planar")] if kind == "mixed" else [machines.plain(kind),

@@ -516,6 +516,7 @@ def test_files_are_in_the_machines_units():
     assert found.gain.min() > 0.0 and len(set(found.offer.pose[found.rows])) == 4
 
 
+@pytest.mark.slow
 def test_machines_with_fewer_drives_and_touches_of_a_flat(tmp_path):
     names = ("x", "y", "z")
     bed = [{"x": x, "y": y, "z": 5} for x in range(-90, 91, 30) for y in range(-90, 91, 30)]

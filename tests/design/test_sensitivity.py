@@ -98,6 +98,7 @@ def test_by_leg_lines_is_by_unit_loads(name: str) -> None:
         np.testing.assert_allclose(found[:, k], by_load, atol=1e-9 * np.abs(found).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 @pytest.mark.parametrize("everything", [False, True], ids=["file", "components"])
 def test_covariance_without_the_jacobian_is_with_it(name: str, everything: bool) -> None:
@@ -210,6 +211,7 @@ def test_figure_9_grows_with_the_square_of_the_error(tmp_path: Path) -> None:
     assert slope == pytest.approx(2.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_amplification_is_least_at_the_centre_and_roughly_circular(tmp_path: Path) -> None:
     """[LIN] section 4.2 and Fig. 10, read off a map of the 126 components."""
     linapod(tmp_path, "--all-components", "--grid", "x=-0.3:0.3:41,y=-0.3:0.3:41")

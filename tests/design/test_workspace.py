@@ -102,6 +102,7 @@ def joint_moves(model, q, pose):
     return np.stack(moves, axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["3-RPR", "3-RRR-1", "3-RPS", "6-RUS", "delta-rotary",
                                   "delta-linear-6rods", "mixed-planar", "3-PRR-2"])
 def test_dexterity_is_what_forward_kinematics_does(name):
@@ -400,6 +401,7 @@ def test_modes_of_rows_of_joints(tmp_path):
     assert [m["count"] for m in content["modes"]] == [2, None, 0, None, 2, len(per_row[6])]
 
 
+@pytest.mark.slow
 def test_modes_at_home_on_the_console(tmp_path):
     run = ppmcal("workspace", CONFIGS / "mixed-planar.yaml", "--grid", "x=450:550:3", "--out",
                  tmp_path / "w", expect=0)

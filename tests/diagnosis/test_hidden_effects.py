@@ -59,6 +59,7 @@ def test_effects_change_neither_noise_nor_conditions() -> None:
     assert np.array_equal(nothing.scene.approach, something.scene.approach)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", MACHINES)
 def test_every_pose_is_approached_from_both_sides(machine: str) -> None:
     scene = hidden.campaign(machine, 1, (), hidden.Options(poses=12, repeats=2)).scene
@@ -134,6 +135,7 @@ def test_eta_is_the_excess_of_the_residuals_of_a_fit(kind: str) -> None:
     assert np.mean(residual**2) == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", MACHINES)
 def test_the_load_is_what_the_joint_jacobian_says(machine: str) -> None:
     scene = hidden.campaign(machine, 2, (), SMALL).scene

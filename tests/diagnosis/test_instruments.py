@@ -91,6 +91,7 @@ def test_columns_of_pairs_are_differences(tmp_path: Path) -> None:
         pytest.fail("no curvature on tower b was tried")
 
 
+@pytest.mark.slow
 def test_a_bent_tower_is_found_in_heights_and_pairs(tmp_path: Path) -> None:
     """What explains it acts on tower a, and what is held out gets better."""
     found = search(tmp_path, 2, 2e-4)

@@ -510,6 +510,7 @@ def test_backlash_and_compliance_are_no_rivals() -> None:
     assert not {r.hypothesis.kind for r in found} & {"compliance", "leg_thermal"}
 
 
+@pytest.mark.slow
 def test_a_kind_on_a_few_actuators_is_one_hypothesis() -> None:
     """With values of its own on each it is what the single ones are together."""
     stage = stage_of("6-UPS", 9, ("backlash",), 1.0, SMALL)

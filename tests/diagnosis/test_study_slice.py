@@ -111,6 +111,7 @@ def test_one_hidden_effect_is_found() -> None:
     assert len(missed) <= len(HIDDEN) // 10, missed
 
 
+@pytest.mark.slow
 def test_one_hidden_effect_is_not_taken_for_another() -> None:
     wrong = [story(*c) for c in HIDDEN if score(*c).wrong]
     assert not wrong, wrong

@@ -80,6 +80,7 @@ def test_every_named_effect_has_its_row(name: str) -> None:
         assert (row["kind"], row["on"], row["form"]) not in others
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(SUBSETS))
 def test_one_p_value_per_effect(name: str) -> None:
     """effects.csv, diagnosis.json and the ranking agree; what was before has its own column."""
@@ -207,6 +208,7 @@ def wavy() -> Case:
     return Case(result, DiagnosisRecord.of(result, {}), [])
 
 
+@pytest.mark.slow
 def test_amplitude_and_phase_are_those_of_the_wave() -> None:
     """At mid-stroke the fitted error is amplitude cos(phase), a quarter turn on -sin(phase)."""
     result, record = wavy().result, wavy().record

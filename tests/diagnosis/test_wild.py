@@ -275,6 +275,7 @@ def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
 # --- the gap on stretches of time and conditions --------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_block_is_predicted_as_by_a_fit_without_it(tmp_path: Path) -> None:
     """By the formula and by honest refits: to 1 % of the noise, without and with the effect."""
     gap = pytest.importorskip("ppmcal.diagnosis.held_out_gap")
@@ -380,6 +381,7 @@ def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
         assert any("no machine has that; check the unit of" in f for f in found["findings"])
 
 
+@pytest.mark.slow
 def test_what_a_later_search_made_is_compared_too(tmp_path: Path) -> None:
     """A later search has forms, and places for them, that the first one does not have."""
     simulate(tmp_path, "3-RPR", [effect("periodic", ["leg2"], cos=0.03, sin=0.01, period=19.0)],
@@ -484,6 +486,7 @@ def test_two_of_240_rows_typed_wrong(tmp_path: Path) -> None:
     assert_same(*wrong_then_right(tmp_path, wrong), set(wrong))
 
 
+@pytest.mark.slow
 def test_a_tenth_typed_wrong_of_positions_only(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=120, approach="one", conditions={},
              instrument={"kind": "position", "sigma": {"position": 0.005}})

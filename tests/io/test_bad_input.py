@@ -547,6 +547,7 @@ def mutate(data, chance):
     return data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(150))
 def test_mutated_files_never_crash_a_command(good, tmp_path, seed):
     chance = random.Random(seed)
@@ -593,6 +594,7 @@ EDITED = [
     ("format", '"ppmcal/identification/9"', COMPARE)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "text", "args"), EDITED,
                          ids=[f"{p or 'all'} {t[:9]} {a[0]}" for p, t, a in EDITED])
 def test_an_edited_identification_is_refused(files, place, text, args):

@@ -59,6 +59,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_written_reads_back(folders: Path, case: str, tmp_path: Path) -> None:
     """Every key and every digit, in the same order."""

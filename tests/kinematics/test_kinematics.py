@@ -94,6 +94,7 @@ def closes(model: Model, q: Array, pose: Array) -> None:
 
 # --- there and back -----------------------------------------------------------------------------
 
+@pytest.mark.slow
 @every_machine
 def test_forward_of_inverse_is_the_pose(name: str) -> None:
     """Machines with fewer drives than coordinates are asked for as many as they have drives."""
@@ -311,6 +312,7 @@ def test_the_full_poses_of_a_delta_with_paired_rods_are_refused_off_its_surface(
     assert np.isnan(found.q[2:]).all()
 
 
+@pytest.mark.slow
 @each_without_ratio
 def test_forward_is_never_silently_wrong(name: str) -> None:
     """Wild joint values: each row is closed, or nan and named; none disturbs another."""
@@ -458,6 +460,7 @@ def test_a_jump_of_the_assembly_mode_is_marked() -> None:
 
 # --- rates --------------------------------------------------------------------------------------
 
+@pytest.mark.slow
 @every_machine
 def test_rates_are_differentiated_inverse_kinematics(name: str) -> None:
     mechanism = machine(name)

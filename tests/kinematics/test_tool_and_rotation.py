@@ -220,6 +220,7 @@ def hexapod(tmp_path):
     return tmp_path, mechanism, q, pose
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rotation", ["quat", *(f"euler-{o}" for o in ORDERS)])
 def test_forward_and_inverse_through_files(hexapod, rotation):
     folder, mechanism, q, pose = hexapod

@@ -426,6 +426,7 @@ def test_derivatives_against_differences(name: str, kind: str) -> None:
     assert_derivatives(name, (kind,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heavy", [False, True], ids=["light", "loaded"])
 @pytest.mark.parametrize("name", sorted(set(MACHINES) - set(FEW)))
 def test_derivatives_with_all_effects_at_work(name: str, heavy: bool) -> None:
@@ -459,6 +460,7 @@ def load_machines() -> dict[str, Mechanism]:
 LOADED = load_machines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LOADED)
 def test_loads_by_virtual_work(name: str) -> None:
     """f_i du_i is the work of the wrench on the pose's change, joint by joint."""
@@ -522,6 +524,7 @@ def soft_drive(mechanism: Mechanism, rows: Environment, q: Array, part: float) -
         mechanism.reach if mechanism.actuator_quantity[0] == "length" else 1.0)))
 
 
+@pytest.mark.slow
 @each_machine
 def test_equilibrium_of_a_very_soft_drive(name: str) -> None:
     """Deflections of centimetres: u = ratio q + offset + f/k with f at that very pose."""

@@ -135,6 +135,7 @@ def test_the_gap_with_finite_frame_errors_is_the_matrix_chains(kind: str) -> Non
                                    machines.limb_lengths(model, q, at), rtol=0.0, atol=3e-15)
 
 
+@pytest.mark.slow
 @each
 @at_both
 def test_slot_derivatives_are_those_of_the_matrix_chain(kind: str, shifted: bool) -> None:

@@ -244,6 +244,7 @@ def test_wrong_shape_is_refused():
         draw_map(m, grid, Map("x", "x", "", np.ones((4, 5))), np.ones(20))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("words", ["$x_1$ costs $5", "百分比 µm·N/√Hz", "a\nb\tc", "", "x" * 500,
                                    "long words of a title that goes on and on " * 20, "\\frac{"])
@@ -255,6 +256,7 @@ def test_any_words_will_do(words):
     assert draw_curves(words, words, words, [(words, [1, 2], [1, 2])] * 3, marks=[(1.5, words)])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("log", [False, True])
 @pytest.mark.parametrize("case", list(strange((9,))))

@@ -281,6 +281,7 @@ def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
     assert max(map(crowd.count, crowd)) <= 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_thresholds(cases: Callable[[str], Case], verdict: str) -> None:
     """4 and 1 % of simulated campaigns of noise go beyond; what is named does too."""

@@ -103,6 +103,7 @@ def test_comparison(folders: Path) -> None:
     assert "ppmcal compare" in text
 
 
+@pytest.mark.slow
 def test_picture_of_differences(folders: Path) -> None:
     """One bar a parameter, largest first, changed ones with a mark and a bold name."""
     html, _ = page(folders / "cmp")

@@ -23,7 +23,7 @@ from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
 from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.records import Identified, Simulated
-from ppmcal.report.residuals import envelope, spread
+from ppmcal.report.residuals import envelope, evenly_spread
 from ppmcal.report.svg import Axis, span
 from ppmcal.report.truth import compare
 
@@ -380,7 +380,7 @@ def test_thinning_keeps_the_extremes() -> None:
     assert x.size == 50 and high.max() == 99.0 and low.min() == np.nanmin(y)
     places = np.random.default_rng(3).uniform(size=(5000, 2))
     size = np.arange(5000.0)
-    rows = spread(places, size)
+    rows = evenly_spread(places, size)
     assert rows.size <= 22 * 22 and 4999 in rows
 
 

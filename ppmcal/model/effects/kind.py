@@ -200,4 +200,9 @@ def linear(values: Mapping[str, float], by: Mapping[str, Shift]) -> Terms:
 
 
 _REGISTRY: Registry[EffectKind] = Registry("effect", "ppmcal.effects")
-register, effect_kinds, find_effect = _REGISTRY.register, _REGISTRY.kinds, _REGISTRY.find
+register, effect_kinds = _REGISTRY.register, _REGISTRY.kinds
+
+
+def find_effect(name: str, where: str = "") -> EffectKind:
+    """Return the kind called ``name``, as :meth:`Registry.find`; functions pickle by name."""
+    return _REGISTRY.find(name, where)

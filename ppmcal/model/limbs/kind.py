@@ -146,4 +146,9 @@ def _stack(parts: list[Array], rank: int) -> Array:
 
 
 _REGISTRY: Registry[LimbKind] = Registry("limb kind", "ppmcal.limbs")
-register, kinds, find_kind = _REGISTRY.register, _REGISTRY.kinds, _REGISTRY.find
+register, kinds = _REGISTRY.register, _REGISTRY.kinds
+
+
+def find_kind(name: str, where: str = "") -> LimbKind:
+    """Return the kind called ``name``, as :meth:`Registry.find`; functions pickle by name."""
+    return _REGISTRY.find(name, where)
