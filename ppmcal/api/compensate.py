@@ -16,6 +16,7 @@ from ppmcal.api.inputs import (
     files_of,
     load,
     place_of,
+    refuse_unrecorded,
     source_of,
     table_columns,
 )
@@ -29,7 +30,6 @@ from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, command_files
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
-from ppmcal.kinematics.effect_response import missing_columns
 from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism, Registration
 
@@ -179,10 +179,7 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     # in a sequence every joint's direction follows from the order
     joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
     rows = environment(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
-    missing = missing_columns(mechanism, rows)
-    if missing:
-        raise BadInput(f"the model's effects depend on {', '.join(missing)}, which is not there",
-                       f"{source}: header", f"Add the column {missing[0]}")
+    refuse_unrecorded(mechanism, rows, "the model's effects", source)
 
 
 def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration | None, str]:

@@ -14,14 +14,14 @@ import numpy as np
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
 from ppmcal.io.csv import read_table
-from ppmcal.io.dataset_reader import dataset_of, joined
+from ppmcal.io.dataset_reader import LABELS, dataset_of, joined
 from ppmcal.io.folder import current
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.templates import find_template
 from ppmcal.kinematics.effect_response import environment_of, missing_columns, with_strokes
 from ppmcal.kinematics.tables import with_joints
-from ppmcal.model.dataset import Dataset
+from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
 
@@ -104,18 +104,18 @@ def _one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | N
     """Return one table with its sidecar as a data set."""
     if is_path(source):
         path = Path(source)
-        table, mine = read_table(path, text=("pose", "session")), sidecar
-        if mine is None:
+        table = read_table(path, text=LABELS)
+        if sidecar is None:
             return dataset_of(table, *read_sidecar(path), machine)
     else:
-        table, mine = as_table(source, (), label, ("pose", "session").__contains__), sidecar
-        if mine is None:
+        table = as_table(source, (), label, LABELS.__contains__)
+        if sidecar is None:
             raise BadInput("a table in memory needs its sidecar", label,
                            'Give it, such as sidecar={"instrument": {"kind": "pose", "sigma": '
                            '{"position": 0.01, "rotation": 0.002}}}')
-    if not isinstance(mine, Mapping):
-        return dataset_of(table, *read_sidecar(Path(mine)), machine)
-    return dataset_of(table, sidecar_of(mine, machine), "sidecar", machine)
+    if not isinstance(sidecar, Mapping):
+        return dataset_of(table, *read_sidecar(Path(sidecar)), machine)
+    return dataset_of(table, sidecar_of(sidecar, machine), "sidecar", machine)
 
 
 def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str = ()
@@ -144,7 +144,9 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
     if machine.effects and datasets:
         machine = with_strokes(machine, np.concatenate([d.q for d in datasets]))
         for d in datasets:
-            _refuse_unrecorded(machine, d)
+            refuse_unrecorded(machine, environment_of(machine, d),
+                              f"the effects of {machine.source}", d.source,
+                              ", or take the effect out")
     return machine, datasets
 
 
@@ -160,19 +162,23 @@ def datasets_of(mechanism: Mechanism, data: Measurements) -> tuple[Dataset, ...]
     return joined([d for d in several if isinstance(d, Dataset)])
 
 
-def _refuse_unrecorded(mechanism: Mechanism, data: Dataset) -> None:
-    """Refuse data without a column that the machine's effects depend on."""
-    missing = missing_columns(mechanism, environment_of(mechanism, data))
+def refuse_unrecorded(mechanism: Mechanism, rows: Environment, owner: str, place: str,
+                      instead: str = "") -> None:
+    """Refuse rows without a column that the effects of ``owner`` depend on.
+
+    Raises:
+        BadInput: at ``place``, with the column to add, or what to do ``instead``.
+    """
+    missing = missing_columns(mechanism, rows)
     if missing:
-        raise BadInput(f"the effects of {mechanism.source} depend on {', '.join(missing)}, which "
-                       "is not there", f"{data.source}: header",
-                       f"Add the column {missing[0]}, or take the effect out")
+        raise BadInput(f"{owner} depend on {', '.join(missing)}, which is not there",
+                       f"{place}: header", f"Add the column {missing[0]}{instead}")
 
 
 def data_files(datasets: Sequence[Dataset]) -> list[str]:
-    """Return the files behind data sets: each table and its sidecar."""
-    tables = [Path(d.source) for d in datasets if Path(d.source).suffix == ".csv"]
-    return [*(str(t) for t in tables), *(str(sidecar_path(t)) for t in tables)]
+    """Return the files behind data sets: tables and sidecars, as far as they are files."""
+    tables = [Path(d.source) for d in datasets]
+    return [str(p) for p in (*tables, *map(sidecar_path, tables)) if p.is_file()]
 
 
 def source_of(function: str, inputs: Sequence[Path_], seed: int | None) -> dict[str, Any]:

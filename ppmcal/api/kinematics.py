@@ -9,7 +9,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import Machine, files_of, load, place_of, source_of, table_columns
+from ppmcal.api.inputs import (
+    Machine,
+    files_of,
+    load,
+    place_of,
+    refuse_unrecorded,
+    source_of,
+    table_columns,
+)
 from ppmcal.api.result import Result
 from ppmcal.calibration.compensation import station_of
 from ppmcal.calibration.observation import stretched
@@ -20,7 +28,7 @@ from ppmcal.io.grid import read_point
 from ppmcal.io.results.kinematics import PoseFormat, kinematics_files, solved_sentence
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import missing_columns, shifted
+from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.partial_pose import PoseConvention, pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.kinematics.tables import (
@@ -35,6 +43,7 @@ from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 
 WHICH = ("inverse", "forward", "velocity")
+OWNER = "the machine's effects"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,16 +213,17 @@ def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | Non
             method: str) -> tuple[KinematicsTable, Environment]:
     """Return the kinematics of a table and the conditions of its rows."""
     model, (tool, rotation) = Model(machine), asked
+    instead = f", or take the effect out of {machine.source}"
     if which == "forward":
         joints = read_joints(table, machine)
         rows = environment(joints.conditions, machine.actuators, machine.gravity, joints.q)
-        _refuse_short(machine, rows, place_of(table, "joints"))
+        refuse_unrecorded(machine, rows, OWNER, place_of(table, "joints"), instead)
         found = forward_by_intersection(model, joints.q) if method == "intersection" else None
         return forward_table(model, joints.q, rows, found), rows
     poses = read_poses(table, machine, rotation)
     rows = environment(poses.conditions, machine.actuators, machine.gravity,
                        np.zeros((len(poses.rows), len(machine.actuators))))
-    _refuse_short(machine, rows, place_of(table, "poses"))
+    refuse_unrecorded(machine, rows, OWNER, place_of(table, "poses"), instead)
     convention = PoseConvention(np.zeros(3) if tool is None else tool, rotation)
     if which == "inverse":
         return inverse_table(model, poses.poses, rows, convention), rows
@@ -222,15 +232,6 @@ def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | Non
         raise BadInput("no velocity columns", place_of(table, "poses"),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
     return velocity_table(model, poses.poses, motion, rows, convention), rows
-
-
-def _refuse_short(mechanism: Mechanism, rows: Environment, source: str) -> None:
-    """Refuse a table that lacks a column which the machine's effects depend on."""
-    missing = missing_columns(mechanism, rows)
-    if missing:
-        raise BadInput(f"the machine's effects depend on {', '.join(missing)}, which is not there",
-                       f"{source}: header", f"Add the column {missing[0]}, or take the effect out "
-                       f"of {mechanism.source}")
 
 
 def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, rows: Environment

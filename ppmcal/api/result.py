@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import html
+import csv
+import io
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
 
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.summary import Identification
@@ -88,9 +91,7 @@ class Result:
         name, tables = file or self.TABLE, self.tables()
         if name not in tables:
             raise unknown("table", name, tables)
-        content = tables[name]
-        text = content if isinstance(content, str) else content.decode()
-        return framed(text, name)
+        return framed(tables[name])
 
     def tables(self) -> Mapping[str, str | bytes]:
         """Return those of the files that are tables."""
@@ -103,9 +104,13 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return the headline, findings and the first rows of the main table for a notebook."""
-        notes = "".join(f"<li>{html.escape(f)}</li>" for f in self.findings)
-        return (f"<p><b>ppmcal {self.COMMAND}</b>: {html.escape(self.headline())}</p>"
-                + (f"<ul>{notes}</ul>" if notes else "") + _table(self.tables()[self.TABLE]))
+        from ppmcal.report.html import bullets, given, paragraph, table
+
+        header, *rows = _rows(self.tables()[self.TABLE])
+        more = f"{len(rows) - SHOWN} more rows" if len(rows) > SHOWN else ""
+        return (paragraph(f"ppmcal {self.COMMAND}: {self.headline()}") + bullets(self.findings)
+                + table("", header, [[given(c) for c in row] for row in rows[:SHOWN]])
+                + paragraph(more))
 
 
 @runtime_checkable
@@ -128,45 +133,27 @@ class CalibratedMachine(Protocol):
         ...
 
 
-def framed(text: str, name: str) -> Any:
-    """Return a CSV's text as a pandas data frame, or as a dict of columns without pandas."""
-    import csv
-    import io
-
-    import numpy as np
-
+def framed(content: str | bytes) -> Any:
+    """Return a CSV as a pandas data frame, or as a dict of columns without pandas."""
     try:
         import pandas
     except ImportError:
-        rows = list(csv.reader(io.StringIO(text)))
-        out: dict[str, Any] = {}
-        for i, column in enumerate(rows[0]):
-            cells = [row[i] for row in rows[1:]]
-            try:
-                out[column] = np.array([float(c) if c else np.nan for c in cells])
-            except ValueError:
-                out[column] = np.array(cells, dtype=object)
-        return out
-    return pandas.read_csv(io.StringIO(text), keep_default_na=True)
+        header, *rows = _rows(content)
+        return {name: _column([row[i] for row in rows]) for i, name in enumerate(header)}
+    return pandas.read_csv(io.StringIO(_text(content)))
 
 
-def _table(content: str | bytes) -> str:
-    """Return the first rows of a CSV as an HTML table."""
-    import csv
-    import io
-
-    text = content if isinstance(content, str) else content.decode()
-    rows = list(csv.reader(io.StringIO(text)))
-    head = "".join(f"<th>{html.escape(c)}</th>" for c in rows[0])
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(_short(c))}</td>" for c in row) + "</tr>"
-                   for row in rows[1:SHOWN + 1])
-    more = f"<p>{len(rows) - 1 - SHOWN} more rows</p>" if len(rows) - 1 > SHOWN else ""
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
-
-
-def _short(cell: str) -> str:
+def _column(cells: list[str]) -> Any:
+    """Return cells as numbers (N,), nan where empty, or as words where one is none."""
     try:
-        return f"{float(cell):.6g}" if cell else ""
+        return np.array([float(c) if c else np.nan for c in cells])
     except ValueError:
-        return cell
+        return np.array(cells, dtype=object)
 
+
+def _rows(content: str | bytes) -> list[list[str]]:
+    return list(csv.reader(io.StringIO(_text(content))))
+
+
+def _text(content: str | bytes) -> str:
+    return content if isinstance(content, str) else content.decode()

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import FILE, Console, json_option, leave, number, plain_table, quiet_option
+from ppmcal.cli.common import FILE, Console, json_option, leave, plain_table, quiet_option
+from ppmcal.wording import number
 
 
 @click.command("check")

@@ -13,17 +13,13 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from ppmcal.wording import number as number
-
 if TYPE_CHECKING:
     from rich.table import Table
-
 
 F = TypeVar("F", bound=Callable[..., Any])
 WIDTH = 80
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
-
 
 
 class FiniteRange(click.FloatRange):

@@ -12,11 +12,11 @@ from ppmcal.cli.common import (
     finish,
     json_option,
     leave,
-    number,
     out_option,
     plain_table,
     quiet_option,
 )
+from ppmcal.wording import number
 
 if TYPE_CHECKING:
     from ppmcal.io.results.comparison import ComparisonRecord

@@ -7,16 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ppmcal.cli.common import (
-    FILE,
-    Console,
-    finish,
-    json_option,
-    leave,
-    number,
-    out_option,
-    quiet_option,
-)
+from ppmcal.cli.common import FILE, Console, finish, json_option, leave, out_option, quiet_option
+from ppmcal.wording import number
 
 if TYPE_CHECKING:
     pass

@@ -15,12 +15,11 @@ from ppmcal.cli.common import (
     finish,
     json_option,
     leave,
-    number,
     out_option,
     quiet_option,
     seed_option,
 )
-from ppmcal.wording import where
+from ppmcal.wording import number, where
 
 if TYPE_CHECKING:
     from ppmcal.diagnosis.result import Diagnosis

@@ -14,13 +14,12 @@ from ppmcal.cli.common import (
     finish,
     json_option,
     leave,
-    number,
     out_option,
     plain_table,
     quiet_option,
     seed_option,
 )
-from ppmcal.wording import counted
+from ppmcal.wording import counted, number
 
 if TYPE_CHECKING:
     from ppmcal.calibration.summary import Identification

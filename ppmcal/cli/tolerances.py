@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -17,9 +18,10 @@ from ppmcal.cli.common import (
     quiet_option,
     seed_option,
 )
-from ppmcal.io.results.design import ShownTable
-from ppmcal.io.results.tolerance_tables import slot_table
 from ppmcal.wording import number
+
+if TYPE_CHECKING:
+    from ppmcal.io.results.design import ShownTable
 
 
 @click.command("tolerances")
@@ -64,6 +66,7 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     yield.png and tolerances.json.
     """
     from ppmcal.api.tolerances import tolerances
+    from ppmcal.io.results.tolerance_tables import slot_table
 
     console = Console(quiet, as_json)
     with console.progress("Simulating machines") as progress:

@@ -33,6 +33,9 @@ from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
+LABELS = ("pose", "session")
+"""Columns that may hold words."""
+
 
 def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """Return the measurements of one CSV with its sidecar, everything in SI.
@@ -52,7 +55,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     csv_path = Path(path)
     if csv_path.suffix in (".yaml", ".yml"):
         csv_path = csv_path.with_suffix(".csv")
-    table = read_table(csv_path, text=("pose", "session"))
+    table = read_table(csv_path, text=LABELS)
     file, side = read_sidecar(csv_path)
     return dataset_of(table, file, side, mechanism)
 

@@ -83,10 +83,7 @@ def title(data: ReportData) -> str:
 
 def summary(data: ReportData) -> list[str]:
     """Return the headline's sentences."""
-    out = [s for one in data.identified for s in headline(one)]
-    out += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
-    out += [t for o in data.compared if (t := comparison_verdict(o.record))]
-    out += [t for d in data.designed if (t := design_headline(d))]
+    out = [s for one in data.identified for s in headline(one)] + _verdicts(data)
     if not out:
         parts = [(len(data.simulated), "simulation"), (len(data.diagnosed), "diagnosis"),
                  (len(data.compensated), "compensation"), (len(data.kinematics), "kinematics"),
@@ -100,11 +97,16 @@ def summary(data: ReportData) -> list[str]:
 
 def _lead(data: ReportData) -> list[str]:
     """Return the first paragraphs."""
-    lines = [" ".join(headline(one)) for one in data.identified]
-    lines += [t for d in data.diagnosed if (t := diagnosis_headline(d.record))]
-    lines += [t for o in data.compared if (t := comparison_verdict(o.record))]
-    lines += [t for d in data.designed if (t := design_headline(d))]
+    lines = [" ".join(headline(one)) for one in data.identified] + _verdicts(data)
     return [t for t in lines or summary(data) if t]
+
+
+def _verdicts(data: ReportData) -> list[str]:
+    """Return what diagnoses, comparisons and error analyses come to."""
+    out = [*(diagnosis_headline(d.record) for d in data.diagnosed),
+           *(comparison_verdict(o.record) for o in data.compared),
+           *(design_headline(d) for d in data.designed)]
+    return [t for t in out if t]
 
 
 def _tiles(one: Identified) -> list[dict[str, Any]]:

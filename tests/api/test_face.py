@@ -49,8 +49,10 @@ def fit(stage, session):
 
 
 def test_neither_import_nor_help_loads_numpy():
-    code = ("import sys, ppmcal\nfrom click.testing import CliRunner\nfrom ppmcal.cli import cli\n"
-            "assert CliRunner().invoke(cli, ['--help']).exit_code == 0\n"
+    code = ("import sys, ppmcal\nfrom click.testing import CliRunner\n"
+            "from ppmcal.cli import COMMANDS, cli\n"
+            "for words in [['--help'], *([name, '--help'] for name in COMMANDS)]:\n"
+            "    assert CliRunner().invoke(cli, words).exit_code == 0\n"
             "print([m for m in ('numpy', 'scipy', 'matplotlib', 'pydantic') if m in sys.modules])")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
@@ -123,6 +125,23 @@ def test_a_sidecar_may_end_in_yml(stage, folder, tmp_path):
     (tmp_path / "run.yml").write_bytes((folder / "measurements.yaml").read_bytes())
     fit = ppmcal.identify(stage, tmp_path / "run.csv")
     assert str(tmp_path / "run.yml") in fit.provenance["inputs"]
+
+
+def test_a_file_may_have_its_sidecar_in_memory(stage, folder, tmp_path):
+    """What is not a file is no input of the result."""
+    (tmp_path / "run.csv").write_bytes((folder / "measurements.csv").read_bytes())
+    sidecar = yaml.safe_load((folder / "measurements.yaml").read_text())
+    fit = ppmcal.identify(stage, ppmcal.read_data(stage, tmp_path / "run.csv", sidecar=sidecar))
+    inputs = [p for p in fit.provenance["inputs"] if p not in stage.inputs]
+    assert inputs == [str(tmp_path / "run.csv")]
+
+
+def test_without_pandas_a_table_is_a_dict(session, monkeypatch):
+    frame = session.to_frame()
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    columns = session.to_frame()
+    assert list(columns) == list(frame.columns)
+    np.testing.assert_array_equal(columns["q_leg1"], frame["q_leg1"])
 
 
 def test_units_of_a_table_are_said_once(stage, session, folder):

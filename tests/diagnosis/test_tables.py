@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from ppmcal.calibration.problem import Problem
-from ppmcal.cli.common import Console, number
+from ppmcal.cli.common import Console
 from ppmcal.cli.diagnose import describe
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import Gap
@@ -30,6 +30,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import effects_csv
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.records import Diagnosed
+from ppmcal.wording import number
 
 Record = dict[str, Any]
 SUBSETS = {"shared": [("leg2", "leg5")], "each": [("leg2",), ("leg5",)]}
