@@ -9,6 +9,8 @@ from ppmcal.errors import unknown
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
+TURN = 2.0 * math.pi
+"""A unit of what is read, beside those that a file may declare."""
 
 
 @dataclass(frozen=True)

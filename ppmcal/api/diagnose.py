@@ -8,9 +8,17 @@ from functools import cached_property
 from typing import ClassVar
 
 from ppmcal.api.identify import with_unit_findings
-from ppmcal.api.inputs import Machine, Measurements, data_files, prepared, source_of
+from ppmcal.api.inputs import (
+    Machine,
+    Measurements,
+    Path_,
+    data_files,
+    load,
+    prepared,
+    source_of,
+)
 from ppmcal.api.result import Progress, Result, silent
-from ppmcal.calibration.misreading import refuse_misread
+from ppmcal.calibration.misreading import Misread, misreading_sentence, refuse_misread
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification
@@ -21,6 +29,8 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_wording import headline
+from ppmcal.io.results.misreading import misreading_entries
+from ppmcal.io.results.record import Provenance, UnitNames
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.report.figure_files import diagnosis_files, need_png
@@ -115,3 +125,22 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     found = replace(found, findings=(*units, *found.findings))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
     return DiagnosisResult(source, tuple(found.findings), found, png)
+
+
+def misread_record(refused: Misread, mechanism: Machine, inputs: Sequence[Path_], seed: int
+                   ) -> DiagnosisRecord:
+    """Return the content of diagnosis.json for files that were read wrongly.
+
+    Args:
+        refused: what :func:`diagnose` raised.
+        mechanism: the machine.
+        inputs: files that were read.
+        seed: as given.
+    """
+    machine = load(mechanism)
+    return DiagnosisRecord(
+        format=DiagnosisRecord.FORMAT, name=machine.name, verdict="misread",
+        misreadings=misreading_entries(refused.found, machine.units),
+        findings=tuple(f"{m.source}: {misreading_sentence(m, machine.units)}."
+                       for m in refused.found), units=UnitNames.of(machine.units),
+        provenance=Provenance(**source_of("diagnose", inputs, seed)))

@@ -23,7 +23,7 @@ from ppmcal.calibration.change_detection import carried_on
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
 from ppmcal.calibration.identify import identify as fitted
-from ppmcal.calibration.misreading import refuse_misread
+from ppmcal.calibration.misreading import Misread, refuse_misread
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import noise_check, with_estimated_noise
 from ppmcal.calibration.problem import Problem
@@ -201,6 +201,10 @@ def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Ite
     found = unit_findings(mechanism, datasets)
     try:
         yield found
+    except Misread as error:
+        if error.found:
+            raise
+        raise Misread(error.what, error.where, " ".join([*found, error.mend]).strip()) from None
     except PpmcalError as error:
         mend = " ".join([*found, error.mend]).strip()
         raise type(error)(error.what, error.where, mend) from None

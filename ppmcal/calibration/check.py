@@ -18,8 +18,9 @@ from ppmcal.calibration.identifiability import (
     predict_identifiability,
 )
 from ppmcal.calibration.least_squares import column_scale, qr_factor
-from ppmcal.calibration.misreading import MEND, misfit
+from ppmcal.calibration.misreading import MEND, mend_of, misfit, misreading_sentence
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, limb_roots, to_joint
 from ppmcal.kinematics.partial_pose import named_only
@@ -85,7 +86,8 @@ class Check:
     ``findings`` need a look (exit code 1); ``gaps`` per limb, empty where the file gives no
     home q; ``singular_value``: the smallest at home; ``rank`` of ``columns``; ``unseen`` parameters
     to which no measured row is sensitive; ``redundant`` further ones that others explain;
-    ``identifiability``: what a fit to the measurements will leave open, None without any.
+    ``identifiability``: what a fit to the measurements will leave open, None without any;
+    ``misreadings``: how the files are to be read instead.
     """
 
     findings: tuple[str, ...]
@@ -97,6 +99,7 @@ class Check:
     unseen: tuple[str, ...]
     redundant: tuple[str, ...]
     identifiability: Identifiability | None = None
+    misreadings: tuple[Misreading, ...] = ()
 
 
 def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
@@ -126,27 +129,32 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     if value < SINGULAR_HOME:
         findings.append(f"the machine is close to a singularity at home: smallest singular value "
                         f"{value:.2g} (a sound machine has 0.1 to 1). Choose another home pose.")
+    misreadings: tuple[Misreading, ...] = ()
+    if datasets and mechanism.free and value >= SINGULAR_HOME:
+        found = misfit(Problem(mechanism, tuple(datasets), mechanism.free))
+        misreadings = found.readings
+        findings += [f"{m.source}: {misreading_sentence(m, mechanism.units)}. {mend_of([m])}."
+                     for m in misreadings]
+        if found.misread and not misreadings:
+            findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
     rank, columns = 0, 0
     unseen: tuple[str, ...] = ()
     redundant: tuple[str, ...] = ()
     used: tuple[Dataset, ...] = ()
     if mechanism.free and value >= SINGULAR_HOME:
         used = tuple(datasets) or (trial_dataset(mechanism),)
-    if any(len(d) for d in used):
+    if any(len(d) for d in used) and not misreadings:
         rank, columns, unseen, redundant, lost = visibility(mechanism, used)
         if lost:
             findings.append(f"{lost} rows have no pose at their joint values: check q, its unit "
                             "and the home pose.")
-    if datasets and columns:
-        found = misfit(Problem(mechanism, tuple(datasets), mechanism.free))
-        if found.misread:
-            findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
     ahead = (
         predict_identifiability(Problem(mechanism, tuple(datasets), mechanism.free), "prior")
         if (datasets and columns)
         else None
     )
-    return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead)
+    return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead,
+                 misreadings)
 
 
 def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:

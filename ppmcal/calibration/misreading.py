@@ -10,6 +10,7 @@ does not come near the noise either, a calibration would only bend the geometry.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,9 +21,10 @@ from ppmcal.calibration.least_squares import least_squares, parameter_scale, pri
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.outliers import Distances, distances, huber_weights
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.errors import NoResult
+from ppmcal.calibration.reading_trial import Misreading, Trial, find_misreading
+from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows, subsample
-from ppmcal.units import Units
+from ppmcal.units import SI, Units
 
 GROSS = 5.0
 """A gross error: a row so many times beyond what noise and tolerances explain."""
@@ -35,6 +37,8 @@ FAR_FROM_NOISE = 10.0
 HARDLY_LESS = 0.05
 """and is not on its way either if that is more than this part of what it began with."""
 TRIAL_ROWS, TRIAL_ITERATIONS = 48, 10
+TELLING = 2.0
+"""A fit that leaves more than this times the noise is worth a look at other readings."""
 LOST = 0.5
 """More rows than this part without a pose are doubted too."""
 MEND = ("Check the order and signs of the q columns, their units, and how the rotation is written "
@@ -52,6 +56,7 @@ class Misfit:
             measured. A height or a distance counts as a position.
         before, after: times the noise, without and with a short fit; nan where none was needed.
         lost: rows without a pose, of ``rows``.
+        readings: how the files are to be read instead, where that explains everything.
     """
 
     times: float
@@ -61,11 +66,12 @@ class Misfit:
     after: float
     lost: int
     rows: int
+    readings: tuple[Misreading, ...] = ()
 
     @property
     def misread(self) -> bool:
         """Whether neither tolerances nor another geometry explain the measurements."""
-        return self.after > max(FAR_FROM_NOISE, HARDLY_LESS * self.before)
+        return bool(self.readings) or self.after > max(FAR_FROM_NOISE, HARDLY_LESS * self.before)
 
     def sentence(self, units: Units) -> str:
         """Return what was seen, in file units."""
@@ -109,7 +115,7 @@ def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[
 
 
 def misfit(problem: Problem) -> Misfit:
-    """Return how far the measurements are from the machine as its file has it.
+    """Return how far measurements are from a machine, and how they may have been meant.
 
     Args:
         problem: machine and data; where there are many rows, some of them are looked at.
@@ -118,16 +124,63 @@ def misfit(problem: Problem) -> Misfit:
         BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`.
     """
     few = _few(_toleranced(problem))
-    state = few.start()
+    try:
+        state = few.start()
+    except BadInput:
+        nothing = Trial(np.inf, np.nan, np.nan, np.inf)
+        found = _sure(problem, nothing)
+        if not found:
+            raise
+        return Misfit(np.inf, np.nan, np.nan, np.nan, np.nan, 0, 0, found)
     keep = [finite_rows(p) for p in state.poses]
     rows, lost = sum(k.size for k in keep), sum(int((~k).sum()) for k in keep)
     times = explained_distances(few, state).times(keep)
     position, rotation = _medians(few, state)
     before = after = float("nan")
+    found = ()
     if times > DOUBTED or lost > LOST * rows:
-        before = distances(few, state).times(keep)
-        after = _after_trial(few, state, keep)
-    return Misfit(times, position, rotation, before, after, lost, rows)
+        # a reading that explains everything needs no fit of what is read wrongly, which is slow
+        found = _sure(problem, Trial(times, position, rotation, np.inf))
+        if not found:
+            before = distances(few, state).times(keep)
+            after = _after_trial(few, state, keep)
+    return Misfit(times, position, rotation, before, after, lost, rows, found)
+
+
+class Misread(NoResult):
+    """Measurements that are not of this machine as the files are read (exit code 3).
+
+    ``found``: how they are to be read, by data set; empty where nothing explains them.
+    ``units``: of the machine's file.
+    """
+
+    found: tuple[Misreading, ...] = ()
+    units: Units = SI
+
+    @classmethod
+    def of(cls, found: Sequence[Misreading], units: Units) -> Misread:
+        """Return the refusal that names the mistakes and the lines that mend them."""
+        what = "; ".join(misreading_sentence(m, units) for m in found)
+        error = cls(what, ", ".join(m.source for m in found), mend_of(found))
+        error.found, error.units = tuple(found), units
+        return error
+
+
+def misreading_sentence(found: Misreading, units: Units) -> str:
+    """Return what is wrong in a file, and the evidence."""
+    factor, unit = units.factor(found.quantity), units.name(found.quantity)
+    what = " and ".join(m.text for m in found.mistakes)
+    return (f"{what}: the median miss falls from {found.before / factor:.3g} to "
+            f"{found.after / factor:.3g} {unit}, and a short fit comes to {found.noise_after:.2g} "
+            "times the noise")
+
+
+def mend_of(found: Sequence[Misreading]) -> str:
+    """Return the lines to write into the sidecars, or what else to do."""
+    blocks = [json.dumps(m.block).replace('"', "") for m in found if m.block is not None]
+    if not blocks:
+        return "Correct the mechanism file"
+    return "Write into the sidecar: " + "; ".join(f"`read: {b}`" for b in blocks)
 
 
 def refuse_misread(problem: Problem) -> Misfit:
@@ -137,13 +190,57 @@ def refuse_misread(problem: Problem) -> Misfit:
         problem: machine and data.
 
     Raises:
-        NoResult: neither tolerances nor another geometry explain them.
+        Misread: neither tolerances nor another geometry explain them; it says how they are to be
+            read, where that is found.
     """
     found = misfit(problem)
-    if not found.misread:
-        return found
-    raise NoResult(found.sentence(problem.mechanism.units),
-                   ", ".join(d.source for d in problem.datasets), MEND)
+    if found.readings:
+        raise Misread.of(found.readings, problem.mechanism.units)
+    if found.misread:
+        raise Misread(found.sentence(problem.mechanism.units),
+                      ", ".join(d.source for d in problem.datasets), MEND)
+    return found
+
+
+def _sure(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
+    """Return the readings with which the data sets come to the noise."""
+    return tuple(m for m in _misreadings(problem, whole) if m.noise_after <= TELLING)
+
+
+def _misreadings(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
+    """Return how the data sets that do not fit the machine are to be read.
+
+    ``whole``: what they leave together.
+    """
+    out = []
+    for i, data in enumerate(problem.datasets):
+        as_read = whole
+        if len(problem.datasets) > 1 and not data.frame.same_as:
+            alone = replace(problem, datasets=(data,), pivots=None, given=None, earlier=None)
+            try:
+                as_read = trial(alone, 0.0)
+            except PpmcalError:
+                as_read = Trial(np.inf, np.nan, np.nan, np.inf)
+        if as_read.times > DOUBTED:
+            found = find_misreading(problem, i, as_read, trial)
+            out += [found] if found else []
+    return tuple(out)
+
+
+def trial(problem: Problem, lands: float = np.inf) -> Trial:
+    """Return what the measurements leave, nominal machine and after a short fit of few rows.
+
+    ``lands``: the fit is not made where more than so many times what tolerances and noise explain
+    is left without it.
+    """
+    few = _few(_toleranced(problem))
+    state = few.start()
+    keep = [finite_rows(p) for p in state.poses]
+    if sum(int((~k).sum()) for k in keep) > LOST * sum(k.size for k in keep):
+        raise NoResult("most rows have no pose", ", ".join(d.source for d in problem.datasets))
+    times = explained_distances(few, state).times(keep)
+    after = _after_trial(few, state, keep) if times <= lands else np.inf
+    return Trial(times, *_medians(few, state), after)
 
 
 def _few(problem: Problem) -> Problem:

@@ -20,6 +20,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     from ppmcal.api.check import check
     from ppmcal.api.inputs import prepared
     from ppmcal.io.results.identifiability import IdentifiabilitySummary
+    from ppmcal.io.results.misreading import misreading_entries
 
     console = Console(quiet, as_json)
     mechanism, datasets = prepared(mech, data)
@@ -74,6 +75,8 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
             "redundant": list(result.redundant),
             "identifiability": None if identifiability is None else
             identifiability.model_dump(exclude_unset=True),
+            "misreadings": [m.model_dump() for m in
+                            misreading_entries(result.misreadings, mechanism.units)],
         }
     )
     leave(bool(result.findings))

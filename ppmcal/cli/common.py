@@ -127,6 +127,19 @@ class Console:
             click.echo(json_text(content), nl=False)
 
     @contextmanager
+    def misread(self) -> Iterator[None]:
+        """Print, where ``--json`` asks for it, how files that were read wrongly are to be read."""
+        from ppmcal.calibration.misreading import Misread
+        from ppmcal.io.results.misreading import FORMAT, misreading_entries
+
+        try:
+            yield
+        except Misread as error:
+            entries = misreading_entries(error.found, error.units)
+            self.summary({"format": FORMAT, "misreadings": [e.model_dump() for e in entries]})
+            raise
+
+    @contextmanager
     def progress(self, what: str) -> Iterator[Callable[[str], None]]:
         """Show a line of progress on standard error while something long runs."""
         if self.quiet or not sys.stderr.isatty():

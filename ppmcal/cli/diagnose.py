@@ -22,6 +22,7 @@ from ppmcal.cli.common import (
 from ppmcal.wording import number, where
 
 if TYPE_CHECKING:
+    from ppmcal.calibration.misreading import Misread
     from ppmcal.diagnosis.result import Diagnosis
     from ppmcal.io.results.diagnosis import DiagnosisRecord, EffectValue, UntestableKind
 
@@ -56,16 +57,38 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     apart, alternatives.svg.
     """
     from ppmcal.api.diagnose import diagnose
+    from ppmcal.calibration.misreading import Misread
 
     console = Console(quiet, as_json)
-    with console.progress("Diagnosing") as show:
-        result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout, draws=draws,
-                          seed=seed or 0, png=png, progress=show)
+    try:
+        with console.progress("Diagnosing") as show:
+            result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout, draws=draws,
+                              seed=seed or 0, png=png, progress=show)
+    except Misread as refused:
+        _write_misread(refused, mech, data, out, seed or 0, console)
+        raise
     written = result.save(out)
     describe(result.diagnosis, result.record, console)
     finish(out, [p.name for p in written], console)
     console.summary(result.record.entries())
     leave(bool(result.findings) or result.verdict not in ("none", "named"))
+
+
+def _write_misread(refused: Misread, mech: Path, data: Sequence[Path], out: Path, seed: int,
+                   console: Console) -> None:
+    """Write diagnosis.json with how the files are to be read, where that is known."""
+    from ppmcal.api.diagnose import misread_record
+    from ppmcal.api.inputs import data_files, prepared
+    from ppmcal.io import Output
+
+    if not refused.found:
+        return
+    machine, datasets = prepared(mech, data)
+    record = misread_record(refused, machine, [*machine.inputs, *data_files(datasets)], seed)
+    output = Output(out)
+    output.add(record.FILE, record.text())
+    finish(out, [p.name for p in output.write()], console)
+    console.summary(record.entries())
 
 
 def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> None:

@@ -165,7 +165,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("--damping goes with --method damped.")
     console = Console(quiet, as_json)
-    with console.progress("Fitting") as show:
+    with console.misread(), console.progress("Fitting") as show:
         result = identify(mech, data, method=method, prior=prior, damping=damping,
                           iterations=iterations, free=patterns, holdout=holdout, sigma=sigma,
                           start=start, keep=keep, keep_outliers=keep_outliers, seed=seed or 0,

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.readings import shifted_rows
 from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.csv import Table, read_table
-from ppmcal.io.measured import Measured, measured
+from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list, stacked
+from ppmcal.io.reading import as_declared, renamed
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
@@ -62,10 +64,13 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
 
 def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism) -> Dataset:
     """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
-    source = table.source
-    table, findings = cols.translate_foreign(table, mechanism)
+    source, units = table.source, file.units.units()
+    theirs = [h for h in table.header if h not in file.read.ignore]
+    table, findings = cols.translate_foreign(renamed(table, file.read, mechanism, side), mechanism)
+    headers = {own: h for own, h in zip(table.header, theirs, strict=True) if own != h}
+    convention = file.read.rotation or ("quat-xyzw" if "quat_x" in table.header else "rotvec")
+    table = as_declared(table, file.read, mechanism, units, side)
     cols.check_columns(table, mechanism)
-    units = file.units.units()
     joint = mechanism.joint_factors(units)
     q, commanded = _joints(table, mechanism, units, joint)
     seen = measured(table, mechanism, file, side)
@@ -84,9 +89,11 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         target=point_of(file.target, mechanism.motion, units, side),
         target_rotation=rotation_of(file.target_rotation, units, side), homing=file.homing,
         approach=approach, findings=tuple(findings + list(seen.findings) + more),
-        extra=_fixed_point(file, to_q, mechanism, units, side))
+        extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
+        convention=convention, read=file.read.model_dump(exclude_unset=True),
+        headers=headers)
     refuse_flat(data.kind, mechanism.motion, side)
-    return _usable(_from_point(data, side), seen, mechanism)
+    return _usable(shifted_rows(_from_point(data, side), file.read.shift), mechanism)
 
 
 def _from_point(data: Dataset, side: str) -> Dataset:
@@ -259,8 +266,9 @@ def _sessions(table: Table) -> tuple[str, ...] | None:
     return tuple(words[i] for i in inverse)
 
 
-def _usable(data: Dataset, seen: Measured, mechanism: Mechanism) -> Dataset:
+def _usable(data: Dataset, mechanism: Mechanism) -> Dataset:
     """Leave out rows that hold no joint values or nothing measured, and say so."""
+    seen = np.isfinite(np.column_stack([data.position, data.rotation, data.value])).any(axis=1)
     joints, lacking = np.isfinite(data.q).all(axis=1), "a joint value is missing"
     if data.commanded is not None:
         given = np.isfinite(data.commanded[:, list(mechanism.dof)]).sum(axis=1)
@@ -269,14 +277,14 @@ def _usable(data: Dataset, seen: Measured, mechanism: Mechanism) -> Dataset:
         joints &= np.isfinite(data.to_q).all(axis=1)
     findings, dropped = list(data.findings), list[tuple[int, str]]()
     for bad, reason in ((~joints, lacking),
-                        (joints & ~seen.any_measured, "nothing was measured")):
+                        (joints & ~seen, "nothing was measured")):
         rows = np.flatnonzero(bad)
         if rows.size:
-            findings.append(f"{data.source}: {row_list(rows)}: {reason}; left out.")
-            dropped += [(int(i) + 1, reason) for i in rows]
+            findings.append(f"{data.source}: {row_list(data.rows[rows] - 1)}: {reason}; left out.")
+            dropped += [(int(i), reason) for i in data.rows[rows]]
     if not dropped:
         return data
-    keep = joints & seen.any_measured
+    keep = np.asarray(joints & seen)
     if not keep.any():
         commands = "joint values" if data.commanded is None else "a commanded pose"
         raise BadInput(f"no row has both {commands} and a measurement", data.source,

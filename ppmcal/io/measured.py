@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal.calibration.observation import NUMBERS
 from ppmcal.errors import BadInput
@@ -21,10 +20,7 @@ from ppmcal.units import Units
 
 @dataclass(frozen=True)
 class Measured:
-    """SI; position and rotation (N, 3), value (N,), and their standard deviations.
-
-    ``any_measured`` (N,): whether the row holds any measurement at all.
-    """
+    """SI; position and rotation (N, 3), value (N,), and their standard deviations."""
 
     position: Array
     rotation: Array
@@ -32,7 +28,6 @@ class Measured:
     sigma_position: Array
     sigma_rotation: Array
     sigma_value: Array
-    any_measured: NDArray[np.bool_]
     findings: tuple[str, ...]
 
 
@@ -57,10 +52,8 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
         for i, name in enumerate(names):
             for source in (shared, f"sigma_{name}"):
                 _override(group[:, i], table, source, factor)
-    seen = np.any(np.isfinite(np.concatenate([position, rotation], axis=1)), axis=1)
-    seen = np.asarray(seen, dtype=bool)
     return Measured(position, rotation, np.full(n, np.nan), sigma_position, sigma_rotation,
-                    np.full(n, np.nan), seen, tuple(findings))
+                    np.full(n, np.nan), tuple(findings))
 
 
 def _pose(table: Table, mechanism: Mechanism, kind: str, units: Units
@@ -139,7 +132,7 @@ def _scalar(table: Table, file: SidecarFile, side: str, name: str, units: Units)
         c in COORDINATES or c in QUATERNION or _scalar_column(c, name)))
     return Measured(nothing, nothing.copy(), value,
                     np.repeat(sigma_value[:, None], 3, axis=1), nothing.copy(), sigma_value,
-                    np.isfinite(value), tuple(findings))
+                    tuple(findings))
 
 
 def _scalar_column(name: str, own: str) -> bool:

@@ -15,6 +15,7 @@ from ppmcal.calibration.registration import refuse_flat
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.pose_fields import OF_FRAME, pose_from_map
+from ppmcal.io.reading import ReadFile
 from ppmcal.io.schema import (
     LARGEST,
     Label,
@@ -107,6 +108,8 @@ class SidecarFile(Strict):
     """Directions of approach: dir_ columns, the order of rows, or unknown."""
     homing: Annotated[str, choice("homing", "shared", "per-file")] = "shared"
     """Whether the joints' zeros are those of the machine or of this file."""
+    read: ReadFile = ReadFile()
+    """How to read the CSV, where it is not as the contract has it."""
 
 
 def sidecar_path(csv_path: Path) -> Path:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.linalg import Array, ways
+from ppmcal.units import SI, Units
 from ppmcal.wording import counted
 
 KINDS = ("pose", "position", "plane", "distance")
@@ -61,6 +63,10 @@ class Dataset:
         findings: warnings that reading gave, each naming the row or column.
         dropped: rows of the CSV that hold nothing usable: (row number, reason).
         extra: what only one kind of instrument has.
+        units: that the file is in.
+        convention: in which its rotation columns were read: ``rotvec``, ``quat-xyzw`` ...
+        read: the sidecar's own block ``read``.
+        headers: our column -> the file's header, where they differ.
     """
 
     name: str
@@ -90,6 +96,10 @@ class Dataset:
     findings: tuple[str, ...] = ()
     dropped: tuple[tuple[int, str], ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
+    units: Units = SI
+    convention: str = "rotvec"
+    read: Mapping[str, Any] = field(default_factory=dict)
+    headers: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of_poses(cls, name: str, q: Array, pose: Array, sigma: tuple[float, float],

@@ -15,6 +15,7 @@ from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import plot_data
 from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect, Swallowed
 from ppmcal.io.results.diagnosis_plots import DiagnosisPlots
+from ppmcal.io.results.misreading import MisreadingEntry
 from ppmcal.io.results.other_models import OtherModel, other_files
 from ppmcal.io.results.record import (
     Flag,
@@ -207,6 +208,7 @@ class DiagnosisRecord(Record):
 
     name: Text = ""
     verdict: Text = ""
+    misreadings: tuple[MisreadingEntry, ...] = ()
     effects: tuple[DiagnosedEffect, ...] = ()
     possible: tuple[SuspectedEffect, ...] = ()
     remainder: ResidualAfter = ResidualAfter()

@@ -10,6 +10,7 @@ from ppmcal.model.effects import GEOMETRY
 from ppmcal.wording import counted, shorter, where
 
 VERDICTS = {
+    "misread": "The measurements were read wrongly; nothing was diagnosed.",
     "none": "No missing effect is detectable in these data.",
     "weak": "Something may be missing, but it is too weak to be named.",
     "named": "The missing effect is named.",

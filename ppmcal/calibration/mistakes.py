@@ -1,0 +1,193 @@
+"""A reading in words: which mistakes a file holds, and the line that mends each.
+
+The mend is the block ``read`` of the sidecar as a whole: what it already says, and what was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ppmcal.calibration.readings import (
+    AXES,
+    IDENTITY,
+    PLUS,
+    QUATERNIONS,
+    TURNS,
+    JointReading,
+    PoseReading,
+    Reading,
+)
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import counted
+
+QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """One way in which a file is not what it was read as.
+
+    ``kind``: permuted, sign, unit, rotation, inverse, mirrored, exchanged, shifted, stale,
+    outside-limits or radius; ``columns`` that it concerns; ``text``: in words; ``rows``: where
+    not all of them, by number in the CSV.
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    text: str
+    rows: tuple[int, ...] = ()
+
+
+def mistakes(reading: Reading, mechanism: Mechanism, data: Dataset) -> tuple[Mistake, ...]:
+    """Return what a reading says is wrong in a file."""
+    out = [*_of_joints(reading.joints, mechanism, data), *_of_positions(reading.pose, data),
+           *_of_rotations(reading.pose, data)]
+    if reading.pose.inverse:
+        out.append(Mistake("inverse", _measured(data), "the poses are inverse: the measuring "
+                           "frame seen from the platform"))
+    if reading.shift:
+        late = "behind" if reading.shift > 0 else "ahead of"
+        out.append(Mistake("shifted", _measured(data), "the measured columns are "
+                           f"{counted(abs(reading.shift), 'row')} {late} the joint columns"))
+    return tuple(out)
+
+
+def _measured(data: Dataset) -> tuple[str, ...]:
+    return (*AXES, *TURNS) if data.kind == "pose" else AXES
+
+
+def _of_joints(joints: JointReading, mechanism: Mechanism, data: Dataset) -> list[Mistake]:
+    names = [f"q_{a}" for a in mechanism.actuators]
+    out = []
+    wrong = [i for i, o in enumerate(joints.order) if o != i]
+    if wrong:
+        each = ", ".join(f"{names[i]} is in the column {names[joints.order[i]]}" for i in wrong)
+        text = (f"{names[wrong[0]]} and {names[wrong[1]]} are exchanged" if len(wrong) == 2
+                else f"the joint columns are permuted: {each}")
+        out.append(Mistake("permuted", tuple(names[i] for i in wrong), text))
+    minus = [n for n, s in zip(names, joints.signs, strict=True) if s < 0]
+    if minus:
+        out.append(Mistake("sign", tuple(minus), f"{_list(minus)} "
+                           f"{'has' if len(minus) == 1 else 'have'} the other sign"))
+    for unit in dict.fromkeys(u for u in joints.units if u):
+        own = [i for i, u in enumerate(joints.units) if u == unit]
+        declared = data.units.name(mechanism.actuator_quantity[own[0]])
+        out.append(_unit([names[i] for i in own], unit, declared))
+    return out
+
+
+def _unit(names: Sequence[str], unit: str, declared: str) -> Mistake:
+    return Mistake("unit", tuple(names), f"{_list(names)} "
+                   f"{'is' if len(names) == 1 else 'are'} in {unit}, not {declared}")
+
+
+def _list(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _of_positions(pose: PoseReading, data: Dataset) -> list[Mistake]:
+    out = []
+    if pose.order != IDENTITY:
+        wrong = [i for i, o in enumerate(pose.order) if o != i]
+        out.append(Mistake("exchanged", tuple(AXES[i] for i in wrong),
+                           "; ".join(f"{AXES[i]} is in the column {AXES[pose.order[i]]}"
+                                     for i in wrong)))
+    minus = [a for a, s in zip(AXES, pose.signs, strict=True) if s < 0]
+    if len(minus) == 1:
+        out.append(Mistake("mirrored", tuple(minus), f"{minus[0]} has the other sign: that axis "
+                           "of the instrument points the other way"))
+    elif minus:
+        out.append(Mistake("sign", tuple(minus), f"{_list(minus)} have the other sign"))
+    if pose.mirror:
+        out.append(Mistake("mirrored", _measured(data), "the poses are left-handed: the "
+                           f"instrument's {pose.mirror} axis points the other way"))
+    if pose.unit:
+        out.append(_unit(AXES, pose.unit, data.units.length))
+    return out
+
+
+def _of_rotations(pose: PoseReading, data: Dataset) -> list[Mistake]:
+    out, columns = [], QUATERNION if data.convention.startswith("quat") else TURNS
+    if pose.turn_order != IDENTITY:
+        wrong = [i for i, o in enumerate(pose.turn_order) if o != i]
+        out.append(Mistake("exchanged", tuple(TURNS[i] for i in wrong),
+                           "; ".join(f"{TURNS[i]} is in the column {TURNS[pose.turn_order[i]]}"
+                                     for i in wrong)))
+    if pose.rotation:
+        out.append(Mistake("rotation", columns, f"{', '.join(columns)} hold "
+                           f"{convention_words(pose.rotation)}, not "
+                           f"{convention_words(data.convention)}"))
+    if pose.turn_signs == (-1, -1, -1):
+        out.append(Mistake("rotation", columns, "the rotations are inverse (transposed): the "
+                           "measuring frame's turn seen from the platform"))
+    elif pose.turn_signs != PLUS:
+        minus = [c for c, s in zip(TURNS, pose.turn_signs, strict=True) if s < 0]
+        out.append(Mistake("sign", tuple(minus), f"{_list(minus)} "
+                           f"{'has' if len(minus) == 1 else 'have'} the other sign"))
+    if pose.turn_unit:
+        out.append(_unit(TURNS, pose.turn_unit, data.units.angle))
+    return out
+
+
+def convention_words(convention: str) -> str:
+    """Return what rotation columns hold, in words."""
+    if convention.startswith("euler-"):
+        order = convention.removeprefix("euler-")
+        axes = "fixed" if order.islower() else "moving"
+        return f"{order.upper()} Euler angles about {axes} axes ({convention})"
+    return {"rotvec": "a rotation vector", "quat-xyzw": "a quaternion x, y, z, w",
+            "quat-wxyz": "a quaternion w, x, y, z", "matrix": "a matrix"}[convention]
+
+
+def read_block(reading: Reading, mechanism: Mechanism, data: Dataset) -> dict[str, Any]:
+    """Return the sidecar's block ``read`` with which the file is read in this way.
+
+    What the sidecar says already stays, and is put together with what was found.
+    """
+    old = dict(data.read)
+    pose, joints = reading.pose, reading.joints
+    columns = _columns(reading, mechanism, data)
+    signs = dict(old.get("signs", {}))
+    for name, sign in _signs(joints, pose, mechanism, data):
+        signs[name] = sign * signs.get(name, 1)
+    units = dict(old.get("units", {})) | _units(joints, pose, mechanism)
+    rotation = pose.rotation or old.get("rotation", "")
+    inverse = pose.inverse != (old.get("pose") == "inverse")
+    mirror = "" if pose.mirror == old.get("mirror", "") else pose.mirror or old["mirror"]
+    if (inverse or mirror) and data.convention in QUATERNIONS:
+        rotation = rotation or data.convention
+    shift = reading.shift + int(old.get("shift", 0))
+    out = {"columns": columns, "ignore": old.get("ignore"), "units": units,
+           "counts_per_turn": old.get("counts_per_turn"),
+           "signs": {n: s for n, s in signs.items() if s != 1}, "rotation": rotation,
+           "pose": "inverse" if inverse else "", "mirror": mirror, "shift": shift}
+    return {key: value for key, value in out.items() if value}
+
+
+def _columns(reading: Reading, mechanism: Mechanism, data: Dataset) -> dict[str, str]:
+    """Return our column -> the file's header, wherever they differ."""
+    headers = dict(data.headers)
+    names = [f"q_{a}" for a in mechanism.actuators]
+    for own, order in ((names, reading.joints.order), (AXES, reading.pose.order),
+                       (TURNS, reading.pose.turn_order)):
+        headers |= {own[i]: data.headers.get(own[o], own[o]) for i, o in enumerate(order)
+                    if o != i or own[i] in headers}
+    return {own: header for own, header in headers.items() if own != header}
+
+
+def _signs(joints: JointReading, pose: PoseReading, mechanism: Mechanism, data: Dataset
+           ) -> list[tuple[str, int]]:
+    turns = QUATERNION[:3] if data.convention in QUATERNIONS else TURNS
+    return [*zip([f"q_{a}" for a in mechanism.actuators], joints.signs, strict=True),
+            *zip(AXES, pose.signs, strict=True), *zip(turns, pose.turn_signs, strict=True)]
+
+
+def _units(joints: JointReading, pose: PoseReading, mechanism: Mechanism) -> dict[str, str]:
+    named = [*zip([f"q_{a}" for a in mechanism.actuators], joints.units, strict=True)]
+    axes = AXES[:2] if mechanism.motion == "planar" else AXES
+    turns = TURNS[2:] if mechanism.motion == "planar" else TURNS
+    named += [(a, pose.unit) for a in axes] + [(t, pose.turn_unit) for t in turns]
+    return {name: unit for name, unit in named if unit}

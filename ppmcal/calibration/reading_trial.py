@@ -1,0 +1,170 @@
+"""Which reading is right: the likeliest ones, each with a short fit of few rows.
+
+A reading is accepted where the gap falls by a large factor and lands where tolerances and noise
+explain it. Of readings that do as well, the one that changes least is it: a symmetric machine in
+an unknown frame may be renumbered in several ways that cannot be told apart, nor need be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.calibration.mistakes import Mistake, mistakes, read_block
+from ppmcal.calibration.observation import SCALARS
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.reading_search import Scored, search_readings
+from ppmcal.calibration.readings import Reading
+from ppmcal.errors import PpmcalError
+from ppmcal.model.mechanism import Mechanism
+
+AMONG_BEST = 2.5
+"""Readings whose median miss is within this of the least are fitted,"""
+TRIED = 8
+"""at most so many of them, those that change least first."""
+AS_GOOD = 1.5
+"""Readings that leave within this of the least are as good as it."""
+FALLS = 4.0
+"""A reading has to lower the gap by this factor."""
+LANDS = 5.0
+"""And to leave no more than so many times what noise and tolerances explain."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a reading leaves: see :class:`ppmcal.calibration.misreading.Misfit`."""
+
+    times: float
+    position: float
+    rotation: float
+    after: float
+
+
+@dataclass(frozen=True)
+class Misreading:
+    """A file that was read wrongly, and how it is to be read.
+
+    Attributes:
+        source: the CSV.
+        mistakes: what is wrong in it; ``block``: the sidecar's ``read`` that mends it, None
+            where only the user can.
+        before, after: median miss, m or rad (``quantity``), with the nominal machine.
+        noise_after: what a short fit leaves, times the noise.
+    """
+
+    source: str
+    mistakes: tuple[Mistake, ...]
+    block: dict[str, object] | None
+    quantity: str
+    before: float
+    after: float
+    noise_after: float
+
+
+Judge = Callable[[Problem, float], Trial]
+
+
+def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
+                    ) -> Misreading | None:
+    """Return how one data set is to be read, None where no other reading explains it.
+
+    Args:
+        problem: machine and data.
+        index: of the data set.
+        as_read: what the file leaves as it is read now, without a fit.
+        judge: gives what a problem leaves, from few rows.
+    """
+    data, mechanism = problem.datasets[index], problem.mechanism
+    if data.kind in SCALARS or data.commanded is not None or data.frame.same_as:
+        return None
+    alone = replace(problem, datasets=(data,), pivots=None, given=None, earlier=None)
+    good: list[Found] = []
+    for ways in (_other_readings(alone), _other_machines(alone)):
+        good = [g for g in _judged(ways, judge) if g[2].times * FALLS <= as_read.times]
+        if good:
+            break
+    else:
+        return None
+    least = min(t.after for _, _, t in good)
+    reading, what, best = min(
+        (g for g in good if g[2].after <= AS_GOOD * max(least, 1.0)), key=_cost)
+    pairs = ((as_read.position, best.position), (as_read.rotation, best.rotation))
+    turned = pairs[1][0] / max(pairs[1][1], 1e-300) > 2.0 * pairs[0][0] / max(pairs[0][1], 1e-300)
+    before, after = pairs[turned]
+    block = None if reading is None else read_block(reading, mechanism, data)
+    return Misreading(data.source, what, block, "angle" if turned else "length", before, after,
+                      best.after)
+
+
+Found = tuple[Reading | None, tuple[Mistake, ...], Trial]
+Way = tuple[Reading | None, tuple[Mistake, ...], Problem]
+
+
+def _cost(found: Found) -> tuple[int, float]:
+    reading, what, trial = found
+    return (reading.parts if reading is not None else len(what)), trial.after
+
+
+def _likely(found: Sequence[Scored]) -> list[Reading]:
+    """Return the readings that a fit shall decide between, those that change least first."""
+    other = [s for s in found if s.reading.parts]
+    if not other:
+        return []
+    near = [s for s in other if s.score <= AMONG_BEST * other[0].score]
+    near = sorted(near, key=lambda s: (s.reading.parts, s.score))[:TRIED]
+    best = other[0]
+    return [s.reading for s in (near if best in near else [*near, best])]
+
+
+def _other_readings(alone: Problem) -> Iterator[Way]:
+    mechanism, data = alone.mechanism, alone.datasets[0]
+    for reading in _likely(search_readings(mechanism, data)):
+        other = reading.of(data, mechanism.joint_factors(data.units),
+                           mechanism.motion == "planar")
+        yield reading, mistakes(reading, mechanism, data), replace(alone, datasets=(other,))
+
+
+def _judged(ways: Iterable[Way], judge: Judge) -> list[Found]:
+    """Return the readings that land where tolerances and noise explain it.
+
+    A reading that comes to the noise ends the search: those behind it change more.
+    """
+    out: list[Found] = []
+    for reading, what, problem in ways:
+        try:
+            found = judge(problem, LANDS)
+        except (PpmcalError, np.linalg.LinAlgError):
+            continue
+        if found.times <= LANDS:
+            out.append((reading, what, found))
+            if found.after <= AS_GOOD:
+                break
+    return out
+
+
+def _other_machines(alone: Problem) -> Iterator[Way]:
+    """Yield machines whose file gives a diameter for a radius, or the reverse."""
+    for ends in (("base",), ("platform",), ("base", "platform")):
+        for factor, given, meant in ((0.5, "diameter", "radius"), (2.0, "radius", "diameter")):
+            machine = _scaled(alone.mechanism, ends, factor)
+            if machine is None:
+                continue
+            text = (f"{alone.mechanism.source}: the {' and '.join(ends)} points are "
+                    f"{1.0 / factor:g} times as far out as the measurements say: a {given} for a "
+                    f"{meant}?")
+            what = (Mistake("radius", tuple(f"{e}.point" for e in ends), text),)
+            yield None, what, replace(alone, mechanism=machine, free=machine.free)
+
+
+def _scaled(mechanism: Mechanism, ends: Sequence[str], factor: float) -> Mechanism | None:
+    """Return the machine with the joints of its base or platform farther out or further in."""
+    parameters, found = [], False
+    for p in mechanism.parameters:
+        mine = any(f"{end}.point." in p.name for end in ends) and p.name.rsplit(".", 1)[-1] in (
+            "x", "y", "radius")
+        found |= mine and p.value != 0.0
+        parameters.append(replace(p, value=factor * p.value, nominal=factor * p.nominal)
+                          if mine else p)
+    return replace(mechanism, parameters=tuple(parameters)) if found else None

@@ -1,0 +1,294 @@
+"""The sidecar's block ``read``: how the CSV is to be read where it is not as section 2 has it.
+
+Everything is done on the table before anything else looks at it, in this order: columns, signs,
+units, convention of rotations, mirrored axis, inverse pose. Only the shift of rows waits until
+the rows have their numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from ppmcal.calibration.readings import (
+    AXES,
+    QUATERNIONS,
+    TURNS,
+    inverse_pose,
+    mirrored,
+    understood,
+)
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io.csv import Table
+from ppmcal.io.measurement_columns import ZERO_CELSIUS, known_columns
+from ppmcal.io.pose_fields import QUATERNION
+from ppmcal.io.schema import Label, Strict, choice, hint, refuse, show
+from ppmcal.kinematics.rotations import ORDERS
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.dataset import STANDARD_GRAVITY
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import ANGLES, LENGTHS, TURN, Units
+
+MATRIX = tuple(f"r{i}{j}" for i in "123" for j in "123")
+ROTATIONS = ("rotvec", *QUATERNIONS, *(f"euler-{o}" for o in ORDERS), "matrix")
+POUND, INCH_POUND = 0.45359237, 0.45359237 * STANDARD_GRAVITY
+FURTHER: Mapping[str, Mapping[str, float]] = {
+    "payload": {"kg": 1.0, "g": 1e-3, "lb": POUND, "N": 1.0 / STANDARD_GRAVITY},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "force": {"N": 1.0, "kN": 1e3, "lbf": INCH_POUND},
+}
+TEMPERATURES: Mapping[str, Callable[[Array], Array]] = {
+    "C": lambda t: t, "K": lambda t: t - ZERO_CELSIUS, "F": lambda t: (t - 32.0) / 1.8}
+ANGULAR = {**ANGLES, "turn": TURN}
+UNITS = tuple(dict.fromkeys((*LENGTHS, *ANGULAR, "counts", *TEMPERATURES, *FURTHER["payload"],
+                             *FURTHER["time"], *FURTHER["force"])))
+
+
+def _mapping(what: str, one: Callable[[object], object]) -> BeforeValidator:
+    def check(value: object) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise refuse(f"{show(value)} is not a mapping", f"Write a column and its {what}, such "
+                         "as {q_leg2: ...}")
+        return {str(k): one(v) for k, v in value.items()}
+
+    return BeforeValidator(check)
+
+
+def _sign(value: object) -> object:
+    if isinstance(value, bool) or value not in (1, -1):
+        raise refuse(f"{show(value)} is not a sign", "Write 1 or -1")
+    return int(value)
+
+
+def _unit(value: object) -> object:
+    if value not in UNITS:
+        error = unknown("unit", value, UNITS)
+        raise refuse(error.what, error.mend)
+    return value
+
+
+def _header_name(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise refuse(f"{show(value)} is not the name of a column", "Write the file's header there")
+    return str(value).strip()
+
+
+def _whole(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > 1_000_000:
+        raise refuse(f"{show(value)} is not a number of rows", "Write a whole number such as 1")
+    return value
+
+
+def _turn(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e12:
+        raise refuse(f"{show(value)} is not a number of counts", "Write a positive number")
+    return float(value)
+
+
+class ReadFile(Strict):
+    """How to read the CSV where it is not as the program has it."""
+
+    columns: Annotated[dict[str, str], _mapping("header in the file", _header_name)] = Field(
+        default_factory=dict)
+    """Our column: the file's header."""
+    ignore: list[Label] = Field(default_factory=list)
+    """Headers of the file to leave alone."""
+    units: Annotated[dict[str, str], _mapping("unit", _unit)] = Field(default_factory=dict)
+    """Unit of a column (or of all that a pattern such as q_* names), if not the file's."""
+    counts_per_turn: Annotated[float, BeforeValidator(_turn)] | None = None
+    """Counts in a turn of the drive, for columns in counts."""
+    signs: Annotated[dict[str, int], _mapping("sign", _sign)] = Field(default_factory=dict)
+    """Sign of a column (or pattern): 1 or -1."""
+    rotation: Annotated[str, choice("rotation convention", *ROTATIONS)] | None = None
+    """What the rotation columns hold; Euler angles: small letters fixed axes, capitals moving."""
+    pose: Annotated[str, choice("pose", "direct", "inverse")] = "direct"
+    """inverse: the measuring frame seen from the platform."""
+    mirror: Annotated[str, choice("axis", *AXES)] | None = None
+    """An axis of the instrument that points the other way (left-handed)."""
+    shift: Annotated[int, BeforeValidator(_whole)] = 0
+    """The measured columns are so many rows behind the joint columns."""
+
+
+def renamed(table: Table, read: ReadFile, mechanism: Mechanism, side: str) -> Table:
+    """Return the table under our own names, without the columns to be left alone.
+
+    Raises:
+        BadInput: a header that the file does not have, a column that nobody knows, or two
+            headers for one column.
+    """
+    place = f"{side}: read.columns"
+    known = [*known_columns(mechanism), *MATRIX]
+    for own, header in read.columns.items():
+        if header not in table.header:
+            raise BadInput(f"{table.source} has no column '{header}'", f"{place}.{own}",
+                           f"Its columns are {', '.join(table.header)}."
+                           f"{hint(header, table.header)}")
+        if own not in known and not own.startswith("temperature_"):
+            raise unknown("column", own, known, place)
+    names = {header: own for own, header in read.columns.items()}
+    if len(names) < len(read.columns):
+        twice = next(h for h in names if list(read.columns.values()).count(h) > 1)
+        raise BadInput(f"the column '{twice}' is given for two of ours", place,
+                       "Give each column once")
+    left = set(read.ignore)
+    for name in left - set(table.header):
+        raise BadInput(f"{table.source} has no column '{name}'", f"{side}: read.ignore",
+                       f"Remove it there.{hint(name, table.header)}")
+    kept = [names.get(h, h) for h in table.header if h not in left]
+    for h in table.header:
+        if h not in left and h not in names and h in read.columns:
+            raise BadInput(f"'{read.columns[h]}' and '{h}' both are {h}", f"{place}.{h}",
+                           f"Say what the file's own {h} is, or write `ignore: [{h}]`")
+    return replace(table, header=tuple(kept),
+                   numbers={names.get(h, h): v for h, v in table.numbers.items() if h not in left},
+                   text={names.get(h, h): v for h, v in table.text.items() if h not in left})
+
+
+def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units, side: str
+                ) -> Table:
+    """Return the table in the units, axes and conventions of section 2.
+
+    Raises:
+        BadInput: a column that the file does not have, a unit that it cannot be in, or rotation
+            columns that a convention lacks.
+    """
+    numbers = dict(table.numbers)
+    for pattern, sign in read.signs.items():
+        for name in _matching(table, pattern, f"{side}: read.signs"):
+            numbers[name] = sign * numbers[name]
+    for pattern, unit in read.units.items():
+        for name in _matching(table, pattern, f"{side}: read.units"):
+            numbers[name] = _in_declared(numbers[name], name, unit, read, mechanism, units, side)
+    table = replace(table, numbers=numbers)
+    if read.rotation not in (None, "rotvec"):
+        table = _as_vectors(table, str(read.rotation), mechanism, units.factor("angle"), side)
+    if read.mirror or read.pose == "inverse":
+        table = _seen_right(table, read, mechanism, units.factor("angle"), side)
+    return table
+
+
+def _matching(table: Table, pattern: str, place: str) -> list[str]:
+    names = [n for n in table.header if fnmatchcase(n, pattern)]
+    if not names:
+        raise BadInput(f"no column is called '{pattern}'", f"{place}.{pattern}",
+                       f"The columns are {', '.join(table.header)}.{hint(pattern, table.header)}")
+    for name in names:
+        if name in table.text:
+            raise BadInput(f"the column '{name}' holds words", f"{place}.{pattern}",
+                           "Remove the line")
+    return names
+
+
+def _in_declared(values: Array, name: str, unit: str, read: ReadFile, mechanism: Mechanism,
+                 units: Units, side: str) -> Array:
+    """Return a column's numbers in the unit that the file declares for it."""
+    place = f"{side}: read.units.{name}"
+    if name == "temperature" or name.startswith("temperature_"):
+        _allowed(unit, TEMPERATURES, name, place)
+        return TEMPERATURES[unit](values)
+    known, declared = _choices(name, mechanism, units)
+    if unit == "counts" and known is not LENGTHS:
+        if read.counts_per_turn is None:
+            raise BadInput("counts of what? The counts in a turn are missing", place,
+                           "Write `counts_per_turn: 4096` beside it, with your own number")
+        return np.asarray(values / read.counts_per_turn * TURN / declared)
+    _allowed(unit, known, name, place)
+    return np.asarray(values * (known[unit] / declared))
+
+
+def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str, float], float]:
+    """Return the units that a column may be in, SI, and the one that it is declared in."""
+    for a, quantity, bare in zip(mechanism.actuators, mechanism.actuator_quantity,
+                                 mechanism.actuator_has_ratio, strict=True):
+        if name in (f"q_{a}", f"to_q_{a}", f"vel_{a}"):
+            if bare:
+                return ANGULAR, TURN
+            return (LENGTHS if quantity == "length" else ANGULAR), units.factor(quantity)
+    bare_name = name.removeprefix("cmd_").removeprefix("sigma_")
+    if bare_name in (*TURNS, "rotation"):
+        return ANGULAR, units.factor("angle")
+    if bare_name in (*AXES, "height", "distance", "position"):
+        return LENGTHS, units.factor("length")
+    kind = {"payload": "payload", "time": "time", "fx": "force", "fy": "force", "fz": "force"}
+    return FURTHER.get(kind.get(name, ""), {}), 1.0
+
+
+def _allowed(unit: str, allowed: Mapping[str, object], name: str, place: str) -> None:
+    if unit not in allowed:
+        raise BadInput(f"{name} cannot be in {unit}", place,
+                       f"Write {' or '.join(allowed)}" if allowed else "Remove the line")
+
+
+def _as_vectors(table: Table, convention: str, mechanism: Mechanism, angle: float, side: str
+                ) -> Table:
+    """Return the table with rotation vectors in place of what a convention writes."""
+    place = f"{side}: read.rotation"
+    if mechanism.motion != "spatial":
+        raise BadInput(f"a {mechanism.motion} machine has no spatial rotation", place,
+                       "Remove the line")
+    own = (QUATERNION if convention in QUATERNIONS else MATRIX if convention == "matrix"
+           else TURNS)
+    lacking = [c for c in own if c not in table.numbers]
+    if lacking:
+        raise BadInput(f"{convention} needs the columns {', '.join(own)}; there is no "
+                       f"{', '.join(lacking)}", place, "Name them under `columns`, or correct the "
+                       "convention")
+    raw = np.stack([table.numbers[c] for c in own], axis=-1)
+    vectors = understood(raw * angle if own is TURNS else raw, convention) / angle
+    if convention == "matrix":
+        _refuse_no_rotation(raw, table, place)
+    return _with_columns(table, dict(zip(TURNS, vectors.T, strict=True)), own)
+
+
+def _refuse_no_rotation(raw: Array, table: Table, place: str) -> None:
+    whole = finite_rows(raw)
+    matrices = raw.reshape(-1, 3, 3)
+    off = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        bad = np.flatnonzero(whole & ((off > 1e-3) | (np.linalg.det(np.where(
+            whole[:, None, None], matrices, 0.0)) < 0.0)))
+    if bad.size:
+        raise BadInput(f"r11 ... r33 are no rotation in row {bad[0] + 1} ({off[bad[0]]:.2g} from "
+                       "orthogonal, or left-handed)", f"{table.source}: row {bad[0] + 1}",
+                       f"Check the columns; see {place}")
+
+
+def _with_columns(table: Table, new: Mapping[str, Array], old: tuple[str, ...]) -> Table:
+    gone = set(old) | set(new)
+    kept = [h for h in table.header if h not in gone]
+    return replace(table, header=(*kept, *new),
+                   numbers={**{h: v for h, v in table.numbers.items() if h not in gone}, **new})
+
+
+def _seen_right(table: Table, read: ReadFile, mechanism: Mechanism, angle: float, side: str
+                ) -> Table:
+    """Return the table with its measured poses turned round, or their axis the right way."""
+    planar = mechanism.motion == "planar"
+    key = "read.pose" if read.pose == "inverse" else "read.mirror"
+    if any(c in table.header for c in QUATERNION):
+        raise BadInput("quaternions are turned round as rotations of a convention", f"{side}: "
+                       f"{key}", "Write `rotation: quat-xyzw` beside it")
+    if planar and read.mirror == "z":
+        raise BadInput("in the plane only x or y can be mirrored", f"{side}: read.mirror",
+                       "Write x or y")
+    needed = ("x", "y", "rz") if planar else (*AXES, *TURNS)
+    lacking = [c for c in needed if c not in table.numbers]
+    if read.pose == "inverse" and lacking:
+        raise BadInput(f"an inverse pose needs {', '.join(needed)}; there is no "
+                       f"{', '.join(lacking)}", f"{side}: read.pose", "Remove the line")
+    blank = np.full(len(table), np.nan)
+    position, turn = (np.stack([table.numbers.get(c, blank) for c in names], axis=-1)
+                      for names in (AXES, TURNS))
+    turn = turn * angle
+    if read.mirror:
+        position, turn = mirrored(position, turn, read.mirror)
+    if read.pose == "inverse":
+        position, turn = inverse_pose(position, turn, planar)
+    new = {**dict(zip(AXES, position.T, strict=True)),
+           **dict(zip(TURNS, (turn / angle).T, strict=True))}
+    return _with_columns(table, {c: v for c, v in new.items() if c in table.numbers}, ())

@@ -1,0 +1,51 @@
+"""Files that were read wrongly, as check, identify and diagnose write them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import Field
+
+from ppmcal.calibration.reading_trial import Misreading
+from ppmcal.io.results.record import Part, Shown, Text, Whole
+from ppmcal.units import Units
+
+FORMAT = "ppmcal/misread/1"
+
+
+class MedianMiss(Part):
+    """Half of the rows miss by more, nominal machine, best registration, in ``unit``."""
+
+    before: Shown | None = None
+    after: Shown | None = None
+    unit: Text = ""
+
+
+class MisreadingEntry(Part):
+    """One mistake in one file.
+
+    ``read``: the sidecar's block that mends all mistakes of that file; null where only the user
+    can. ``rows``: where not all.
+    """
+
+    file: Text = ""
+    kind: Text = ""
+    columns: tuple[Text, ...] = ()
+    rows: tuple[Whole, ...] | None = None
+    read: Mapping[str, Any] | None = None
+    residual: MedianMiss | None = Field(default=None)
+    text: Text = ""
+
+
+def misreading_entries(found: Sequence[Misreading], units: Units) -> tuple[MisreadingEntry, ...]:
+    """Return one entry for each mistake, file units."""
+    out = []
+    for one in found:
+        factor = units.factor(one.quantity)
+        miss = MedianMiss(before=one.before / factor, after=one.after / factor,
+                          unit=units.name(one.quantity))
+        out += [MisreadingEntry(file=one.source, kind=m.kind, columns=m.columns,
+                                rows=m.rows or None, read=one.block, residual=miss, text=m.text)
+                for m in one.mistakes]
+    return tuple(out)
