@@ -23,7 +23,7 @@ from ppmcal.calibration.change_detection import carried_on
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
 from ppmcal.calibration.identify import identify as fitted
-from ppmcal.calibration.misreading import Misread, refuse_misread
+from ppmcal.calibration.misreading import Misread, refuse_misread, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import noise_check, with_estimated_noise
 from ppmcal.calibration.problem import Problem
@@ -168,6 +168,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         progress("comparing the measurements with the nominal machine")
         refuse_misread(problem)
         fit, odd, told = _fit(problem, options, sigma, progress)
+        refuse_small_misreading(fit)
         found = report(fit, options, fraction, seed, other)
     if before is not None:
         notes += odd + carried_on(fit, before, options)

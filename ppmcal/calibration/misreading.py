@@ -17,11 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.least_squares import least_squares, parameter_scale, prior_weights
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.outliers import Distances, distances, huber_weights
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import Misreading, Trial, find_misreading
+from ppmcal.calibration.small_misreading import find_small_misreading
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows, subsample
 from ppmcal.units import SI, Units
@@ -143,7 +145,7 @@ def misfit(problem: Problem) -> Misfit:
         found = _sure(problem, Trial(times, position, rotation, np.inf))
         if not found:
             before = distances(few, state).times(keep)
-            after = _after_trial(few, state, keep)
+            after = distances(few, _after_trial(few, state, keep)).times(keep)
     return Misfit(times, position, rotation, before, after, lost, rows, found)
 
 
@@ -170,9 +172,10 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
     """Return what is wrong in a file, and the evidence."""
     factor, unit = units.factor(found.quantity), units.name(found.quantity)
     what = " and ".join(m.text for m in found.mistakes)
-    return (f"{what}: the median miss falls from {found.before / factor:.3g} to "
-            f"{found.after / factor:.3g} {unit}, and a short fit comes to {found.noise_after:.2g} "
-            "times the noise")
+    before = (f"the median miss falls from {found.before / factor:.3g} to"
+              if np.isfinite(found.before) else "hardly a row had a pose; the median miss now is")
+    return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit comes to "
+            f"{found.noise_after:.2g} times the noise")
 
 
 def mend_of(found: Sequence[Misreading]) -> str:
@@ -200,6 +203,23 @@ def refuse_misread(problem: Problem) -> Misfit:
         raise Misread(found.sentence(problem.mechanism.units),
                       ", ".join(d.source for d in problem.datasets), MEND)
     return found
+
+
+def refuse_small_misreading(fit: Fit) -> None:
+    """Refuse measurements that a fit does not explain, and another reading of the file does.
+
+    A mistake that tolerances could explain, such as Euler angles of small turns, passes
+    :func:`refuse_misread` and shows in what the fit leaves.
+
+    Raises:
+        Misread: with how the file is to be read.
+    """
+    if distances(fit.problem, fit.state).times(fit.keep) <= TELLING:
+        return
+    found = tuple(m for i in range(len(fit.problem.datasets))
+                  if (m := find_small_misreading(fit, i, trial)) is not None)
+    if found:
+        raise Misread.of(found, fit.problem.mechanism.units)
 
 
 def _sure(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
@@ -239,8 +259,11 @@ def trial(problem: Problem, lands: float = np.inf) -> Trial:
     if sum(int((~k).sum()) for k in keep) > LOST * sum(k.size for k in keep):
         raise NoResult("most rows have no pose", ", ".join(d.source for d in problem.datasets))
     times = explained_distances(few, state).times(keep)
-    after = _after_trial(few, state, keep) if times <= lands else np.inf
-    return Trial(times, *_medians(few, state), after)
+    if times > lands:
+        return Trial(times, *_medians(few, state), np.inf)
+    end = _after_trial(few, state, keep)
+    return Trial(times, *_medians(few, state), distances(few, end).times(keep),
+                 _medians(few, end))
 
 
 def _few(problem: Problem) -> Problem:
@@ -269,12 +292,11 @@ def _medians(problem: Problem, state: State) -> tuple[float, float]:
     return position, rotation
 
 
-def _after_trial(problem: Problem, state: State, keep: Sequence[Bools]) -> float:
-    """Return how many times the noise a short robust fit leaves."""
+def _after_trial(problem: Problem, state: State, keep: Sequence[Bools]) -> State:
+    """Return where a short robust fit ends."""
     prior = prior_weights(problem, "prior")
 
     def weigh(at: State) -> Sequence[Array]:
         return huber_weights(problem, at, keep)
 
-    end = least_squares(problem, state, keep, prior, TRIAL_ITERATIONS, weigh)[0]
-    return distances(problem, end).times(keep)
+    return least_squares(problem, state, keep, prior, TRIAL_ITERATIONS, weigh)[0]

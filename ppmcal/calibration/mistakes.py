@@ -15,9 +15,9 @@ from ppmcal.calibration.readings import (
     PLUS,
     QUATERNIONS,
     TURNS,
+    FileReading,
     JointReading,
     PoseReading,
-    Reading,
 )
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -41,7 +41,7 @@ class Mistake:
     rows: tuple[int, ...] = ()
 
 
-def mistakes(reading: Reading, mechanism: Mechanism, data: Dataset) -> tuple[Mistake, ...]:
+def mistakes(reading: FileReading, mechanism: Mechanism, data: Dataset) -> tuple[Mistake, ...]:
     """Return what a reading says is wrong in a file."""
     out = [*_of_joints(reading.joints, mechanism, data), *_of_positions(reading.pose, data),
            *_of_rotations(reading.pose, data)]
@@ -142,7 +142,7 @@ def convention_words(convention: str) -> str:
             "quat-wxyz": "a quaternion w, x, y, z", "matrix": "a matrix"}[convention]
 
 
-def read_block(reading: Reading, mechanism: Mechanism, data: Dataset) -> dict[str, Any]:
+def read_block(reading: FileReading, mechanism: Mechanism, data: Dataset) -> dict[str, Any]:
     """Return the sidecar's block ``read`` with which the file is read in this way.
 
     What the sidecar says already stays, and is put together with what was found.
@@ -167,7 +167,7 @@ def read_block(reading: Reading, mechanism: Mechanism, data: Dataset) -> dict[st
     return {key: value for key, value in out.items() if value}
 
 
-def _columns(reading: Reading, mechanism: Mechanism, data: Dataset) -> dict[str, str]:
+def _columns(reading: FileReading, mechanism: Mechanism, data: Dataset) -> dict[str, str]:
     """Return our column -> the file's header, wherever they differ."""
     headers = dict(data.headers)
     names = [f"q_{a}" for a in mechanism.actuators]

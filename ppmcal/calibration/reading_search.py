@@ -22,7 +22,7 @@ from ppmcal.calibration.reading_candidates import (
     rotation_readings,
     whole_pose_readings,
 )
-from ppmcal.calibration.readings import JointReading, PoseReading, Reading, shifted_rows
+from ppmcal.calibration.readings import FileReading, JointReading, PoseReading, shifted_rows
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.linalg import Array, finite_rows, subsample
@@ -49,7 +49,7 @@ NEWTON_STEPS = 12
 class Scored:
     """One reading and what it leaves: median miss of positions, m, and of rotations, rad."""
 
-    reading: Reading
+    reading: FileReading
     position: float
     rotation: float
     score: float
@@ -162,7 +162,7 @@ class _Scene:
     def _one(self, c: int, pose: PoseReading, position: float, rotation: float) -> Scored:
         angle = 0.0 if np.isnan(rotation) else rotation
         score = float(np.hypot(position, self.mechanism.length_scale * angle))
-        return Scored(Reading(self.joints[c], pose, self.shift), position, rotation, score)
+        return Scored(FileReading(self.joints[c], pose, self.shift), position, rotation, score)
 
     def _registered(self, c: Index, b: Array, rounds: int, with_target: bool
                     ) -> tuple[Array, Array]:

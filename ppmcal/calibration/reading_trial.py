@@ -16,7 +16,7 @@ from ppmcal.calibration.mistakes import Mistake, mistakes, read_block
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.reading_search import Scored, search_readings
-from ppmcal.calibration.readings import Reading
+from ppmcal.calibration.readings import FileReading
 from ppmcal.errors import PpmcalError
 from ppmcal.model.mechanism import Mechanism
 
@@ -34,12 +34,16 @@ LANDS = 5.0
 
 @dataclass(frozen=True)
 class Trial:
-    """What a reading leaves: see :class:`ppmcal.calibration.misreading.Misfit`."""
+    """What a reading leaves: see :class:`ppmcal.calibration.misreading.Misfit`.
+
+    ``left``: median misses of positions and rotations after the short fit.
+    """
 
     times: float
     position: float
     rotation: float
     after: float
+    left: tuple[float, float] = (np.nan, np.nan)
 
 
 @dataclass(frozen=True)
@@ -90,16 +94,20 @@ def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
     least = min(t.after for _, _, t in good)
     reading, what, best = min(
         (g for g in good if g[2].after <= AS_GOOD * max(least, 1.0)), key=_cost)
-    pairs = ((as_read.position, best.position), (as_read.rotation, best.rotation))
-    turned = pairs[1][0] / max(pairs[1][1], 1e-300) > 2.0 * pairs[0][0] / max(pairs[0][1], 1e-300)
-    before, after = pairs[turned]
     block = None if reading is None else read_block(reading, mechanism, data)
-    return Misreading(data.source, what, block, "angle" if turned else "length", before, after,
-                      best.after)
+    return Misreading(data.source, what, block, *telling(
+        (as_read.position, as_read.rotation), (best.position, best.rotation)), best.after)
 
 
-Found = tuple[Reading | None, tuple[Mistake, ...], Trial]
-Way = tuple[Reading | None, tuple[Mistake, ...], Problem]
+def telling(before: tuple[float, float], after: tuple[float, float]) -> tuple[str, float, float]:
+    """Return the quantity whose miss falls most, of positions and rotations, before and after."""
+    falls = [b / max(a, 1e-300) for b, a in zip(before, after, strict=True)]
+    turned = falls[1] > 2.0 * falls[0] or not np.isfinite(after[0])
+    return "angle" if turned else "length", before[turned], after[turned]
+
+
+Found = tuple[FileReading | None, tuple[Mistake, ...], Trial]
+Way = tuple[FileReading | None, tuple[Mistake, ...], Problem]
 
 
 def _cost(found: Found) -> tuple[int, float]:
@@ -107,7 +115,7 @@ def _cost(found: Found) -> tuple[int, float]:
     return (reading.parts if reading is not None else len(what)), trial.after
 
 
-def _likely(found: Sequence[Scored]) -> list[Reading]:
+def _likely(found: Sequence[Scored]) -> list[FileReading]:
     """Return the readings that a fit shall decide between, those that change least first."""
     other = [s for s in found if s.reading.parts]
     if not other:

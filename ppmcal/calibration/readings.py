@@ -2,7 +2,7 @@
 
 A measurement file is numbers under names. The same numbers read in another way are another
 campaign: :class:`JointReading` for the joint columns, :class:`PoseReading` for the measured ones,
-both together with a shift of the rows a :class:`Reading`. Order of reading: columns, signs,
+both together with a shift of the rows a :class:`FileReading`. Order of reading: columns, signs,
 units, convention of rotations, mirrored axis, inverse pose, shift of rows (contract, section 6).
 """
 
@@ -138,7 +138,7 @@ class PoseReading:
 
 
 @dataclass(frozen=True)
-class Reading:
+class FileReading:
     """A way to read one file; ``shift``: the measured columns are so many rows late."""
 
     joints: JointReading

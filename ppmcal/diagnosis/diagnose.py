@@ -11,6 +11,7 @@ import numpy as np
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
+from ppmcal.calibration.misreading import refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.observation import coordinates
@@ -77,6 +78,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     say("fitting geometry")
     whole = identify(with_whole_rows(problem), options.fit)
     refuse_unconverged(whole)
+    refuse_small_misreading(whole)
     training, held = _split(whole, options)
     found = _find(training, options, say)
     say("confirming in all rows")
