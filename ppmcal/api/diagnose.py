@@ -20,13 +20,19 @@ from ppmcal.api.inputs import (
 from ppmcal.api.result import Progress, Result, silent
 from ppmcal.calibration.misreading import Misread, misreading_sentence, refuse_misread
 from ppmcal.calibration.model_averaging import Readings
+from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.diagnose import diagnose as diagnosed
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis import (
+    DiagnosisRecord,
+    HeldOutGap,
+    NextMeasurements,
+    ResidualAfter,
+)
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.misreading import misreading_entries
@@ -119,6 +125,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     problem = Problem(machine, datasets, machine.free)
     with with_unit_findings(machine, datasets) as units:
         progress("comparing the measurements with the nominal machine")
+        refuse_wrong_units(machine, datasets)
         refuse_misread(problem)
         found = diagnosed(problem, DiagnosisOptions(holdout, seed, draws, tuple(kinds) or None),
                           progress)
@@ -140,7 +147,11 @@ def misread_record(refused: Misread, mechanism: Machine, inputs: Sequence[Path_]
     machine = load(mechanism)
     return DiagnosisRecord(
         format=DiagnosisRecord.FORMAT, name=machine.name, verdict="misread",
-        misreadings=misreading_entries(refused.found, machine.units),
+        misreadings=misreading_entries(refused.found, machine.units), effects=(), localised=(),
+        not_testable=(), remainder=ResidualAfter(follows=None, p_value=None),
+        gap=HeldOutGap(noise=1.0, before=None, after=None, closed=None, interval=None),
+        next_measurements=NextMeasurements(reason="Correct how the file is read, then diagnose "
+                                           "again.", file=None),
         findings=tuple(f"{m.source}: {misreading_sentence(m, machine.units)}."
                        for m in refused.found), units=UnitNames.of(machine.units),
         provenance=Provenance(**source_of("diagnose", inputs, seed)))

@@ -26,6 +26,7 @@ from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.misreading import Misread, refuse_misread, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import noise_check, with_estimated_noise
+from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.validation import Residuals
@@ -166,6 +167,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         _refuse_unobservable(problem, machine.source)
     with with_unit_findings(machine, datasets) as units:
         progress("comparing the measurements with the nominal machine")
+        if machine.effects:
+            refuse_wrong_units(machine, datasets)
         refuse_misread(problem)
         fit, odd, told = _fit(problem, options, sigma, progress)
         refuse_small_misreading(fit)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.calibration.stale_rows import without_stale
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
 from ppmcal.io.csv import read_table
@@ -140,7 +141,7 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
         for pattern in unmatched(machine.parameters, patterns):
             raise unknown("parameter", pattern, machine.names, "--free")
         machine = machine.with_free(patterns)
-    datasets = datasets_of(machine, data)
+    datasets = without_stale(datasets_of(machine, data), machine)
     if machine.effects and datasets:
         machine = with_strokes(machine, np.concatenate([d.q for d in datasets]))
         for d in datasets:

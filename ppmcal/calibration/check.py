@@ -19,6 +19,7 @@ from ppmcal.calibration.identifiability import (
 )
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misreading import MEND, mend_of, misfit, misreading_sentence
+from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.kinematics.closure import Closure, Model
@@ -137,6 +138,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
                      for m in misreadings]
         if found.misread and not misreadings:
             findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
+    listed = (*misreadings, *(m for d in datasets for m in plain_mistakes(d, mechanism)))
     rank, columns = 0, 0
     unseen: tuple[str, ...] = ()
     redundant: tuple[str, ...] = ()
@@ -154,7 +156,7 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         else None
     )
     return Check(tuple(findings), gaps, value, state.q, rank, columns, unseen, redundant, ahead,
-                 misreadings)
+                 listed)
 
 
 def home_gaps(mechanism: Mechanism) -> tuple[LimbGap, ...]:

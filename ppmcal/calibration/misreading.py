@@ -22,7 +22,7 @@ from ppmcal.calibration.least_squares import least_squares, parameter_scale, pri
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.outliers import Distances, distances, huber_weights
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.calibration.reading_trial import Misreading, Trial, find_misreading
+from ppmcal.calibration.reading_trial import NOISE, Misreading, Trial, find_misreading
 from ppmcal.calibration.small_misreading import find_small_misreading
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows, subsample
@@ -172,6 +172,10 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
     """Return what is wrong in a file, and the evidence."""
     factor, unit = units.factor(found.quantity), units.name(found.quantity)
     what = " and ".join(m.text for m in found.mistakes)
+    if np.isnan(found.after):
+        return what
+    if found.quantity == NOISE:
+        return f"{what}: residuals fall from {found.before:.3g} to {found.after:.3g} {NOISE}"
     before = (f"the median miss falls from {found.before / factor:.3g} to"
               if np.isfinite(found.before) else "hardly a row had a pose; the median miss now is")
     return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit comes to "

@@ -5,7 +5,7 @@ The mend is the block ``read`` of the sidecar as a whole: what it already says, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,6 +140,11 @@ def convention_words(convention: str) -> str:
         return f"{order.upper()} Euler angles about {axes} axes ({convention})"
     return {"rotvec": "a rotation vector", "quat-xyzw": "a quaternion x, y, z, w",
             "quat-wxyz": "a quaternion w, x, y, z", "matrix": "a matrix"}[convention]
+
+
+def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str, object]:
+    """Return the sidecar's block ``read`` with more of one key, such as units: {payload: g}."""
+    return {**data.read, key: {**data.read.get(key, {}), **lines}}
 
 
 def read_block(reading: FileReading, mechanism: Mechanism, data: Dataset) -> dict[str, Any]:

@@ -26,6 +26,8 @@ TRIED = 8
 """at most so many of them, those that change least first."""
 AS_GOOD = 1.5
 """Readings that leave within this of the least are as good as it."""
+NOISE = "times the noise"
+"""In the place of a quantity: residuals over the noise, no length or angle."""
 FALLS = 4.0
 """A reading has to lower the gap by this factor."""
 LANDS = 5.0

@@ -27,7 +27,7 @@ from ppmcal.calibration.reading_search import SHIFTS, search_readings
 from ppmcal.calibration.reading_trial import Judge, Misreading, Trial, telling
 from ppmcal.calibration.readings import FileReading, JointReading
 from ppmcal.errors import PpmcalError
-from ppmcal.linalg import Array, range_basis, subsample
+from ppmcal.linalg import Array, Bools, range_basis, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -121,7 +121,7 @@ def _readings(mechanism: Mechanism, data: Dataset) -> Iterator[FileReading]:
     yield from (FileReading(plain, shift=s) for s in SHIFTS)
 
 
-def _basis(problem: Problem, state: State, keep: Array) -> tuple[Array, Array]:
+def _basis(problem: Problem, state: State, keep: Bools) -> tuple[Array, Array]:
     """Return an orthonormal basis of the fit's columns (n m, r) and its residuals (n, m)."""
     jacobian, residual = [], []
     for rows in problem.rows(state, True, [keep]):
@@ -132,7 +132,7 @@ def _basis(problem: Problem, state: State, keep: Array) -> tuple[Array, Array]:
     return range_basis(flat, RANK), np.concatenate(residual)
 
 
-def _residual(problem: Problem, state: State, keep: Array, reading: FileReading) -> Array | None:
+def _residual(problem: Problem, state: State, keep: Bools, reading: FileReading) -> Array | None:
     """Return the white residuals (n, m) of the rows ``keep`` read in another way."""
     data, mechanism = problem.datasets[0], problem.mechanism
     factors, planar = mechanism.joint_factors(data.units), mechanism.motion == "planar"

@@ -11,7 +11,7 @@ import numpy as np
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.misreading import refuse_small_misreading
+from ppmcal.calibration.misreading import Misread, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.observation import coordinates
@@ -29,7 +29,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.left_out_rows import left_out
 from ppmcal.diagnosis.localization import Place, localise
 from ppmcal.diagnosis.other_models import other_models
-from ppmcal.diagnosis.plausibility import implausible, implausible_words
+from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import usable, with_whole_rows
 from ppmcal.diagnosis.refit import confirm, nothing_named, of_rows, with_mechanism
 from ppmcal.diagnosis.result import Diagnosis, Found, NamedEffect
@@ -84,6 +84,9 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     say("confirming in all rows")
     found, final = confirm(found, whole, options.fit)
     gap = _gap(found, held, options)
+    column = misread_column(found, [found.last.hypotheses[i] for i in found.last.chosen])
+    if column is not None:
+        raise Misread.of([column], whole.problem.mechanism.units)
     odd = implausible(found.first.search, [found.last.hypotheses[i] for i in found.last.chosen])
     if odd is not None or (gap is not None and gap.worse):
         found, final = nothing_named(found), None

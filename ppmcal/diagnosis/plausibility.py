@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ppmcal.calibration.mistakes import Mistake, with_line
+from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import STARTS, Search, bic, columns_of, possible
+from ppmcal.diagnosis.stage import Stage
+from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.effects import find_effect
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
@@ -60,6 +64,68 @@ def _nearest(search: Search, named: Sequence[Hypothesis]) -> list[int]:
             i for a in hypothesis.on for i in like(hypothesis, (a,))
         ]
     return list(dict.fromkeys(out))
+
+
+OTHER_UNITS: Mapping[str, tuple[tuple[str, str, float], ...]] = {
+    "payload": (("units", "g", 1e-3), ("units", "lb", 0.45359237),
+                ("units", "N", 1.0 / STANDARD_GRAVITY)),
+    "dir": (("signs", "-1", -1.0),),
+    "vel": (("signs", "-1", -1.0), ("units", "per minute", 1.0 / 60.0)),
+}
+"""By column: other readings, and the factor on what was recorded."""
+MUCH_BETTER = 10.0
+"""BIC by which an effect of a column read otherwise has to be better than what was chosen."""
+
+
+def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | None:
+    """Return how a column of the environment is to be read, None where nothing says so.
+
+    An effect explains more than what was chosen, with a size that is none of a machine but would
+    be one with the column in another unit or of the other sign.
+    """
+    search, stage = found.first.search, found.first
+    values, now = search.values(), bic(search, _nearest(search, chosen))
+    for i in np.argsort(values, kind="stable")[:STARTS]:
+        hypothesis = search.hypotheses[i]
+        if values[i] > search.name or possible(search, [int(i)]):
+            return None
+        kind = hypothesis.effect
+        if hypothesis.anonymous or kind is None or bic(search, [int(i)]) > now - MUCH_BETTER:
+            continue
+        for column in dict.fromkeys("payload" if n in ("load", "wrench") else n
+                                    for n in kind.needs):
+            for key, value, factor in OTHER_UNITS.get(column, ()):
+                if _in_range(search, int(i), factor):
+                    return _column_misreading(found, hypothesis, column, key, value, stage)
+    return None
+
+
+def _in_range(search: Search, index: int, factor: float) -> bool:
+    """Whether an effect has a size of machines if its column is ``factor`` times as recorded."""
+    hypothesis = search.hypotheses[index]
+    sizes = np.array(fitted_values(search, index)) / factor
+    usual = hypothesis.usual or ((-np.inf, np.inf),) * hypothesis.size
+    low = np.maximum(hypothesis.low, [u[0] for u in usual])
+    high = np.minimum(hypothesis.high, [u[1] for u in usual])
+    return bool(np.all((sizes >= low) & (sizes <= high)))
+
+
+def _column_misreading(found: Found, hypothesis: Hypothesis, column: str, key: str, value: str,
+                       stage: Stage) -> Misreading:
+    problem = found.before.problem
+    data = problem.datasets[0]
+    names = ("payload",) if column == "payload" else tuple(
+        f"{column}_{a}" for a in hypothesis.on or problem.mechanism.actuators)
+    what = "has the other sign" if key == "signs" else f"is in {value}"
+    text = (f"{names[0] if len(names) == 1 else column + '_ of ' + ', '.join(hypothesis.on)} "
+            f"{what}: {hypothesis.label} then has a size that machines have")
+    whole: dict[str, str | int] = {n: int(value) if key == "signs" else value for n in names}
+    block = None if value == "per minute" else with_line(data, key, whole)
+    before = float(np.sqrt(np.mean(stage.residual**2)))
+    left = stage.search.test.left(list(hypothesis.columns))
+    after = float(np.sqrt(left / max(stage.search.test.freedom, 1)))
+    return Misreading(data.source, (Mistake("sign" if key == "signs" else "unit", names, text),),
+                      block, NOISE, before, after, after)
 
 
 def implausible_words(found: Found, index: int) -> str:

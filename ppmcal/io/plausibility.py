@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ppmcal.calibration.plain_mistakes import recorded_units
 from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.inverse import home_state
@@ -38,6 +39,9 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> lis
     outside = _home_outside(mechanism)
     out = [*_machine(mechanism), *outside.values()]
     for data in datasets:
+        out += [f"{data.source}: {mistake.text}. Write into the sidecar: `read: {{units: "
+                f"{{{column}: {unit}}}}}`."
+                for mistake, column, unit in recorded_units(data, mechanism)]
         out += _positions(mechanism, data)
         out += _rotations(data)
         for i, name in enumerate(mechanism.actuators):

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
@@ -15,7 +16,7 @@ from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.plot_data import plot_data
 from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect, Swallowed
 from ppmcal.io.results.diagnosis_plots import DiagnosisPlots
-from ppmcal.io.results.misreading import MisreadingEntry
+from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, other_files
 from ppmcal.io.results.record import (
     Flag,
@@ -235,6 +236,9 @@ class DiagnosisRecord(Record):
         left, noise, wanted = result.remainder, result.found.last.noise, result.proposal
         return cls(
             format=cls.FORMAT, name=result.identification.mechanism.name, verdict=result.verdict,
+            misreadings=misreading_entries(
+                [m for d in fit.problem.datasets for m in plain_mistakes(
+                    d, fit.problem.mechanism)], units),
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
             remainder=ResidualAfter(

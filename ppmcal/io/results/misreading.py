@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from pydantic import Field
 
 from ppmcal.calibration.reading_trial import Misreading
@@ -45,7 +46,8 @@ def misreading_entries(found: Sequence[Misreading], units: Units) -> tuple[Misre
         factor = units.factor(one.quantity)
         miss = MedianMiss(before=one.before / factor, after=one.after / factor,
                           unit=units.name(one.quantity))
-        out += [MisreadingEntry(file=one.source, kind=m.kind, columns=m.columns,
-                                rows=m.rows or None, read=one.block, residual=miss, text=m.text)
-                for m in one.mistakes]
+        known = np.isfinite(one.after)
+        out += [MisreadingEntry(
+            file=one.source, kind=m.kind, columns=m.columns, rows=m.rows or None, read=one.block,
+            residual=miss if known else None, text=m.text) for m in one.mistakes]
     return tuple(out)

@@ -1,0 +1,86 @@
+"""Mistakes that show without any fit: stale rows, units of the environment, joint limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.misreading import Misread
+from ppmcal.calibration.mistakes import Mistake, with_line
+from ppmcal.calibration.reading_trial import NOISE, Misreading
+from ppmcal.calibration.stale_rows import stale
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import counted
+
+ZERO_CELSIUS = 273.15
+WORKSHOP = (-10.0, 45.0)
+"""Temperatures, deg C, in which machines are measured."""
+HEAVIEST = 2000.0
+"""A payload of more than so many kg per metre of reach is none."""
+
+
+def recorded_units(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[Mistake, str, str]]:
+    """Yield columns of the environment that look like another unit: mistake, column, unit."""
+    for name, values in data.columns.items():
+        known = values[np.isfinite(values)]
+        if not known.size or name in data.read.get("units", {}):
+            continue    # a unit that the sidecar gives is believed
+        if name == "temperature" or name.startswith("temperature_"):
+            unit = _temperature(known - ZERO_CELSIUS)
+            if unit:
+                low, high = (f"{v:.4g}" for v in np.ptp(known) * np.array([0.0, 1.0])
+                             + known.min() - ZERO_CELSIUS)
+                yield Mistake("unit", (name,), f"{name} is {low} to {high}: no workshop in deg C, "
+                              f"but in {'K' if unit == 'K' else 'deg F'}"), name, unit
+        elif name == "payload":
+            most = float(np.median(known[known > 0.0])) if (known > 0.0).any() else 0.0
+            if most > HEAVIEST * mechanism.reach:
+                yield Mistake("unit", (name,), f"payload is about {most:.4g}: more than this "
+                              "machine can bear in kg, but not in g"), name, "g"
+
+
+def _temperature(celsius: Array) -> str:
+    """Return the unit that the values, read as deg C, are likelier in; empty if none."""
+    middle = float(np.median(celsius))
+    if WORKSHOP[0] <= middle <= WORKSHOP[1] + 5.0:
+        return ""
+    for unit, other in (("K", middle - ZERO_CELSIUS), ("F", (middle - 32.0) / 1.8)):
+        if WORKSHOP[0] <= other <= WORKSHOP[1]:
+            return unit
+    return ""
+
+
+def refuse_wrong_units(mechanism: Mechanism, datasets: Sequence[Dataset]) -> None:
+    """Refuse columns of the environment that look like another unit.
+
+    Raises:
+        Misread: with the lines to write into the sidecars.
+    """
+    found = [Misreading(d.source, (mistake,), with_line(d, "units", {column: unit}), NOISE,
+                        np.nan, np.nan, np.nan)
+             for d in datasets for mistake, column, unit in recorded_units(d, mechanism)]
+    if found:
+        raise Misread.of(found, mechanism.units)
+
+
+def plain_mistakes(data: Dataset, mechanism: Mechanism) -> Iterator[Misreading]:
+    """Yield mistakes that findings at the border name already: no other reading explains more."""
+    nothing: tuple[str, float, float, float] = ("length", np.nan, np.nan, np.nan)
+    for mistake in stale(replace(data, unusable=None), mechanism)[1]:
+        yield Misreading(data.source, (mistake,), None, *nothing)
+    for mistake, column, unit in recorded_units(data, mechanism):
+        yield Misreading(data.source, (mistake,), with_line(data, "units", {column: unit}),
+                         *nothing)
+    for i, name in enumerate(mechanism.actuators):
+        low, high = mechanism.limits[i]
+        with np.errstate(invalid="ignore"):
+            outside = (data.q[:, i] < low) | (data.q[:, i] > high)
+        if outside.any():
+            rows = tuple(int(n) for n in data.rows[outside])
+            yield Misreading(data.source, (Mistake(
+                "outside-limits", (f"q_{name}",), f"q_{name} is outside its limits in "
+                f"{counted(len(rows), 'row')}", rows),), None, *nothing)
