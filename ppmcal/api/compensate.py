@@ -31,7 +31,8 @@ from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, comman
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.model.dataset import environment
-from ppmcal.model.mechanism import Mechanism, Registration
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,11 +183,11 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     refuse_unrecorded(mechanism, rows, "the model's effects", source)
 
 
-def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration | None, str]:
+def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
     """Return the registration that the targets are in, and its name."""
     names = list(mechanism.registrations)
     if frame == "base":
-        return None, ""
+        return Registration(), ""
     if frame is None:
         if len(names) == 1:
             return mechanism.registrations[names[0]], names[0]

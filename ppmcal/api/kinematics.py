@@ -19,7 +19,6 @@ from ppmcal.api.inputs import (
     table_columns,
 )
 from ppmcal.api.result import Result
-from ppmcal.calibration.compensation import station_of
 from ppmcal.calibration.observation import stretched
 from ppmcal.design.intersection import forward_by_intersection
 from ppmcal.errors import BadInput, unknown
@@ -240,11 +239,11 @@ def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, row
     if dataset not in mechanism.registrations:
         raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "
                       "measurement.datasets")
-    station = station_of(mechanism.registrations[dataset], len(mechanism.actuators))
+    registration = mechanism.registrations[dataset]
     seen = np.full_like(found.pose, np.nan)
     good = finite_rows(found.pose)
     pose = pose_motor(found.pose[good])
-    seen[good] = measured_pose(station, pose)
+    seen[good] = measured_pose(registration, pose)
     shift = shifted(Model(mechanism), rows.take(good), found.q[good], pose).shift
     if shift is not None:
         seen[good, :3] = stretched(seen[good, :3], shift.stretch)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.observation import pivot
-from ppmcal.kinematics.registration import Station
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 PARTS = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -33,18 +34,21 @@ class NuisanceColumns:
     turn_parts: tuple[int, ...]
     about: Array
 
-    def moved(self, station: Station, step: Array) -> Station:
-        """Return the station moved by a step (C,) of all columns."""
-        frame, target, turn = np.zeros(6), np.zeros(3), np.zeros(3)
-        homing = np.zeros_like(station.homing)
+    def moved(self, registration: Registration, step: Array) -> Registration:
+        """Return the registration moved by a step (..., C) of all columns."""
+        frame, target, turn = (np.zeros((*step.shape[:-1], size)) for size in (6, 3, 3))
         for whole, columns, parts in ((frame, self.frame, self.frame_parts),
                                       (target, self.target, self.target_parts),
                                       (turn, self.target_rotation, self.turn_parts)):
             if columns.stop > columns.start:
-                whole[list(parts)] = step[columns]
-        homing[:step[self.homing].size] = step[self.homing]
-        return Station(turned_about(station.frame, frame, self.about), station.target + target,
-                       station.target_rotation + turn, station.homing + homing)
+                whole[..., list(parts)] = step[..., columns]
+        moved = replace(registration, target=registration.target + target,
+                        target_rotation=registration.target_rotation + turn)
+        if self.frame.stop > self.frame.start:
+            moved = replace(moved, frame=turned_about(moved, frame, self.about))
+        if self.homing.stop > self.homing.start:
+            moved = replace(moved, homing=moved.homing + step[..., self.homing])
+        return moved
 
 
 def frame_parts(data: Dataset, motion: str) -> tuple[int, ...]:
@@ -104,8 +108,9 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
     return tuple(opens[i] for i in range(len(opens))), tuple(names)
 
 
-def turned_about(frame: Array, step: Array, about: Array) -> Array:
-    """Return frame motors (..., 8) displaced by step[..., :3], turned by the rest about a point."""
+def turned_about(registration: Registration, step: Array, about: Array) -> Array:
+    """Return frames (..., 6) displaced by step[..., :3], turned by the rest about a point (3,)."""
     turn = cga.motor_from_rotation_vector(step[..., 3:], np.zeros(3))
     shift = about + step[..., :3] - cga.move_point(turn, about)
-    return cga.compose(cga.motor_from_rotation_vector(step[..., 3:], shift), frame)
+    return pose_vector(cga.compose(cga.motor_from_rotation_vector(step[..., 3:], shift),
+                                   registration.frame_motor))

@@ -50,7 +50,7 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
             if mechanism.names[p] == name and mechanism.parameters[p].value
             == old.parameters[p].value]
     g[kept] = fit.state.g[kept]
-    return _near(problem, State(g, fit.state.stations, fit.state.poses), options)
+    return _near(problem, State(g, fit.state.registrations, fit.state.poses), options)
 
 
 def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:

@@ -22,8 +22,9 @@ from ppmcal.io.stiffness import read_stiffness
 from ppmcal.io.yaml import decimals
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism, Registration
+from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism
 from ppmcal.model.parameters import Parameter, free_indices
+from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
 

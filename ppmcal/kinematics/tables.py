@@ -69,7 +69,7 @@ def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
     """Return where the tool point (3,), m in platform axes, is: poses (N, 6) of platform ones."""
     out = np.full_like(pose, np.nan)
     good = finite_rows(pose)
-    out[good] = measured_pose(PoseConvention(tool).station(len(model.mechanism.actuators)),
+    out[good] = measured_pose(PoseConvention(tool).registration,
                               pose_motor(pose[good]))
     return out
 

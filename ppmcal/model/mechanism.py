@@ -13,6 +13,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectKind
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values
+from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 from ppmcal.wording import counted
 
@@ -48,20 +49,6 @@ class Effect:
     kind: EffectKind
     on: tuple[bool, ...]
     parameters: Mapping[str, int]
-
-
-@dataclass(frozen=True)
-class Registration:
-    """Where an instrument stood: measured = frame o pose o target.
-
-    ``frame`` (6,): the base's pose in the measuring frame; ``target`` (3,): the measured
-    point in platform axes; ``target_rotation`` (3,): rotation vector of the measured body
-    against the platform. SI.
-    """
-
-    frame: Array
-    target: Array
-    target_rotation: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -200,6 +187,9 @@ class Mechanism:
         apart = everything[:, None, :] - everything[None, :, :]
         return float(np.sqrt(np.max(np.sum(apart**2, axis=-1)))) or 1.0
 
+    def registration(self, dataset: str) -> Registration:
+        """Return the registration of a data set; of any other name, that of the base frame."""
+        return self.registrations.get(dataset, Registration())
 
     def with_free(self, patterns: Sequence[str] | None) -> Mechanism:
         """Return the machine with another choice of free parameters."""

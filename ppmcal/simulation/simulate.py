@@ -20,11 +20,11 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses
-from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.kinematics.registration import Station, predict
+from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.simulation.pose_patterns import commands
 from ppmcal.simulation.scenario import Scenario
 
@@ -149,11 +149,10 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
     Positions (n, 3), rotation vectors (n, 3), heights or distances (n,), those between two
     positions to the poses ``other``.
     """
-    station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
-                      np.zeros(len(mechanism.actuators)))
-    position, turn = predict(station, pose)
+    registration = Registration(scenario.frame, scenario.target, scenario.target_rotation)
+    position, turn = predict(registration, pose)
     position = stretched(position, stretch)
-    far = stretched(predict(station, other)[0], stretch) if scenario.pairs else scenario.point
+    far = stretched(predict(registration, other)[0], stretch) if scenario.pairs else scenario.point
     error, outlier = _errors(len(position), scenario, rng)
     return (position + error[:, :3], _turned(turn, error[:, 3:], mechanism),
             _value(position, far, error[:, 0], scenario.kind), outlier)

@@ -13,7 +13,8 @@ from ppmcal.calibration.summary import Dependence, Estimate, Identification
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.io.results.units import column_factor
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import Mechanism, Registration
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
 Numbers = tuple[Finite | None, ...]

@@ -22,7 +22,8 @@ from ppmcal.io.results.identification_parts import (
 from ppmcal.io.results.record import Part
 from ppmcal.io.results.units import column_factor
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, Registration
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
 AGAIN = "Run identify again"
