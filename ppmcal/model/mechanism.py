@@ -72,6 +72,8 @@ class Mechanism:
         findings: warnings that reading the file gave.
         stiffness: of each limb's parts, ``bar``, ``drive``, ``joint1.x``, ... -> N/m or N m/rad;
             what is not there is rigid; empty where the file says nothing.
+        tolerances: class of slots -> standard deviation, t file units, as the file gives it or a
+            default stands for it; see :meth:`class_tolerance`.
         cost: class of slots -> (weight, exponent): a tolerance of t file units costs
             weight / t^exponent; classes that the file leaves out are not there.
         source: path of the file, for messages; ``inputs``: all files it was read from.
@@ -96,6 +98,7 @@ class Mechanism:
     source: str = ""
     inputs: tuple[str, ...] = ()
     stiffness: tuple[Mapping[str, float], ...] = ()
+    tolerances: Mapping[str, float] = field(default_factory=dict)
     cost: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -187,6 +190,14 @@ class Mechanism:
         apart = everything[:, None, :] - everything[None, :, :]
         return float(np.sqrt(np.max(np.sum(apart**2, axis=-1)))) or 1.0
 
+    def class_tolerance(self, tolerance_class: str, quantity: str) -> float | None:
+        """Return the tolerance of a class of slots, SI; None where the file has none.
+
+        Offsets of drives are lengths or angles: one number in file units stands for both.
+        """
+        given = self.tolerances.get(tolerance_class)
+        return None if given is None else given * self.units.factor(quantity)
+
     def registration(self, dataset: str) -> Registration:
         """Return the registration of a data set; of any other name, that of the base frame."""
         return self.registrations.get(dataset, Registration())
@@ -272,7 +283,7 @@ def with_effect(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool],
         g = given.get(spec.name, Given(0.0 if spec.default is None else spec.default))
         made.append(Parameter(
             f"{label}.{spec.name}", resolved(spec.quantity, joint), g.value,
-            g.value if g.nominal is None else g.nominal, g.tolerance, not g.free, False, (),
+            g.value if g.nominal is None else g.nominal, g.tolerance, not g.free, "", (),
             g.sigma, g.free, 0.1 * g.value if spec.reciprocal else spec.size, spec.reciprocal,
             spec.nonlinear))
     first = len(mechanism.parameters)
