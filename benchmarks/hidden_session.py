@@ -187,7 +187,7 @@ def _registration(mechanism: Mechanism, rng: np.random.Generator) -> Registratio
     frame[parts] = FRAME * rng.normal(size=len(parts))
     places = [p for p in parts if p < 3]
     target[places] = TARGET * rng.normal(size=len(places))
-    return Registration(frame, target)
+    return Registration.of_pose(frame, target)
 
 
 def joint_noise(scene: Scene, options: Options) -> Array:

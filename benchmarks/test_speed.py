@@ -65,7 +65,7 @@ def problem_of(count: int) -> Problem:
     for p in mechanism.free:
         g[p] += (mechanism.parameters[p].tolerance or 0.0) * rng.normal()
     pose = forward(Model(mechanism, g), q).pose
-    registration = Registration(scenario.frame, scenario.target)
+    registration = Registration.of_pose(scenario.frame, scenario.target)
     sigma = np.repeat([scenario.sigma_position, scenario.sigma_rotation], 3)
     seen, turn = predict(registration, pose)
     vector = pose_vector(_motors(turn)) + rng.normal(size=(count, 6)) * sigma

@@ -9,7 +9,6 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.observation import pivot
-from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -45,7 +44,7 @@ class NuisanceColumns:
         moved = replace(registration, target=registration.target + target,
                         target_rotation=registration.target_rotation + turn)
         if self.frame.stop > self.frame.start:
-            moved = replace(moved, frame=turned_about(moved, frame, self.about))
+            moved = replace(moved, frame=turned_about(moved.frame, frame, self.about))
         if self.homing.stop > self.homing.start:
             moved = replace(moved, homing=moved.homing + step[..., self.homing])
         return moved
@@ -108,9 +107,8 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
     return tuple(opens[i] for i in range(len(opens))), tuple(names)
 
 
-def turned_about(registration: Registration, step: Array, about: Array) -> Array:
-    """Return frames (..., 6) displaced by step[..., :3], turned by the rest about a point (3,)."""
+def turned_about(frame: Array, step: Array, about: Array) -> Array:
+    """Return frame motors (..., 8) displaced by step[..., :3], turned by the rest about a point."""
     turn = cga.motor_from_rotation_vector(step[..., 3:], np.zeros(3))
     shift = about + step[..., :3] - cga.move_point(turn, about)
-    return pose_vector(cga.compose(cga.motor_from_rotation_vector(step[..., 3:], shift),
-                                   registration.frame_motor))
+    return cga.compose(cga.motor_from_rotation_vector(step[..., 3:], shift), frame)

@@ -137,7 +137,7 @@ def _six_coordinates(data: Dataset, registration: Registration, pose: Array, mot
     seen = stretched(point, stretch)
     turned = rotation_residual(data, rotation, motion)
     residual = np.concatenate([shown(data)[:, :3] - seen, turned], axis=1)
-    frame = cga.rotation_matrix(registration.frame_motor)
+    frame = cga.rotation_matrix(registration.frame)
     arm = cga.rotation_matrix(pose) @ registration.target
     n = len(data)
     by_pose, by_frame = np.zeros((n, 6, 6)), np.zeros((n, 6, 6))

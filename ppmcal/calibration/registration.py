@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.frame_rotation import frame_turn, mean_rotation
 from ppmcal.calibration.observation import SCALARS, rotation_residual
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import predict
-from ppmcal.linalg import Array, finite_rows, nearest_rotation
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -58,8 +58,7 @@ def start_scalar(data: Dataset, pose: Array, registration: Registration, motion:
     point, _ = predict(registration, pose[rows])
     step = (_flat(point, data.value[rows]) if data.kind == "plane"
             else _origin(point, data.value[rows], motion))
-    return replace(registration, frame=pose_vector(cga.compose(pose_motor(step),
-                                                               registration.frame_motor)))
+    return replace(registration, frame=cga.compose(pose_motor(step), registration.frame))
 
 
 def _flat(point: Array, height: Array) -> Array:
@@ -90,8 +89,6 @@ def _origin(point: Array, distance: Array, motion: str) -> Array:
 SUSPECT, BLUNDER = 5.0, 10.0
 """A row that misses by so many medians makes the start a robust one; one that then misses by so
 many does not decide where a fit starts."""
-SEARCHED, REFINED, SEARCH_ROWS = 300, 5, 60
-"""Frame rotations tried, those refined, and the rows that decide."""
 SUBSET, TRIALS, CONCENTRATED, DECIDING = 6, 60, 5, 2000
 """Rows per trial alignment, number of trials, rounds in which the nearer half decides, and rows
 that judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares)."""
@@ -105,7 +102,8 @@ def start_registration(data: Dataset, pose: Array, motion: str) -> Registration:
         pose: platform motors at the rows' joint values (N, 8), nan rows are ignored.
         motion: the machine's motion.
     """
-    registration = Registration(data.frame.value, data.target.value, data.target_rotation.value)
+    registration = Registration.of_pose(data.frame.value, data.target.value,
+                                        data.target_rotation.value)
     if not data.frame.fitted and not data.target.fitted and not data.target_rotation.fitted:
         return registration
     if data.kind in SCALARS:
@@ -146,7 +144,7 @@ def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64
     rotation, origin = cga.rotation_matrix(pose[rows]), cga.translation(pose[rows])
     turn, body = _rotations(data, rows, rotation, origin, position[rows], registration, planar)
     shift, target = _origins(data, turn, rotation, origin, position[rows], registration, planar)
-    return Registration(pose_vector(cga.motor_from_matrix(turn, shift)), target,
+    return Registration(cga.motor_from_matrix(turn, shift), target,
                         cga.rotation_vector(cga.motor_from_matrix(body, np.zeros(3))))
 
 
@@ -186,7 +184,7 @@ def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: 
     """Return the rotations of frame and target (3, 3)."""
     body = cga.rotation_matrix(cga.motor_from_rotation_vector(registration.target_rotation,
                                                               np.zeros(3)))
-    turn = cga.rotation_matrix(registration.frame_motor)
+    turn = cga.rotation_matrix(registration.frame)
     measured = data.rotation[rows]
     if planar:
         measured = measured * np.array([np.nan, np.nan, 1.0])
@@ -195,26 +193,26 @@ def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: 
     translational = bool(np.ptp(rotation, axis=0).max() < 1e-12)
     if whole.sum() < 3 or (translational and data.target_rotation.fitted) or data.kind != "pose":
         if data.frame.fitted:
-            turn = _frame_turn(data, rotation, origin, position, registration, planar)
+            turn = frame_turn(data, rotation, origin, position, registration, planar)
         return turn, body
     seen = cga.rotation_matrix(cga.motor_from_rotation_vector(measured[whole], np.zeros(3)))
     own = rotation[whole]
     if data.frame.fitted and data.target_rotation.fitted:
-        turn = _frame_turn(data, rotation, origin, position, registration, planar)
+        turn = frame_turn(data, rotation, origin, position, registration, planar)
         for _ in range(50):
-            body = _mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
-            turn = _mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
+            body = mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
+            turn = mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
     elif data.frame.fitted:
-        turn = _mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
+        turn = mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
     elif data.target_rotation.fitted:
-        body = _mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
+        body = mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
     return turn, body
 
 
 def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, position: Array,
              registration: Registration, planar: bool) -> tuple[Array, Array]:
     """Return frame origin and target (3,) each: linear least squares, smallest target."""
-    shift, target = registration.frame[:3], registration.target
+    shift, target = cga.translation(registration.frame), registration.target
     seen = turn @ rotation
     rest = position - origin @ turn.T
     blocks, columns = [], []
@@ -235,78 +233,3 @@ def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, positio
     found = dict(zip(columns, solution, strict=True))
     flat = np.array([1.0, 1.0, 0.0]) if planar else np.ones(3)
     return found.get("shift", shift) * flat, found.get("target", target) * flat
-
-
-def _frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
-                registration: Registration, planar: bool) -> Array:
-    """Return the frame's rotation (3, 3) from positions alone.
-
-    With a known target: the rigid alignment of the points (Kabsch). With an unknown one the
-    points are not known, and a machine that hardly moves sideways has no use for its
-    platform's origins; then the rotation is searched, frame origin and target being linear.
-    """
-    points = origin if data.target.fitted else origin + rotation @ registration.target
-    a, b = points - points.mean(axis=0), position - position.mean(axis=0)
-    rigid = _nearest_rotation(b.T @ a, planar)
-    if not data.target.fitted:
-        return rigid
-    some = np.linspace(0, len(origin) - 1, min(len(origin), SEARCH_ROWS)).astype(int)
-    rows = rotation[some], origin[some], position[some]
-    trials = [rigid, *_all_turns(planar)]
-    misses = [_linear_miss(t, *rows)[0] for t in trials]
-    best = [trials[i] for i in np.argsort(misses)[:REFINED]]
-    refined = [_refined(t, *rows, planar) for t in best]
-    return min(refined, key=lambda t: _linear_miss(t, *rows)[0])
-
-
-def _all_turns(planar: bool) -> list[Array]:
-    """Return rotations spread evenly over all (seeded quaternions; angles in the plane)."""
-    if planar:
-        angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
-        return list(cga.rotation_matrix(cga.rotor(np.array([0.0, 0.0, 1.0]), angles)))
-    quaternions = np.random.default_rng(0).normal(size=(SEARCHED, 4))
-    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return list(cga.rotation_matrix(cga.motor_from_quaternion(quaternions, np.zeros(3))))
-
-
-def _linear_miss(turn: Array, rotation: Array, origin: Array, position: Array
-                 ) -> tuple[float, Array, Array]:
-    """Return the squared miss of a frame rotation, the residuals (n, 3) and the target (3,)."""
-    n = origin.shape[0]
-    matrix = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turn @ rotation], axis=-1)
-    right = (position - origin @ turn.T).reshape(-1)
-    x = np.linalg.lstsq(matrix.reshape(-1, 6), right, rcond=1e-6)[0]
-    residual = (right - matrix.reshape(-1, 6) @ x).reshape(n, 3)
-    return float(np.sum(residual**2)), residual, x[3:]
-
-
-def _refined(turn: Array, rotation: Array, origin: Array, position: Array, planar: bool) -> Array:
-    """Gauss-Newton on the rotation, origin and target eliminated in each step."""
-    for _ in range(25):
-        before, residual, target = _linear_miss(turn, rotation, origin, position)
-        n = origin.shape[0]
-        seen = (origin + rotation @ target) @ turn.T
-        by_turn = -cross_matrix(seen - seen.mean(axis=0))
-        if planar:
-            by_turn = by_turn * np.array([0.0, 0.0, 1.0])
-        rest = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turn @ rotation], axis=-1)
-        matrix = np.concatenate([by_turn, rest], axis=-1).reshape(-1, 9)
-        step = np.linalg.lstsq(matrix, residual.reshape(-1), rcond=1e-6)[0][:3]
-        moved = cga.rotation_matrix(cga.motor_from_rotation_vector(step, np.zeros(3))) @ turn
-        if _linear_miss(moved, rotation, origin, position)[0] >= before:
-            break
-        turn = moved
-    return turn
-
-
-def _mean_rotation(rotations: Array, planar: bool) -> Array:
-    return _nearest_rotation(rotations.sum(axis=0), planar)
-
-
-def _nearest_rotation(matrix: Array, planar: bool) -> Array:
-    """Return the proper rotation nearest to a 3x3 matrix; about z only in the plane."""
-    if planar:
-        angle = np.arctan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
-        c, s = np.cos(angle), np.sin(angle)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return nearest_rotation(matrix)

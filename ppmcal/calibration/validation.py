@@ -175,7 +175,7 @@ def _with_known(data: Dataset, registrations: Mapping[str, Registration]) -> Dat
     if data.frame.same_as is None or data.frame.same_as not in registrations:
         return data
     s = registrations[data.frame.same_as]
-    frame = replace(data.frame, fitted=False, same_as=None, value=s.frame)
+    frame = replace(data.frame, fitted=False, same_as=None, value=s.frame_pose)
     return replace(data, frame=frame,
                    target=replace(data.target, fitted=False, value=s.target),
                    target_rotation=replace(data.target_rotation, fitted=False,

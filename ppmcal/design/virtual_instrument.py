@@ -44,7 +44,8 @@ class Instrument:
     @property
     def registration(self) -> Registration:
         """Where the plan takes the instrument to stand."""
-        return Registration(self.frame.value, self.target.value, self.target_rotation.value)
+        return Registration.of_pose(self.frame.value, self.target.value,
+                                    self.target_rotation.value)
 
     def dataset(self, q: Array, pose: Array, columns: Mapping[str, Array], planar: bool) -> Dataset:
         """Return measurements (N rows) without error at joints (N, k) and poses (N, 6)."""

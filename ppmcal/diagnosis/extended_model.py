@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.selection import Search, columns_of
+from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectParameter, find_effect
 from ppmcal.model.mechanism import Given, Mechanism, with_effect

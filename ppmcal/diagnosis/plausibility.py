@@ -8,7 +8,8 @@ import numpy as np
 
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Found
-from ppmcal.diagnosis.selection import STARTS, Search, bic, columns_of, possible
+from ppmcal.diagnosis.search import Search, columns_of
+from ppmcal.diagnosis.selection import STARTS, bic, possible
 from ppmcal.model.effects import find_effect
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",

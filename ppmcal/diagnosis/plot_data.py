@@ -17,7 +17,8 @@ from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.residual_profiles import ProfileErrors, gather
 from ppmcal.diagnosis.residual_series import Series, all_series
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.selection import columns_of, own_log_p
+from ppmcal.diagnosis.search import columns_of
+from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.stage import Stage, named_only
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows

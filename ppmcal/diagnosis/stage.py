@@ -22,7 +22,8 @@ from ppmcal.diagnosis.linear_system import (
     unit_columns,
 )
 from ppmcal.diagnosis.rivals import held, settled
-from ppmcal.diagnosis.selection import Search, choose, prepare
+from ppmcal.diagnosis.search import Search, prepare
+from ppmcal.diagnosis.selection import choose
 from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
 from ppmcal.linalg import Array, Bools, subsample
 

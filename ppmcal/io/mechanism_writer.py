@@ -232,7 +232,7 @@ def _free(mechanism: Mechanism) -> list[str] | None:
 def _registrations(mechanism: Mechanism) -> Mapping[str, Any]:
     units = mechanism.units
     return {name: {
-        "frame": pose_to_map(r.frame, OF_FRAME[mechanism.motion], units),
+        "frame": pose_to_map(r.frame_pose, OF_FRAME[mechanism.motion], units),
         "target": [to_file(float(v), units.factor("length")) for v in r.target],
         "target_rotation": [to_file(float(v), units.factor("angle")) for v in r.target_rotation],
     } for name, r in mechanism.registrations.items()}

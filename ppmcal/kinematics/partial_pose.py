@@ -181,7 +181,7 @@ def wanted_poses(model: Model, registration: Registration, wanted: Array, euler:
 def _within_reason(mechanism: Mechanism, registration: Registration, wanted: Array,
                    failed: list[str]) -> Array:
     """Mark poses farther away than 1000 times the reach; they would only overflow."""
-    reach = 1e3 * (mechanism.reach + float(np.linalg.norm(registration.frame[..., :3]))
+    reach = 1e3 * (mechanism.reach + float(np.linalg.norm(cga.translation(registration.frame)))
                    + float(np.linalg.norm(mechanism.home_pose[:3])))
     with np.errstate(invalid="ignore"):
         limit = np.array([reach] * 3 + [1e3] * 3)
@@ -195,7 +195,7 @@ def carried_back(mechanism: Mechanism, registration: Registration, wanted: Array
     """frame^-1 o wanted o target^-1; in a translational machine the rotation stays."""
     filled = np.where(np.isnan(wanted), 0.0, wanted)
     body = cga.motor_from_rotation_vector(registration.target_rotation, registration.target)
-    back = cga.reverse(registration.frame_motor)
+    back = cga.reverse(registration.frame)
     if mechanism.motion == "translational":
         turn = mechanism.home_pose[3:]
         own = cga.motor_from_rotation_vector(turn, np.zeros(3))
@@ -225,7 +225,7 @@ def solve_named(model: Model, registration: Registration, wanted: Array, open_: 
     q = np.tile(state.q, (n, 1))
     named = ~open_ & np.isin(np.arange(6), mechanism.dof)
     pick = np.argsort(~named, axis=1, kind="stable")[:, :int(named[0].sum())]
-    frame = cga.rotation_matrix(registration.frame_motor)
+    frame = cga.rotation_matrix(registration.frame)
     solved = np.zeros(n, dtype=bool)
     for _ in range(ITERATIONS):
         closure = model.closure(q)

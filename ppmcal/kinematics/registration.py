@@ -11,7 +11,7 @@ from ppmcal.model.registration import Registration
 
 def predict(registration: Registration, pose: Array) -> tuple[Array, Array]:
     """Return predicted positions (n, 3) and rotation matrices (n, 3, 3) in the frame."""
-    seen = cga.compose(registration.frame_motor, pose)
+    seen = cga.compose(registration.frame, pose)
     body = cga.rotation_matrix(cga.motor_from_rotation_vector(registration.target_rotation,
                                                               np.zeros(3)))
     return cga.move_point(seen, registration.target), cga.rotation_matrix(seen) @ body

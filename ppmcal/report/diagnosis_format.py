@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ppmcal.io.results.diagnosis import DiagnosedEffect, DiagnosisRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.report.format import count, number, sig, to_sigma, whole, with_unit
 
 INPUTS = {

@@ -149,7 +149,8 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
     Positions (n, 3), rotation vectors (n, 3), heights or distances (n,), those between two
     positions to the poses ``other``.
     """
-    registration = Registration(scenario.frame, scenario.target, scenario.target_rotation)
+    registration = Registration.of_pose(scenario.frame, scenario.target,
+                                        scenario.target_rotation)
     position, turn = predict(registration, pose)
     position = stretched(position, stretch)
     far = stretched(predict(registration, other)[0], stretch) if scenario.pairs else scenario.point

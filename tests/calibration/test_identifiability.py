@@ -107,7 +107,8 @@ def test_poses_tell_scale_whatever_is_open(name: str) -> None:
     rng = np.random.default_rng(8)
     q = joints(mechanism, name, 40, rng)
     g = truth(mechanism, rng, 0.3)
-    registration = Registration(np.array([0.1, 0.2, 0, 0, 0, 0.3]), np.array([0.05, 0.1, 0.0]))
+    registration = Registration.of_pose(np.array([0.1, 0.2, 0, 0, 0, 0.3]),
+                                        np.array([0.05, 0.1, 0.0]))
     seen = measured_pose(registration, forward(Model(mechanism, g), q).pose)
     data = Dataset.of_poses("tracker", q, seen, (1e-5, 1e-5), True)
     problem = Problem(mechanism, (data,), mechanism.free)

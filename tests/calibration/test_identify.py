@@ -217,7 +217,7 @@ def registration(mechanism: Mechanism, seed: int) -> Registration:
         frame[2:5], target[2], turn[:2] = 0.0, 0.0, 0.0
     if mechanism.motion == "translational":
         turn[:] = 0.0
-    return Registration(frame, target, turn)
+    return Registration.of_pose(frame, target, turn)
 
 
 def white(problem: Problem, state: State) -> Array:
@@ -655,8 +655,8 @@ def test_commands_of_machines_with_open_coordinates(name: str) -> None:
 
 def targets(made: Run) -> tuple[Array, Registration]:
     """Return poses (N, 6) that the true machine takes, as measured, and the true registration."""
-    true_registration = Registration(made.scenario.frame, made.scenario.target,
-                                     made.scenario.target_rotation)
+    true_registration = Registration.of_pose(made.scenario.frame, made.scenario.target,
+                                             made.scenario.target_rotation)
     plan = replace(noiseless(box(made.scenario, 40)), errors={}, error_scale=None)
     q = simulate(made.mechanism, plan, 77).q
     pose = forward(Model(made.mechanism, made.truth.g), q).pose

@@ -62,7 +62,8 @@ def true_error(folder: Path, commands: Path) -> float:
     q = np.array([[float(r[f"q_leg{n}"]) for n in range(1, 7)] for r in rows]) * 1e-3
     wanted = np.array([[float(r[c]) for c in "xyz"] for r in rows])
     pose = reached_poses(Model(made.acting, made.g), q, unknown_environment(*q.shape)).pose
-    registration = Registration(scenario.frame, scenario.target, scenario.target_rotation)
+    registration = Registration.of_pose(scenario.frame, scenario.target,
+                                        scenario.target_rotation)
     away = predict(registration, pose)[0] * 1e3 - wanted
     return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 

@@ -30,11 +30,11 @@ def test_the_default_registration_sees_platform_poses_in_the_base_frame():
 
 
 def test_a_step_moves_an_open_frame_and_leaves_a_known_one_to_the_last_bit():
-    start = Registration(FRAME)
+    start = Registration.of_pose(FRAME)
     for fitted in (True, False):
         found, count = columns(fitted)
         moved = found.moved(start, np.full(count, 1e-3))
-        assert np.array_equal(moved.frame, FRAME) is not fitted
+        assert np.array_equal(moved.frame, start.frame) is not fitted
         np.testing.assert_array_equal(moved.target, np.full(3, 1e-3))
         np.testing.assert_array_equal(moved.homing, np.full(6, 1e-3))
 
@@ -42,10 +42,10 @@ def test_a_step_moves_an_open_frame_and_leaves_a_known_one_to_the_last_bit():
 def test_many_machines_registrations_move_as_each_alone():
     found, count = columns(True)
     steps = np.random.default_rng(2).normal(size=(4, count)) * 1e-2
-    start = Registration(np.tile(FRAME, (4, 1)), np.zeros((4, 3)), np.zeros((4, 3)))
+    start = Registration(np.tile(pose_motor(FRAME), (4, 1)), np.zeros((4, 3)), np.zeros((4, 3)))
     together = found.moved(start, steps)
     for i, step in enumerate(steps):
-        alone = found.moved(Registration(FRAME), step)
+        alone = found.moved(Registration.of_pose(FRAME), step)
         for name in ("frame", "target", "target_rotation", "homing"):
             np.testing.assert_allclose(getattr(together, name)[i], getattr(alone, name),
                                        rtol=0.0, atol=1e-15)

@@ -52,7 +52,7 @@ def data_of(mechanism: Mechanism, kind: str, q: Array, second: Array | None, g: 
     target = np.array([0.01, -0.02, 0.03])
     if mechanism.motion != "spatial":
         target = np.zeros(3)
-    registration = Registration(frame, target)
+    registration = Registration.of_pose(frame, target)
     point = positions(mechanism, g, q, registration)
     if second is not None:
         point = point - positions(mechanism, g, second, registration)

@@ -39,7 +39,7 @@ def session(mechanism: Mechanism, name: str, g: Array, rng: np.random.Generator,
     q = found.q[found.reached][:n]
     planar = mechanism.motion == "planar"
     frame = rng.normal(size=6) * ([0.1, 0.1, 0, 0, 0, 0.2] if planar else [0.1] * 3 + [0.05] * 3)
-    registration = Registration(frame)
+    registration = Registration.of_pose(frame)
     seen = measured_pose(registration, forward(Model(mechanism, g), q).pose)
     seen = seen + rng.normal(size=seen.shape) * ([POSITION] * 3 + [ROTATION] * 3)
     data = Dataset.of_poses(label, q, seen, (POSITION, ROTATION), False)

@@ -229,7 +229,7 @@ def test_registrations(tmp_path):
   datasets:
     run3: {frame: {x: 1, y: 2, rz: 90}, target: [3, 4], target_rotation: [0, 0, 180]}"""))
     r = m.registrations["run3"]
-    np.testing.assert_allclose(r.frame, [1e-3, 2e-3, 0, 0, 0, np.pi / 2])
+    np.testing.assert_allclose(r.frame_pose, [1e-3, 2e-3, 0, 0, 0, np.pi / 2])
     np.testing.assert_allclose(r.target, [3e-3, 4e-3, 0])
     np.testing.assert_allclose(r.target_rotation, [0, 0, np.pi])
 

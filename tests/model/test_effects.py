@@ -327,7 +327,7 @@ def registration_of(mechanism: Mechanism) -> Registration:
                      else [0.3, -0.2, 0.5, 0.2, -0.3, 0.4]) * ([mechanism.reach] * 3 + [1.0] * 3)
     target = mechanism.reach * np.array([0.05, -0.03, 0.0 if flat else 0.04])
     turn = np.array([0.0, 0.0, 0.1] if flat else [0.1, -0.2, 0.05])
-    return Registration(frame, target, turn)
+    return Registration.of_pose(frame, target, turn)
 
 
 def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:

@@ -65,7 +65,6 @@ class Candidates:
         return Candidates(self.q[keep], self.pose[keep], self.singular_value[keep], self.even[keep],
                           self.left_out, self.rows[keep] if self.rows.size else self.rows)
 
-
     def joined(self, other: Candidates) -> Candidates:
         """Return these poses and then others; what was left out is these ones'."""
         q, pose, singular_value, even = (np.concatenate([getattr(self, n), getattr(other, n)])
@@ -141,14 +140,8 @@ def evenly(drawn: Mechanism, region: Region, count: int, seed: int) -> Candidate
     if not len(found.q):
         raise NoResult("no pose of the machine's region can be measured: " + _counted(why),
                        f"{drawn.source}: home, limits", "Check `home` and `limits`")
-    return Candidates(
-        found.q,
-        found.pose,
-        found.singular_value,
-        np.ones(len(found.q), dtype=np.bool_),
-        why,
-        np.zeros(0, dtype=np.int64),
-    )
+    return Candidates(found.q, found.pose, found.singular_value,
+                      np.ones(len(found.q), dtype=np.bool_), why, np.zeros(0, dtype=np.int64))
 
 
 def listed(drawn: Mechanism, poses: Array, source: str) -> Candidates:
@@ -158,7 +151,7 @@ def listed(drawn: Mechanism, poses: Array, source: str) -> Candidates:
         BadInput: none of them can.
     """
     found = _judge(drawn, poses)
-    why = _reasons(found.why)
+    why = _worded(Counter(w for w in found.why if w))
     good = np.flatnonzero(found.good)
     if not good.size:
         raise BadInput(f"none of the {len(poses)} poses can be used: {_counted(why)}", source,
@@ -287,10 +280,6 @@ def same_pose(one: Array, two: Array, drawn: Mechanism) -> Bools:
 def _part(found: _Judged, rows: NDArray[np.int64]) -> _Judged:
     return _Judged(found.q[rows], found.pose[rows], found.singular_value[rows],
                    tuple(found.why[n] for n in rows))
-
-
-def _reasons(why: tuple[str, ...]) -> dict[str, int]:
-    return _worded(Counter(w for w in why if w))
 
 
 def _worded(why: Mapping[str, int]) -> dict[str, int]:

@@ -146,7 +146,8 @@ class RegistrationEntry(Part):
     def of(cls, r: Registration, units: Units) -> RegistrationEntry:
         """Return the entry in file units."""
         length, angle = units.factor("length"), units.factor("angle")
-        return cls(frame=numbers(r.frame[:3] / length) + numbers(r.frame[3:] / angle),
+        return cls(frame=numbers(r.frame_pose[:3] / length)
+                   + numbers(r.frame_pose[3:] / angle),
                    target=numbers(r.target / length),
                    target_rotation=numbers(r.target_rotation / angle))
 

@@ -179,9 +179,9 @@ def _registration(data: FittedDataset, units: Units) -> Registration:
     length, angle = units.factor("length"), units.factor("angle")
     entry = _part(data, "name").registration_before
     entry = _part(entry, "frame", "target", "target_rotation")
-    return Registration(_finite(entry.frame, 6) * np.array([length] * 3 + [angle] * 3),
-                        _finite(entry.target, 3) * length,
-                        _finite(entry.target_rotation, 3) * angle)
+    return Registration.of_pose(_finite(entry.frame, 6) * np.array([length] * 3 + [angle] * 3),
+                                _finite(entry.target, 3) * length,
+                                _finite(entry.target_rotation, 3) * angle)
 
 
 @dataclass(frozen=True, eq=False)
