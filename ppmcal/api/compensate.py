@@ -121,10 +121,11 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
     poses = read_poses(targets, machine)
     sequence = approach == "sequence"
     _refuse_short(machine, poses, place_of(targets, "poses"), sequence)
-    found = compensated(machine, poses.poses, registration, known, name, poses.conditions, sequence)
+    found = compensated(machine, poses.poses, registration, known, name, poses.environment,
+                        sequence)
     readings, more = _readings(model, machine)
     found, told = averaged(machine, found, readings, known,
-                           Targets(poses.poses, name, poses.conditions, sequence))
+                           Targets(poses.poses, name, poses.environment, sequence))
     notes += told
     inputs = [*machine.inputs, *files_of(targets), *files, *more]
     result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
@@ -179,7 +180,7 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     n = len(poses.rows)
     # in a sequence every joint's direction follows from the order
     joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
-    rows = environment(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
+    rows = environment(poses.environment, mechanism.actuators, mechanism.gravity, joints, sequence)
     refuse_unrecorded(mechanism, rows, "the model's effects", source)
 
 

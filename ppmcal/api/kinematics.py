@@ -210,17 +210,17 @@ def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | 
 
 def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | None, str],
             method: str) -> tuple[KinematicsTable, Environment]:
-    """Return the kinematics of a table and the conditions of its rows."""
+    """Return the kinematics of a table and the environment of its rows."""
     model, (tool, rotation) = Model(machine), asked
     instead = f", or take the effect out of {machine.source}"
     if which == "forward":
         joints = read_joints(table, machine)
-        rows = environment(joints.conditions, machine.actuators, machine.gravity, joints.q)
+        rows = environment(joints.environment, machine.actuators, machine.gravity, joints.q)
         refuse_unrecorded(machine, rows, OWNER, place_of(table, "joints"), instead)
         found = forward_by_intersection(model, joints.q) if method == "intersection" else None
         return forward_table(model, joints.q, rows, found), rows
     poses = read_poses(table, machine, rotation)
-    rows = environment(poses.conditions, machine.actuators, machine.gravity,
+    rows = environment(poses.environment, machine.actuators, machine.gravity,
                        np.zeros((len(poses.rows), len(machine.actuators))))
     refuse_unrecorded(machine, rows, OWNER, place_of(table, "poses"), instead)
     convention = PoseConvention(np.zeros(3) if tool is None else tool, rotation)

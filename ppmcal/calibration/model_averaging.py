@@ -46,7 +46,7 @@ class Readings:
 
 @dataclass(frozen=True)
 class Targets:
-    """What is wanted: poses (N, 6) in the frame of a data set ("" for the base), conditions.
+    """What is wanted: poses (N, 6) in the frame of a data set ("" for the base), environment.
 
     As for :func:`ppmcal.calibration.compensation.compensate`.
     """

@@ -76,7 +76,7 @@ class Problem:
     """A machine and its measurements.
 
     ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
-    one (3,) per data set, default each one's middle; ``given`` their conditions, default as
+    one (3,) per data set, default each one's middle; ``given`` their environments, default as
     their columns say; ``earlier``: what earlier measurements knew.
     """
 
@@ -239,7 +239,7 @@ class Problem:
 
     def _by_equation(self, by_pose: Array, closure: Closure, pose: Array, lines: Array,
                 shift: Shift | None) -> Array:
-        """Return d prediction / d condition (n, m, d): -by_pose A^-1."""
+        """Return d prediction / d closure equation (n, m, d): -by_pose A^-1."""
         if shift is not None and shift.pose is not None:
             # a turn of the closed pose comes out turned by the effects' own rotation
             turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))

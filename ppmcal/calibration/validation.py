@@ -85,7 +85,7 @@ def _norm(vector: Array) -> Array:
 
 
 def closure_lengths(problem: Problem, state: State, index: int) -> Array:
-    """Return the limb conditions at the measured poses, as lengths (N, d); nan if unknown."""
+    """Return the misclosure of the limbs at the measured poses, m (N, d); nan if unknown."""
     data, registration = problem.datasets[index], state.registrations[index]
     out = np.full((len(data), problem.mechanism.equations), np.nan)
     position, rotation = data.position.copy(), data.rotation.copy()

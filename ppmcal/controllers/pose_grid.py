@@ -65,7 +65,7 @@ def rest_columns(mechanism: Mechanism, rows: int) -> dict[str, Array]:
 
 
 def at_rest(mechanism: Mechanism, rows: int) -> Environment:
-    """Return the conditions of rows at rest."""
+    """Return the environment of rows at rest."""
     return environment(rest_columns(mechanism, rows), mechanism.actuators, mechanism.gravity,
                        np.zeros((rows, len(mechanism.actuators))))
 

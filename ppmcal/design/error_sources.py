@@ -86,7 +86,7 @@ def all_components(mechanism: Mechanism) -> Mechanism:
     limbs = []
     for limb in mechanism.limbs:
         now = limb.slots.values(mechanism.values)
-        drawn = limb.slots.values(mechanism.nominals)
+        nominal = limb.slots.values(mechanism.nominals)
         own = dict(limb.slots.direct)
         direct = []
         for spec in (*limb.kind.slots, *limb.kind.joint_slots):
@@ -102,7 +102,7 @@ def all_components(mechanism: Mechanism) -> Mechanism:
             direct.append((spec.name, len(made)))
             free += [len(made)] if asked else []
             made.append(Parameter(f"{limb.name}.{spec.name}", spec.quantity, value,
-                                  drawn.get(spec.name, value), known, not asked,
+                                  nominal.get(spec.name, value), known, not asked,
                                   spec.tolerance_class))
         limbs.append(replace(limb, slots=SlotMap(tuple(direct))))
     return replace(mechanism, limbs=tuple(limbs), parameters=tuple(made), free=tuple(free),

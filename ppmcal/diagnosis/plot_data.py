@@ -1,6 +1,6 @@
 """The diagnosis as data for pictures: what is where, what follows what, what is how likely.
 
-Nothing is decided here; every number is drawn from a finished :class:`Diagnosis`. SI.
+Nothing is decided here; every number is taken from a finished :class:`Diagnosis`. SI.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MOST_RANKED, OF_ONE_KIND = 14, 2
 """Hypotheses shown, and how many of one kind besides those named and their alternatives."""
 ITERATIONS = 60
 MANY_OUT = 0.05
-"""More rows left out than this part are likely what is missing itself, and are drawn."""
+"""More rows left out than this part are likely what is missing itself, and are plotted."""
 
 
 @dataclass(frozen=True)

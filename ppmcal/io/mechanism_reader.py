@@ -102,11 +102,11 @@ def _limbs(file: MechanismFile, units: Units, source: str) -> list[Draft]:
         kind = limb_kind(raw, file.motion, f"{source}: limbs.{name}")
         drafts.append(LimbReader(raw, name, kind, units, source, file.free or ()).read())
     _share_directions(drafts, source)
-    conditions = sum(d.kind.surface.equations for d in drafts)
+    equations = sum(d.kind.surface.equations for d in drafts)
     needed = len(MOTIONS[file.motion])
-    if conditions != needed:
+    if equations != needed:
         raise BadInput(
-            f"the limbs put {conditions} conditions on the platform, but a pose in {file.motion} "
+            f"the limbs put {equations} conditions on the platform, but a pose in {file.motion} "
             f"motion has {needed} coordinates", f"{source}: limbs",
             f"Give limbs with {needed} conditions in all, or change `motion`")
     return drafts

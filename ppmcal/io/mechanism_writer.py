@@ -100,9 +100,9 @@ class SlotWriter:
             return {"share": p.name}
         factor = self._factor(p)
         value, nominal = to_file(p.value, factor), to_file(p.nominal, factor)
-        drawn = 0.0 if name.startswith("joint") and not p.aliases else p.value
+        implied = 0.0 if name.startswith("joint") and not p.aliases else p.value
         out: dict[str, Any] = {"value": value}
-        if p.nominal != drawn or p.sigma is not None:
+        if p.nominal != implied or p.sigma is not None:
             out["nominal"] = nominal
         if p.sigma is not None:
             out["sigma"] = to_file(p.sigma, factor)

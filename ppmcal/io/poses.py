@@ -31,14 +31,14 @@ class PoseTable(NamedTuple):
             for coordinates that the machine does not have.
         extra: all other columns as the file has them: (N,) numbers, or a tuple of words.
         header: all column names, in file order.
-        conditions: those of the other columns that effects may depend on, in SI.
+        environment: those of the other columns that effects may depend on, in SI.
     """
 
     rows: NDArray[np.int64]
     poses: Array
     extra: Mapping[str, Any]
     header: tuple[str, ...]
-    conditions: Mapping[str, Array]
+    environment: Mapping[str, Array]
 
 
 class JointTable(NamedTuple):
@@ -48,7 +48,7 @@ class JointTable(NamedTuple):
     q: Array
     extra: Mapping[str, Any]
     header: tuple[str, ...]
-    conditions: Mapping[str, Array]
+    environment: Mapping[str, Array]
 
 
 def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") -> PoseTable:
@@ -84,7 +84,7 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") 
     poses = cols.poses(table, mechanism, mechanism.units)
     _enough_columns(table, own, mechanism)
     return PoseTable(_rows(table), poses, _extra(table, own), table.header,
-                     _conditions(table, mechanism))
+                     _environment(table, mechanism))
 
 
 def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
@@ -120,10 +120,10 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     units = mechanism.units
     q = stacked(table, names) * mechanism.joint_factors(units)
     return JointTable(_rows(table), q, _extra(table, names), table.header,
-                      _conditions(table, mechanism))
+                      _environment(table, mechanism))
 
 
-def _conditions(table: Table, mechanism: Mechanism) -> dict[str, Array]:
+def _environment(table: Table, mechanism: Mechanism) -> dict[str, Array]:
     units = mechanism.units
     return further_columns(table, mechanism, mechanism.joint_factors(units))
 

@@ -83,11 +83,11 @@ class Grid:
 @lru_cache(maxsize=64)
 def named(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the pose coordinates that a command names; closure decides the others."""
-    drawn = mechanism.nominal()
-    if drawn.equations <= len(drawn.actuators):
-        return drawn.dof
-    kept = np.isfinite(named_only(drawn, drawn.home_pose[None])[0])
-    return tuple(c for c in drawn.dof if kept[c])
+    nominal = mechanism.nominal()
+    if nominal.equations <= len(nominal.actuators):
+        return nominal.dof
+    kept = np.isfinite(named_only(nominal, nominal.home_pose[None])[0])
+    return tuple(c for c in nominal.dof if kept[c])
 
 
 def placed(mechanism: Mechanism, coordinates: Sequence[int], values: Array) -> Array:
@@ -176,12 +176,12 @@ def _room(mechanism: Mechanism, axes: Sequence[int]) -> tuple[Array, Array]:
     Raises:
         BadInput: even so home can go nowhere along a coordinate.
     """
-    drawn = mechanism.nominal()
-    low, high = extent(Model(drawn), axes)
+    nominal = mechanism.nominal()
+    low, high = extent(Model(nominal), axes)
     if np.all(low + high > 0.0):
         return low, high
-    low, high = extent(Model(replace(drawn, limits=np.tile(
-        [-np.inf, np.inf], (len(drawn.actuators), 1)))), axes)
+    low, high = extent(Model(replace(nominal, limits=np.tile(
+        [-np.inf, np.inf], (len(nominal.actuators), 1)))), axes)
     stuck = [POSE_COORDINATES[c] for c, width in zip(axes, low + high, strict=True)
              if not width > 0.0]
     if stuck:

@@ -211,7 +211,7 @@ class Mechanism:
         return replace(self, parameters=with_values(self.parameters, g))
 
     def nominal(self) -> Mechanism:
-        """Return the machine as drawn: every parameter at its nominal value, no effects."""
+        """Return the nominal machine: every parameter at its nominal value, no effects."""
         return replace(self.with_values(self.nominals), effects=())
 
 

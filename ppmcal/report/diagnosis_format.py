@@ -23,7 +23,7 @@ _NAMES = {"deg C": "°C", "um": "µm"}
 
 
 def left_out(record: DiagnosisRecord) -> str:
-    """Return that rows are drawn which the fit has left out, empty where none are."""
+    """Return that rows are plotted which the fit has left out, empty where none are."""
     n = record.plot_data.left_out_rows
     return f"With {count(n, 'row')} that the fit took for outliers." if n else ""
 

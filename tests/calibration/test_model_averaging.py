@@ -61,7 +61,7 @@ def true_error(folder: Path, commands: Path) -> float:
         rows = list(csv.DictReader(file))
     q = np.array([[float(r[f"q_leg{n}"]) for n in range(1, 7)] for r in rows]) * 1e-3
     wanted = np.array([[float(r[c]) for c in "xyz"] for r in rows])
-    pose = reached_poses(Model(made.acting, made.g), q, unknown_environment(*q.shape)).pose
+    pose = reached_poses(Model(made.with_effects, made.g), q, unknown_environment(*q.shape)).pose
     registration = Registration.of_pose(scenario.frame, scenario.target,
                                         scenario.target_rotation)
     away = predict(registration, pose)[0] * 1e3 - wanted
