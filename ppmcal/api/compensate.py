@@ -18,7 +18,6 @@ from ppmcal.api.inputs import (
     place_of,
     refuse_unrecorded,
     source_of,
-    table_columns,
 )
 from ppmcal.api.result import CalibratedMachine, Result
 from ppmcal.calibration.compensation import Compensation, Knowledge
@@ -129,8 +128,7 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
     notes += told
     inputs = [*machine.inputs, *files_of(targets), *files, *more]
     result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
-                                known, tuple(notes),
-                                table_columns(targets, machine.coordinates))
+                                known, tuple(notes), poses.given)
     _refuse_worse(result, machine.source)
     return result
 

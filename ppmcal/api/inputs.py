@@ -187,15 +187,6 @@ def source_of(function: str, inputs: Sequence[Path_], seed: int | None) -> dict[
     return provenance(inputs, typed, seed)
 
 
-def table_columns(source: Any, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Any, ...]]:
-    """Return header and columns of a table as it stands, to be repeated in the output.
-
-    ``names`` are those of the columns of a bare array.
-    """
-    raw = read_table(source, loose=lambda _: True) if is_path(source) else as_table(source, names)
-    return raw.header, tuple(raw.numbers.get(h, raw.text.get(h)) for h in raw.header)
-
-
 def place_of(source: Any, what: str) -> str:
     """Return what messages call a table: its path, or ``what`` where it is in memory."""
     return str(source) if is_path(source) else what

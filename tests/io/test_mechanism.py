@@ -3,24 +3,18 @@
 
 import numpy as np
 import pytest
-from helpers.paths import ROOT
+from helpers import broken
+from helpers.broken import GOOD
 
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism, write_mechanism
 
-GOOD = ROOT / "tests" / "broken"
 DEG = np.pi / 180.0
 
 
 def edited(tmp_path, good, *edits):
-    """Read a good file with (old, new) replaced."""
-    text = (GOOD / f"good_{good}.yaml").read_text()
-    for old, new in edits:
-        assert old in text
-        text = text.replace(old, new)
-    path = tmp_path / "m.yaml"
-    path.write_text(text)
-    return read_mechanism(path)
+    """Read a good file with the first of each (old, new) replaced."""
+    return read_mechanism(broken.edited(tmp_path, f"good_{good}.yaml", *edits))
 
 
 def named(mechanism, name):
