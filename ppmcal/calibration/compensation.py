@@ -228,9 +228,20 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
 
 def prediction_jacobian(model: Model, registration: Registration, full: Array, q: Array,
                         knowledge: Knowledge, dataset: str, rows: Environment) -> Array:
-    """Return d(measured pose)/d(columns) (N, m, C), columns as the identification names them.
+    """Return d(measured pose)/d(columns), columns as the identification names them.
 
-    Columns of other data sets' frames, and unknown names, are 0.
+    Args:
+        model: the machine at its parameters.
+        registration: frame and target in which poses are measured.
+        full: platform poses (N, 6) in the base frame, x, y, z, rotation vector.
+        q: joint values there (N, k).
+        knowledge: names the C columns, and the points about which frames are turned.
+        dataset: name of the data set that ``registration`` belongs to.
+        rows: the environment that effects depend on.
+
+    Returns:
+        (N, m, C), m and rad in the measuring frame per unit of a column, SI; 0 in columns of
+        other data sets' frames and of unknown names.
     """
     mechanism = model.mechanism
     names = knowledge.names

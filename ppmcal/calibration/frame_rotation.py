@@ -21,6 +21,14 @@ def frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
     With a known target: the rigid alignment of the points (Kabsch). With an unknown one the
     points are not known, and a machine that hardly moves sideways has no use for its
     platform's origins; then the rotation is searched, frame origin and target being linear.
+
+    Args:
+        data: says whether the target is known.
+        rotation: of the platform in the base frame (n, 3, 3).
+        origin: of the platform in the base frame (n, 3), m.
+        position: as measured (n, 3), m.
+        registration: holds the target where it is known.
+        planar: turn about z only.
     """
     points = origin if data.target.fitted else origin + rotation @ registration.target
     a, b = points - points.mean(axis=0), position - position.mean(axis=0)

@@ -75,7 +75,15 @@ def target_parts(data: Dataset, motion: str) -> tuple[int, ...]:
 
 def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
             pivots: Sequence[Array] | None) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
-    """Return each data set's open columns, and the names of all columns (C,)."""
+    """Return each data set's open columns, and the names of all columns (C,).
+
+    Args:
+        mechanism: names the parameters.
+        datasets: what they leave open follows the parameters, in their order.
+        free: indices of the parameters to fit.
+        pivots: points about which frames are turned (3,), one for each data set, m in the
+            measuring frame  [default: each one's middle].
+    """
     names = [mechanism.names[p] for p in free]
     motion = mechanism.motion
     opens: dict[int, NuisanceColumns] = {}

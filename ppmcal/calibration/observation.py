@@ -93,10 +93,16 @@ def pivot(data: Dataset) -> Array:
 
 def view(data: Dataset, registration: Registration, poses: Sequence[Array], motion: str,
          about: Array, stretch: Array | None = None) -> ResidualJacobian:
-    """Compare the data set's rows with poses (n, 8); ``about`` is the frame's pivot (3,).
+    """Compare the data set's rows with poses: measured = frame o pose o target.
 
-    Distances between two platform positions have two poses, all others one. The instrument
-    shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
+    Args:
+        data: n rows.
+        registration: where the instrument stands.
+        poses: platform motors (n, 8) in the base frame; two of them for distances between two
+            platform positions, else one.
+        motion: the machine's motion.
+        about: the frame's pivot (3,), m in the measuring frame.
+        stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
     """
     sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
     if data.kind == "distance":

@@ -123,7 +123,11 @@ class Problem:
         return 1e-3 * np.array([unit(name) for name in self.columns[len(self.free):]])
 
     def start(self) -> State:
-        """Return the starting state: present values, poses from home, aligned frames."""
+        """Return the starting state: present values, poses from home, aligned frames.
+
+        Raises:
+            BadInput: a data set of which no row fits the machine, or too few for its frame.
+        """
         model = Model(self.mechanism)
         poses = tuple(self.reached(i, model) for i in range(len(self.datasets)))
         for d, pose in zip(self.datasets, poses, strict=True):

@@ -101,6 +101,9 @@ def start_registration(data: Dataset, pose: Array, motion: str) -> Registration:
         data: the measurements; known parts of frame and target are kept.
         pose: platform motors at the rows' joint values (N, 8), nan rows are ignored.
         motion: the machine's motion.
+
+    Raises:
+        BadInput: fewer rows than an unknown frame or target needs.
     """
     registration = Registration.of_pose(data.frame.value, data.target.value,
                                         data.target_rotation.value)

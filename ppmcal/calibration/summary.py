@@ -205,8 +205,13 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
            other: Sequence[Dataset] = ()) -> Identification:
     """Return everything that there is to say about a fit.
 
-    ``holdout`` is the fraction of poses to hold out (0: none); ``other`` data sets take
-    their place, an unknown frame or target of theirs being registered on them alone.
+    Args:
+        fit: a finished one.
+        options: that it was made with.
+        holdout: fraction of the poses to hold out (0: none).
+        seed: of the poses that are held out.
+        other: data sets in their place, an unknown frame or target of theirs being registered
+            on them alone.
     """
     noise = noise_check(fit)
     inflation = noise.inflation
