@@ -94,7 +94,8 @@ def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
                            entries[0].place, "Choose another name")
         parameter = _parameter(name, entries, classes)
         out.append(parameter)
-        if _needs_default(parameter, entries):
+        if parameter.tolerance is None and not parameter.per_unit and not all(
+                e.standing for e in entries):
             waiting.add(name)
     return tuple(out), waiting
 
@@ -145,11 +146,6 @@ def _agreed(entries: Sequence[SlotEntry], field: str, name: str) -> float | None
 def class_key(tolerance_class: str, quantity: str) -> str:
     """Return the key of a tolerance class: offsets of drives are lengths or angles."""
     return f"offset:{quantity}" if tolerance_class == "offset" else tolerance_class
-
-
-def _needs_default(parameter: Parameter, entries: Sequence[SlotEntry]) -> bool:
-    return (parameter.tolerance is None and not parameter.per_unit
-            and not all(e.standing for e in entries))
 
 
 def with_defaults(made: Sequence[Parameter], waiting: Collection[str], reach: float
