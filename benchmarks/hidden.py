@@ -85,7 +85,7 @@ class Hidden:
 
     ``mechanism``: as drawn, with frozen slots not free; ``outliers``: row indices;
     ``scene``: the session without effects, with the true geometry ``scene.g`` (without the
-    errors of frozen slots) and ``scene.station``.
+    errors of frozen slots) and ``scene.registration``.
     """
 
     mechanism: Mechanism
@@ -150,7 +150,7 @@ def _sizing(machine: str, seed: int, options: Options, frozen: tuple[str, ...]) 
     scene = _scene(machine, seed, options, frozen)
     data = recorded(scene, measure(scene), options, seed)
     problem = Problem(scene.mechanism, (data,), scene.mechanism.free)
-    rows = list(problem.rows(State(scene.g, (scene.station,), (scene.pose,))))
+    rows = list(problem.rows(State(scene.g, (scene.registration,), (scene.pose,))))
     jacobian = np.concatenate([r.jacobian for r in rows])
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     norms = np.linalg.norm(flat, axis=0)

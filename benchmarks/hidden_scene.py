@@ -21,9 +21,10 @@ from scipy.spatial.transform import Rotation
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, moved
-from ppmcal.kinematics.registration import Station, measured_pose
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
@@ -39,7 +40,7 @@ class Scene:
 
     Attributes:
         mechanism: as drawn; ``free`` is what an identification may change.
-        g: the true parameters (P,); station: where the instrument truly stands.
+        g: the true parameters (P,); registration: where the instrument truly stands.
         q: joint values that the controller believed (N, k); pose: true poses (N, 8).
         approach: +-1 (N, k); velocity: of q (N, k), with the sign of the approach.
         temperature: K above 20 degrees Celsius (N,); payload: kg (N,); time: s (N,).
@@ -48,7 +49,7 @@ class Scene:
 
     mechanism: Mechanism
     g: Array
-    station: Station
+    registration: Registration
     q: Array
     pose: Array
     approach: Array
@@ -175,7 +176,7 @@ def measure(scene: Scene, changes: Sequence[Change] = (), jitter: Array | None =
     for change in changes:
         if change.pose is not None:
             pose = moved(pose, change.pose)
-    seen = measured_pose(scene.station, pose)
+    seen = measured_pose(scene.registration, pose)
     for change in changes:
         if change.frame is not None:
             seen = _wandered(seen, change.frame)

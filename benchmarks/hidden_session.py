@@ -21,10 +21,10 @@ from ppmcal.io import read_mechanism
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward, smallest_singular_value
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.kinematics.registration import Station
 from ppmcal.kinematics.tables import home_singular_value
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 WELL_CONDITIONED = 0.3
@@ -131,7 +131,7 @@ def drawn_scene(machine: Machine, seed: int, options: Options) -> Scene:
     speed = np.exp(rng.uniform(np.log(slow), np.log(fast), sides.shape))
     model = Model(mechanism, g)
     return Scene(
-        mechanism, g, _station(mechanism, stream(seed, 4)), q[visits],
+        mechanism, g, _registration(mechanism, stream(seed, 4)), q[visits],
         solved(model, q, wanted, q)[visits], sides, sides * speed,
         _temperature(visits.size, rng),
         rng.choice(np.array(options.payloads, dtype=np.float64), visits.size),
@@ -180,15 +180,14 @@ def _temperature(rows: int, rng: np.random.Generator) -> Array:
             return np.asarray(SWING * swing / np.abs(swing).max(), dtype=float)
 
 
-def _station(mechanism: Mechanism, rng: np.random.Generator) -> Station:
+def _registration(mechanism: Mechanism, rng: np.random.Generator) -> Registration:
     """Return where the instrument truly stands: some millimetres and milliradians off."""
     parts = [0, 1, 5] if mechanism.motion == "planar" else list(range(6))
     frame, target = np.zeros(6), np.zeros(3)
     frame[parts] = FRAME * rng.normal(size=len(parts))
     places = [p for p in parts if p < 3]
     target[places] = TARGET * rng.normal(size=len(places))
-    return Station(cga.motor_from_rotation_vector(frame[3:], frame[:3]), target, np.zeros(3),
-                   np.zeros(len(mechanism.actuators)))
+    return Registration.of_pose(frame, target)
 
 
 def joint_noise(scene: Scene, options: Options) -> Array:

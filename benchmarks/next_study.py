@@ -39,7 +39,8 @@ from ppmcal.diagnosis.rivals import (  # noqa: E402
     find,
     rivals,
 )
-from ppmcal.diagnosis.selection import Search, bic  # noqa: E402
+from ppmcal.diagnosis.search import Search  # noqa: E402
+from ppmcal.diagnosis.selection import bic  # noqa: E402
 from ppmcal.diagnosis.stage import named_only, run_stage  # noqa: E402
 from ppmcal.errors import PpmcalError  # noqa: E402
 from ppmcal.model.dataset import Dataset  # noqa: E402

@@ -105,7 +105,7 @@ def scenario(at: Case, poses: Array, errors: dict[str, float], exact: bool) -> S
         target=np.zeros(3), target_known=True, target_rotation=np.zeros(3),
         target_rotation_known=True, ar=0.0, outliers=0.0, tails="normal", repeats=1,
         approach="one", payload=(), temperature=None, velocity=np.zeros(len(m.actuators)),
-        acting=m, seed=0)
+        with_effects=m, seed=0)
 
 
 def fresh_errors(fit: Fit, at: Case, truth: Scenario, seed: int) -> tuple[float, float]:

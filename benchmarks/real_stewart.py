@@ -89,7 +89,7 @@ def across(mechanism: Mechanism, train: object, test: object, options: FitOption
     fixed = mechanism.with_values(fit.state.g)
     problem = Problem(fixed, (test,), ())
     anew = register_only(problem)
-    kept = replace(anew.state, stations=fit.state.stations)
+    kept = replace(anew.state, registrations=fit.state.registrations)
     return leg_rms(problem, kept), leg_rms(problem, anew.state)
 
 

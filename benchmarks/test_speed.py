@@ -33,9 +33,10 @@ from ppmcal.calibration.problem import CHUNK, Problem  # noqa: E402
 from ppmcal.io import read_mechanism, read_scenario  # noqa: E402
 from ppmcal.kinematics.closure import Model  # noqa: E402
 from ppmcal.kinematics.forward import forward  # noqa: E402
-from ppmcal.kinematics.registration import Station, predict  # noqa: E402
-from ppmcal.kinematics.tables import inverse_table, pose_motor, pose_vector  # noqa: E402
+from ppmcal.kinematics.registration import predict  # noqa: E402
+from ppmcal.kinematics.tables import inverse_table, pose_vector  # noqa: E402
 from ppmcal.model.dataset import Dataset, Unknown  # noqa: E402
+from ppmcal.model.registration import Registration  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -64,9 +65,9 @@ def problem_of(count: int) -> Problem:
     for p in mechanism.free:
         g[p] += (mechanism.parameters[p].tolerance or 0.0) * rng.normal()
     pose = forward(Model(mechanism, g), q).pose
-    station = Station(pose_motor(scenario.frame), scenario.target, np.zeros(3), np.zeros(6))
+    registration = Registration.of_pose(scenario.frame, scenario.target)
     sigma = np.repeat([scenario.sigma_position, scenario.sigma_rotation], 3)
-    seen, turn = predict(station, pose)
+    seen, turn = predict(registration, pose)
     vector = pose_vector(_motors(turn)) + rng.normal(size=(count, 6)) * sigma
     data = Dataset(
         name="a", source="a", kind="pose", rows=np.arange(1, count + 1), q=q, commanded=None,

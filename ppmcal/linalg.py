@@ -38,8 +38,13 @@ def svd(matrix: Array) -> tuple[Array, Array, Array]:
 
 def unit_columns(matrix: Array) -> Array:
     """Return a matrix (m, n) with columns of length 1; empty ones stay so."""
+    return np.asarray(matrix / column_lengths(matrix))
+
+
+def column_lengths(matrix: Array) -> Array:
+    """Return the lengths (n,) of the columns of a matrix (m, n), 1 for empty ones."""
     norms = np.linalg.norm(matrix, axis=0)
-    return np.asarray(matrix / np.where(norms > 0.0, norms, 1.0))
+    return np.where(norms > 0.0, norms, 1.0)
 
 
 def range_basis(matrix: Array, relative: float = 0.0, least: float = 0.0) -> Array:

@@ -9,8 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ppmcal.api.identify import same_machine
-from ppmcal.api.inputs import Path_, source_of
+from ppmcal.api.inputs import Path_, same_machine, source_of
 from ppmcal.api.result import Result
 from ppmcal.calibration.change_detection import Comparison, between
 from ppmcal.io import read_mechanism

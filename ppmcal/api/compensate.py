@@ -18,7 +18,6 @@ from ppmcal.api.inputs import (
     place_of,
     refuse_unrecorded,
     source_of,
-    table_columns,
 )
 from ppmcal.api.result import CalibratedMachine, Result
 from ppmcal.calibration.compensation import Compensation, Knowledge
@@ -31,7 +30,8 @@ from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, comman
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.model.dataset import environment
-from ppmcal.model.mechanism import Mechanism, Registration
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,15 +120,15 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
     poses = read_poses(targets, machine)
     sequence = approach == "sequence"
     _refuse_short(machine, poses, place_of(targets, "poses"), sequence)
-    found = compensated(machine, poses.poses, registration, known, name, poses.conditions, sequence)
+    found = compensated(machine, poses.poses, registration, known, name, poses.environment,
+                        sequence)
     readings, more = _readings(model, machine)
     found, told = averaged(machine, found, readings, known,
-                           Targets(poses.poses, name, poses.conditions, sequence))
+                           Targets(poses.poses, name, poses.environment, sequence))
     notes += told
     inputs = [*machine.inputs, *files_of(targets), *files, *more]
     result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
-                                known, tuple(notes),
-                                table_columns(targets, machine.coordinates))
+                                known, tuple(notes), poses.given)
     _refuse_worse(result, machine.source)
     return result
 
@@ -178,15 +178,15 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     n = len(poses.rows)
     # in a sequence every joint's direction follows from the order
     joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
-    rows = environment(poses.conditions, mechanism.actuators, mechanism.gravity, joints, sequence)
+    rows = environment(poses.environment, mechanism.actuators, mechanism.gravity, joints, sequence)
     refuse_unrecorded(mechanism, rows, "the model's effects", source)
 
 
-def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration | None, str]:
+def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
     """Return the registration that the targets are in, and its name."""
     names = list(mechanism.registrations)
     if frame == "base":
-        return None, ""
+        return Registration(), ""
     if frame is None:
         if len(names) == 1:
             return mechanism.registrations[names[0]], names[0]

@@ -27,13 +27,9 @@ from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.diagnose import diagnose as diagnosed
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.results.diagnosis import (
-    DiagnosisRecord,
-    HeldOutGap,
-    NextMeasurements,
-    ResidualAfter,
-)
+from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
+from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
 from ppmcal.io.results.diagnosis_wording import headline
 from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.io.results.record import Provenance, UnitNames

@@ -17,6 +17,7 @@ from ppmcal.api.inputs import (
     datasets_of,
     prepared,
     source_of,
+    started,
 )
 from ppmcal.api.result import Progress, Result, silent
 from ppmcal.calibration.change_detection import carried_on
@@ -31,7 +32,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.validation import Residuals
 from ppmcal.errors import BadInput, NoResult, PpmcalError
-from ppmcal.io import read_mechanism, unit_findings
+from ppmcal.io import unit_findings
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.linalg import Array
@@ -281,35 +282,3 @@ def _refuse_unconverged(fit: Fit, options: FitOptions) -> None:
                        ", ".join(d.source for d in fit.problem.datasets),
                        "Run check on machine and data: units, order of columns, poses that tell "
                        "the parameters apart; or free fewer parameters, or try more --iterations")
-
-
-def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
-    """Return the machine with the free values of an earlier calibration, and what was odd."""
-    other = read_mechanism(start)
-    notes = same_machine(mechanism, other, start)
-    found = dict(zip(other.names, other.values.tolist(), strict=True))
-    g = mechanism.values.copy()
-    for p in mechanism.free:
-        g[p] = found.get(mechanism.names[p], g[p])
-    return mechanism.with_values(g), notes
-
-
-def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[str]:
-    """Return which fixed values differ between a machine and an earlier file of it.
-
-    Raises:
-        BadInput: the limbs are not the same.
-    """
-    kinds = [{limb.name: limb.kind.name for limb in m.limbs} for m in (mechanism, other)]
-    if kinds[0] != kinds[1]:
-        raise BadInput("is of another machine: its limbs are not those of "
-                       f"{mechanism.source}", str(source),
-                       "Give the identified.yaml of an earlier calibration of this machine")
-    found = dict(zip(other.names, other.values.tolist(), strict=True))
-    free = {mechanism.names[p] for p in mechanism.free}
-    apart = [name for i, name in enumerate(mechanism.names)
-             if name not in free and found.get(name, mechanism.values[i]) != mechanism.values[i]]
-    if not apart:
-        return []
-    return [f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
-            f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}"]

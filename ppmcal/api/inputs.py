@@ -188,15 +188,6 @@ def source_of(function: str, inputs: Sequence[Path_], seed: int | None) -> dict[
     return provenance(inputs, typed, seed)
 
 
-def table_columns(source: Any, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Any, ...]]:
-    """Return header and columns of a table as it stands, to be repeated in the output.
-
-    ``names`` are those of the columns of a bare array.
-    """
-    raw = read_table(source, loose=lambda _: True) if is_path(source) else as_table(source, names)
-    return raw.header, tuple(raw.numbers.get(h, raw.text.get(h)) for h in raw.header)
-
-
 def place_of(source: Any, what: str) -> str:
     """Return what messages call a table: its path, or ``what`` where it is in memory."""
     return str(source) if is_path(source) else what
@@ -205,3 +196,35 @@ def place_of(source: Any, what: str) -> str:
 def files_of(*sources: Any) -> list[Path_]:
     """Return those of the inputs that are files."""
     return [s for s in sources if s is not None and is_path(s)]
+
+
+def started(mechanism: Mechanism, start: Path) -> tuple[Mechanism, list[str]]:
+    """Return the machine with the free values of an earlier calibration, and what was odd."""
+    other = read_mechanism(start)
+    notes = same_machine(mechanism, other, start)
+    found = dict(zip(other.names, other.values.tolist(), strict=True))
+    g = mechanism.values.copy()
+    for p in mechanism.free:
+        g[p] = found.get(mechanism.names[p], g[p])
+    return mechanism.with_values(g), notes
+
+
+def same_machine(mechanism: Mechanism, other: Mechanism, source: Path) -> list[str]:
+    """Return which fixed values differ between a machine and an earlier file of it.
+
+    Raises:
+        BadInput: the limbs are not the same.
+    """
+    kinds = [{limb.name: limb.kind.name for limb in m.limbs} for m in (mechanism, other)]
+    if kinds[0] != kinds[1]:
+        raise BadInput("is of another machine: its limbs are not those of "
+                       f"{mechanism.source}", str(source),
+                       "Give the identified.yaml of an earlier calibration of this machine")
+    found = dict(zip(other.names, other.values.tolist(), strict=True))
+    free = {mechanism.names[p] for p in mechanism.free}
+    apart = [name for i, name in enumerate(mechanism.names)
+             if name not in free and found.get(name, mechanism.values[i]) != mechanism.values[i]]
+    if not apart:
+        return []
+    return [f"{len(apart)} fixed value{'s' if len(apart) > 1 else ''} are not as in {source}: "
+            f"{', '.join(apart[:3])}{' ...' if len(apart) > 3 else ''}"]

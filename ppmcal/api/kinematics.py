@@ -16,15 +16,14 @@ from ppmcal.api.inputs import (
     place_of,
     refuse_unrecorded,
     source_of,
-    table_columns,
 )
 from ppmcal.api.result import Result
-from ppmcal.calibration.compensation import station_of
 from ppmcal.calibration.observation import stretched
 from ppmcal.design.intersection import forward_by_intersection
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_joints, read_poses, twists
 from ppmcal.io.grid import read_point
+from ppmcal.io.poses import Given
 from ppmcal.io.results.kinematics import PoseFormat, kinematics_files, solved_sentence
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
@@ -185,16 +184,15 @@ def kinematics(which: str, mechanism: Machine, table: Any, *,
                        "target", "", "Leave one of them out")
     machine = load(mechanism)
     point, convention = _point(tool, machine), check_convention(rotation, machine)
-    found, rows = _solved(which, machine, table, (point, convention), method)
+    found, rows, given = _solved(which, machine, table, (point, convention), method)
     pose = None
     if dataset is not None:
         pose = _as_measured(machine, dataset, found, rows)
     elif point is not None:
         pose = tool_poses(Model(machine), found.pose, point)
     form = PoseFormat(point, pose, convention, method if which == "forward" else "")
-    names = [f"q_{a}" for a in machine.actuators] if which == "forward" else machine.coordinates
     source = source_of("kinematics", [*machine.inputs, *files_of(table)], None)
-    return KinematicsResult(source, (), machine, which, found, form, table_columns(table, names))
+    return KinematicsResult(source, (), machine, which, found, form, given)
 
 
 def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | None:
@@ -210,28 +208,28 @@ def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | 
 
 
 def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | None, str],
-            method: str) -> tuple[KinematicsTable, Environment]:
-    """Return the kinematics of a table and the conditions of its rows."""
+            method: str) -> tuple[KinematicsTable, Environment, Given]:
+    """Return the kinematics of a table, the environment of its rows, and the table as it stands."""
     model, (tool, rotation) = Model(machine), asked
     instead = f", or take the effect out of {machine.source}"
     if which == "forward":
         joints = read_joints(table, machine)
-        rows = environment(joints.conditions, machine.actuators, machine.gravity, joints.q)
+        rows = environment(joints.environment, machine.actuators, machine.gravity, joints.q)
         refuse_unrecorded(machine, rows, OWNER, place_of(table, "joints"), instead)
         found = forward_by_intersection(model, joints.q) if method == "intersection" else None
-        return forward_table(model, joints.q, rows, found), rows
+        return forward_table(model, joints.q, rows, found), rows, joints.given
     poses = read_poses(table, machine, rotation)
-    rows = environment(poses.conditions, machine.actuators, machine.gravity,
+    rows = environment(poses.environment, machine.actuators, machine.gravity,
                        np.zeros((len(poses.rows), len(machine.actuators))))
     refuse_unrecorded(machine, rows, OWNER, place_of(table, "poses"), instead)
     convention = PoseConvention(np.zeros(3) if tool is None else tool, rotation)
     if which == "inverse":
-        return inverse_table(model, poses.poses, rows, convention), rows
+        return inverse_table(model, poses.poses, rows, convention), rows, poses.given
     motion = twists(poses.extra, machine)
     if motion is None:
         raise BadInput("no velocity columns", place_of(table, "poses"),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
-    return velocity_table(model, poses.poses, motion, rows, convention), rows
+    return velocity_table(model, poses.poses, motion, rows, convention), rows, poses.given
 
 
 def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, rows: Environment
@@ -240,11 +238,11 @@ def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, row
     if dataset not in mechanism.registrations:
         raise unknown("data set", dataset, mechanism.registrations, f"{mechanism.source}: "
                       "measurement.datasets")
-    station = station_of(mechanism.registrations[dataset], len(mechanism.actuators))
+    registration = mechanism.registrations[dataset]
     seen = np.full_like(found.pose, np.nan)
     good = finite_rows(found.pose)
     pose = pose_motor(found.pose[good])
-    seen[good] = measured_pose(station, pose)
+    seen[good] = measured_pose(registration, pose)
     shift = shifted(Model(mechanism), rows.take(good), found.q[good], pose).shift
     if shift is not None:
         seen[good, :3] = stretched(seen[good, :3], shift.stretch)

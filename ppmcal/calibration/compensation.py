@@ -19,17 +19,17 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import (
-    base_station,
     named_only,
     pose_motor,
     pose_vector,
     wanted_poses,
 )
-from ppmcal.kinematics.registration import Station, measured_pose, predict
+from ppmcal.kinematics.registration import measured_pose, predict
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment, environment
-from ppmcal.model.mechanism import Mechanism, Registration
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 FAR_OUTSIDE = 0.5
 """Refused: farther outside the measured range than this part of its width."""
@@ -87,13 +87,7 @@ class Compensation:
     reason: tuple[str, ...]
 
 
-def station_of(registration: Registration, actuators: int) -> Station:
-    """Return the station of a registration in the model file."""
-    return Station(pose_motor(registration.frame), registration.target,
-                   registration.target_rotation, np.zeros(actuators))
-
-
-def compensate(mechanism: Mechanism, wanted: Array, registration: Registration | None,
+def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
                knowledge: Knowledge | None = None, dataset: str = "",
                columns: Mapping[str, Array] | None = None, sequence: bool = False
                ) -> Compensation:
@@ -102,7 +96,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
     Args:
         mechanism: the identified machine (its nominals are the controller's model).
         wanted: poses (N, 6) as the instrument would measure them, nan where open.
-        registration: frame and target; None for wanted platform poses in the base frame.
+        registration: frame and target; ``Registration()`` for platform poses in the base frame.
         knowledge: covariance and measured volume, None where not available.
         dataset: name of the data set that ``registration`` belongs to.
         columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
@@ -112,9 +106,8 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
     true positions in its frame.
     """
     k = len(mechanism.actuators)
-    station = station_of(registration, k) if registration else base_station(k)
     model, nominal = Model(mechanism), Model(mechanism.nominal())
-    full, failed = wanted_poses(model, station, wanted)
+    full, failed = wanted_poses(model, registration, wanted)
     columns = dict(columns or {})
     rough = inverse_table(nominal, full).q if sequence else np.zeros((len(full), k))
     rows = environment(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
@@ -122,15 +115,15 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration |
     status = ["refused" if s != "ok" else "ok" for s in table.status]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     _outside_volume(mechanism, full, knowledge, status, reason)
-    believed = station
-    if registration is not None and knowledge is not None and dataset in knowledge.before:
-        believed = station_of(knowledge.before[dataset], k)
-    before, q_nominal = _uncorrected(model, nominal, station, believed, full, wanted, rows)
+    believed = registration
+    if knowledge is not None and dataset in knowledge.before:
+        believed = knowledge.before[dataset]
+    before, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted, rows)
     good = np.array([s == "ok" for s in status])
-    result = _after(model, nominal, station, table.q, full, good, rows)
-    sigma = _sigma(model, station, full, table.q, good, knowledge, dataset, rows)
+    result = _after(model, nominal, registration, table.q, full, good, rows)
+    sigma = _sigma(model, registration, full, table.q, good, knowledge, dataset, rows)
     q = np.where(good[:, None], table.q, np.nan)
-    seen = measured_pose(station, pose_motor(full))
+    seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, before[0], result[1], before[1], result[2],
                         sigma[0], sigma[1], tuple(status), tuple(reason))
 
@@ -153,8 +146,9 @@ def _outside_volume(mechanism: Mechanism, full: Array, knowledge: Knowledge | No
                              f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
 
 
-def _uncorrected(model: Model, nominal: Model, station: Station, believed: Station, full: Array,
-                 wanted: Array, rows: Environment) -> tuple[tuple[Array, Array], Array]:
+def _uncorrected(model: Model, nominal: Model, registration: Registration,
+                 believed: Registration, full: Array, wanted: Array, rows: Environment
+                 ) -> tuple[tuple[Array, Array], Array]:
     """Errors (N,) position and rotation of the nominal commands, and those commands (N, k).
 
     The nominal machine is asked for the wanted pose in the frame in which it fits the
@@ -165,11 +159,11 @@ def _uncorrected(model: Model, nominal: Model, station: Station, believed: Stati
         asked = named_only(nominal.mechanism, asked)
     table = inverse_table(nominal, asked)
     real = reached_poses(model, table.q, rows)
-    return _errors(station, real.pose, pose_motor(full)), table.q
+    return _errors(registration, real.pose, pose_motor(full)), table.q
 
 
-def _after(model: Model, nominal: Model, station: Station, q: Array, full: Array, good: Bools,
-           rows: Environment) -> tuple[Array, Array, Array]:
+def _after(model: Model, nominal: Model, registration: Registration, q: Array, full: Array,
+           good: Bools, rows: Environment) -> tuple[Array, Array, Array]:
     """Corrected pose command of the nominal model (N, 6), and errors left (N,) each."""
     command = np.full_like(full, np.nan)
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
@@ -177,18 +171,18 @@ def _after(model: Model, nominal: Model, station: Station, q: Array, full: Array
         asked = forward(nominal, q[good])
         command[good] = pose_vector(asked.pose)
         real = reached_poses(model, q[good], rows.take(good))
-        position[good], rotation[good] = _errors(station, real.pose, pose_motor(full[good]))
+        position[good], rotation[good] = _errors(registration, real.pose, pose_motor(full[good]))
     return command, position, rotation
 
 
-def _errors(station: Station, real: Array, ideal: Array) -> tuple[Array, Array]:
+def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Array, Array]:
     """Return position and rotation differences (N,) as the instrument would see them."""
-    (a, ra), (b, rb) = predict(station, real), predict(station, ideal)
+    (a, ra), (b, rb) = predict(registration, real), predict(registration, ideal)
     turn = cga.rotation_vector(cga.motor_from_matrix(ra @ np.swapaxes(rb, -1, -2), np.zeros(3)))
     return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn, axis=-1)
 
 
-def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
+def _sigma(model: Model, registration: Registration, full: Array, q: Array, good: Bools,
            knowledge: Knowledge | None, dataset: str, rows: Environment) -> tuple[Array, Array]:
     """Return the standard deviations (N,) of the corrected position and rotation.
 
@@ -197,7 +191,7 @@ def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
     if knowledge is None or not good.any():
         return position, rotation
-    jacobian = prediction_jacobian(model, station, full[good], q[good], knowledge, dataset,
+    jacobian = prediction_jacobian(model, registration, full[good], q[good], knowledge, dataset,
                                    rows.take(good))
     covariance = jacobian @ knowledge.covariance @ np.swapaxes(jacobian, -1, -2)
     variance = np.diagonal(covariance, axis1=-2, axis2=-1)
@@ -208,7 +202,7 @@ def _sigma(model: Model, station: Station, full: Array, q: Array, good: Bools,
     return position, rotation
 
 
-def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration | None,
+def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
                 knowledge: Knowledge, dataset: str, columns: Mapping[str, Array]
                 ) -> tuple[Array, Array]:
     """Return standard deviations (N,) of position, m, and rotation, rad, of an identified machine.
@@ -216,7 +210,7 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration |
     Args:
         mechanism: the identified machine.
         poses: of the platform in the base frame (N, 6), nan where open.
-        registration: frame and target in which the pose is measured; None: the base frame.
+        registration: frame and target in which the pose is measured.
         knowledge: what the identification knows.
         dataset: name of the data set that ``registration`` belongs to.
         columns: what effects depend on, as in :func:`ppmcal.model.dataset.environment`.
@@ -224,20 +218,30 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration |
     Poses that the machine does not take are nan.
     """
     k = len(mechanism.actuators)
-    model, base = Model(mechanism), base_station(k)
-    full, _ = wanted_poses(model, base, poses)
+    model = Model(mechanism)
+    full, _ = wanted_poses(model, Registration(), poses)
     rows = environment(columns, mechanism.actuators, mechanism.gravity, np.zeros((len(full), k)))
     table = inverse_table(model, full, rows)
     good = np.array([s == "ok" for s in table.status])
-    station = station_of(registration, k) if registration else base
-    return _sigma(model, station, full, table.q, good, knowledge, dataset, rows)
+    return _sigma(model, registration, full, table.q, good, knowledge, dataset, rows)
 
 
-def prediction_jacobian(model: Model, station: Station, full: Array, q: Array,
+def prediction_jacobian(model: Model, registration: Registration, full: Array, q: Array,
                         knowledge: Knowledge, dataset: str, rows: Environment) -> Array:
-    """Return d(measured pose)/d(columns) (N, m, C), columns as the identification names them.
+    """Return d(measured pose)/d(columns), columns as the identification names them.
 
-    Columns of other data sets' frames, and unknown names, are 0.
+    Args:
+        model: the machine at its parameters.
+        registration: frame and target in which poses are measured.
+        full: platform poses (N, 6) in the base frame, x, y, z, rotation vector.
+        q: joint values there (N, k).
+        knowledge: names the C columns, and the points about which frames are turned.
+        dataset: name of the data set that ``registration`` belongs to.
+        rows: the environment that effects depend on.
+
+    Returns:
+        (N, m, C), m and rad in the measuring frame per unit of a column, SI; 0 in columns of
+        other data sets' frames and of unknown names.
     """
     mechanism = model.mechanism
     names = knowledge.names
@@ -249,7 +253,7 @@ def prediction_jacobian(model: Model, station: Station, full: Array, q: Array,
     about = knowledge.pivots.get(dataset, np.zeros(3))
     problem = Problem(mechanism, (data,), free, (about,), (rows,))
     closed = reached_poses(model, q, rows, pose_motor(full), q).closed
-    state = State(mechanism.values, (station,), (closed,))
+    state = State(mechanism.values, (registration,), (closed,))
     found = [r.jacobian for r in problem.rows(state)]
     own = {name: c for c, name in enumerate(problem.columns)}
     stacked = np.concatenate(found)

@@ -227,7 +227,7 @@ def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
         return None
     some = np.linspace(0, len(q) - 1, min(POSITIONS, len(q))).astype(int)
     q, pose = q[some], pose[some]
-    target, turn = state.stations[i].target, cga.rotation_matrix(pose)
+    target, turn = state.registrations[i].target, cga.rotation_matrix(pose)
     at = cga.translation(pose) + turn @ target
     away = np.linalg.norm(at[:, None] - at[None], axis=-1)
     two = [int(n) for n in np.unravel_index(int(np.argmax(away)), away.shape)]

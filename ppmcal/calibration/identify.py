@@ -70,7 +70,7 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
     if sum(int(k.sum()) for k in keep) > MANY_ROWS:
         thinned, few = _thinned(problem, state, keep)
         first = identify(thinned, options, progress, few)
-        state = problem.solve(State(first.state.g, first.state.stations, state.poses))
+        state = problem.solve(State(first.state.g, first.state.registrations, state.poses))
         keep, later = _usable(problem, state)
         keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
         reasons = [{**new, **old} for new, old in zip(later, reasons, strict=True)]

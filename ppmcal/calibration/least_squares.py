@@ -58,7 +58,14 @@ def parameter_scale(problem: Problem) -> Array:
 
 def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
                 weights: Sequence[Array] | None = None) -> QRFactor:
-    """Accumulate all rows into one triangle by QR."""
+    """Accumulate all rows into one triangle by QR, chunk by chunk.
+
+    Args:
+        problem: the machine and its C columns.
+        state: where rows are linearised.
+        keep: rows to use (N,), for each data set.
+        weights: factor on each white row (N,), for each data set  [default: 1].
+    """
     size = len(problem.columns) + 1
     stack = np.zeros((0, size))
     count = 0
@@ -143,7 +150,14 @@ class NormalStep:
 
 
 def normal_step(problem: Problem, state: State, reduced: QRFactor, prior: Array) -> NormalStep:
-    """Return the linear problem of data and prior at a state."""
+    """Return the linear problem of data and prior at a state.
+
+    Args:
+        problem: the machine and its C columns.
+        state: where the rows were linearised.
+        reduced: all rows as one triangle.
+        prior: weight of each column's distance from its nominal value (C,), 1/tau, SI.
+    """
     free = list(problem.free)
     scale = column_scale(problem)
     away = np.zeros(len(problem.columns))
@@ -172,10 +186,20 @@ predictions of all rows together would move by a tenth of the noise."""
 def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
                  iterations: int, weigh: Callable[[State], Sequence[Array]] | None = None,
                  progress: Progress | None = None) -> tuple[State, QRFactor, int, bool]:
-    """Return the state at the minimum, its rows, the number of iterations, converged or not.
+    """Return the minimum of chi-squared of data and prior.
 
-    With ``weigh`` rows are re-weighted in each iteration, and a rough minimum is enough: it
-    is only where the final fit starts.
+    Args:
+        problem: the machine and its C columns.
+        state: where to start.
+        keep: rows to use (N,), for each data set.
+        prior: weight of each column's distance from its nominal value (C,), 1/tau, SI.
+        iterations: at most so many.
+        weigh: weights of rows at a state. Rows are re-weighted in each iteration, and a rough
+            minimum is enough: it is only where the final fit starts.
+        progress: called with iteration and chi-squared.
+
+    Returns:
+        The state at the minimum, its rows, the number of iterations, converged or not.
     """
     damping, decrease = 0.0, float("inf")
     unit = column_scale(problem)

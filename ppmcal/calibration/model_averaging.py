@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.compensation import Compensation, Knowledge, compensate, station_of
+from ppmcal.calibration.compensation import Compensation, Knowledge, compensate
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
-from ppmcal.kinematics.partial_pose import base_station, pose_motor
+from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import environment
@@ -46,7 +46,7 @@ class Readings:
 
 @dataclass(frozen=True)
 class Targets:
-    """What is wanted: poses (N, 6) in the frame of a data set ("" for the base), conditions.
+    """What is wanted: poses (N, 6) in the frame of a data set ("" for the base), environment.
 
     As for :func:`ppmcal.calibration.compensation.compensate`.
     """
@@ -104,7 +104,7 @@ def _without(mechanism: Mechanism | None, result: Compensation, knowledge: Knowl
     """Return the commands of the machine without effects; None where it is not known."""
     if mechanism is None or (targets.dataset and targets.dataset not in mechanism.registrations):
         return None
-    found = compensate(mechanism, targets.wanted, mechanism.registrations.get(targets.dataset),
+    found = compensate(mechanism, targets.wanted, mechanism.registration(targets.dataset),
                        None, targets.dataset, targets.columns, targets.sequence)
     # what was refused stays refused
     good = np.array([a == b == "ok" for a, b in zip(found.status, result.status, strict=True)])
@@ -130,13 +130,11 @@ def _errors(mechanism: Mechanism, q: Array, result: Compensation, targets: Targe
     An instrument that shows (1 + s) times the truth sends the machine astray either way: off what
     it shows, or, about the middle of the targets, off the truth. The larger of both counts.
     """
-    k = len(mechanism.actuators)
-    registration = mechanism.registrations.get(targets.dataset) if targets.dataset else None
-    station = station_of(registration, k) if registration else base_station(k)
+    registration = mechanism.registration(targets.dataset)
     rows = environment(targets.columns, mechanism.actuators, mechanism.gravity, result.q_nominal,
                        targets.sequence)
     reached = reached_poses(Model(mechanism), q, rows)
-    point, turn = predict(station, reached.pose)
+    point, turn = predict(registration, reached.pose)
     wanted = result.seen[:, :3]
     miss = point - wanted
     position = np.linalg.norm(miss, axis=1)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.calibration.observation import pivot
-from ppmcal.kinematics.registration import Station
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 PARTS = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -33,18 +33,21 @@ class NuisanceColumns:
     turn_parts: tuple[int, ...]
     about: Array
 
-    def moved(self, station: Station, step: Array) -> Station:
-        """Return the station moved by a step (C,) of all columns."""
-        frame, target, turn = np.zeros(6), np.zeros(3), np.zeros(3)
-        homing = np.zeros_like(station.homing)
+    def moved(self, registration: Registration, step: Array) -> Registration:
+        """Return the registration moved by a step (..., C) of all columns."""
+        frame, target, turn = (np.zeros((*step.shape[:-1], size)) for size in (6, 3, 3))
         for whole, columns, parts in ((frame, self.frame, self.frame_parts),
                                       (target, self.target, self.target_parts),
                                       (turn, self.target_rotation, self.turn_parts)):
             if columns.stop > columns.start:
-                whole[list(parts)] = step[columns]
-        homing[:step[self.homing].size] = step[self.homing]
-        return Station(turned_about(station.frame, frame, self.about), station.target + target,
-                       station.target_rotation + turn, station.homing + homing)
+                whole[..., list(parts)] = step[..., columns]
+        moved = replace(registration, target=registration.target + target,
+                        target_rotation=registration.target_rotation + turn)
+        if self.frame.stop > self.frame.start:
+            moved = replace(moved, frame=turned_about(moved.frame, frame, self.about))
+        if self.homing.stop > self.homing.start:
+            moved = replace(moved, homing=moved.homing + step[..., self.homing])
+        return moved
 
 
 def frame_parts(data: Dataset, motion: str) -> tuple[int, ...]:
@@ -72,7 +75,15 @@ def target_parts(data: Dataset, motion: str) -> tuple[int, ...]:
 
 def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[int],
             pivots: Sequence[Array] | None) -> tuple[tuple[NuisanceColumns, ...], tuple[str, ...]]:
-    """Return each data set's open columns, and the names of all columns (C,)."""
+    """Return each data set's open columns, and the names of all columns (C,).
+
+    Args:
+        mechanism: names the parameters.
+        datasets: what they leave open follows the parameters, in their order.
+        free: indices of the parameters to fit.
+        pivots: points about which frames are turned (3,), one for each data set, m in the
+            measuring frame  [default: each one's middle].
+    """
     names = [mechanism.names[p] for p in free]
     motion = mechanism.motion
     opens: dict[int, NuisanceColumns] = {}

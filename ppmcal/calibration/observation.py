@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.kinematics.registration import Station, predict
+from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.registration import Registration
 
 SCALARS = {"plane": 2, "distance": 0}
 """Instruments that measure one number, and its place among x, y, z, rx, ry, rz."""
@@ -90,14 +91,20 @@ def pivot(data: Dataset) -> Array:
     return np.asarray(np.where(seen, data.position, 0.0).sum(axis=0) / count, dtype=float)
 
 
-def view(data: Dataset, station: Station, poses: Sequence[Array], motion: str, about: Array,
-         stretch: Array | None = None) -> ResidualJacobian:
-    """Compare the data set's rows with poses (n, 8); ``about`` is the frame's pivot (3,).
+def view(data: Dataset, registration: Registration, poses: Sequence[Array], motion: str,
+         about: Array, stretch: Array | None = None) -> ResidualJacobian:
+    """Compare the data set's rows with poses: measured = frame o pose o target.
 
-    Distances between two platform positions have two poses, all others one. The instrument
-    shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
+    Args:
+        data: n rows.
+        registration: where the instrument stands.
+        poses: platform motors (n, 8) in the base frame; two of them for distances between two
+            platform positions, else one.
+        motion: the machine's motion.
+        about: the frame's pivot (3,), m in the measuring frame.
+        stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
     """
-    sights = [_pose_residual(data, station, pose, motion, about, stretch) for pose in poses]
+    sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
     if data.kind == "distance":
         return _distance(data, sights)
     pick = list(coordinates(data, motion))
@@ -114,10 +121,11 @@ def view(data: Dataset, station: Station, poses: Sequence[Array], motion: str, a
 
 
 @dataclass(frozen=True)
-class _PoseResidual:
-    """All six coordinates of n rows: residual (n, 6) and derivatives of those.
+class _SixCoordinates:
+    """n rows of one pose before the instrument picks what it measures of them.
 
-    ``seen`` (n, 3): where the instrument shows the point.
+    Residual of all six coordinates (n, 6), nan where not measured, and derivatives of those;
+    ``point`` as in :class:`ResidualJacobian`; ``seen`` (n, 3): where the instrument shows it.
     """
 
     residual: Array
@@ -129,14 +137,14 @@ class _PoseResidual:
     seen: Array
 
 
-def _pose_residual(data: Dataset, station: Station, pose: Array, motion: str, about: Array,
-           stretch: Array | None) -> _PoseResidual:
-    point, rotation = predict(station, pose)
+def _six_coordinates(data: Dataset, registration: Registration, pose: Array, motion: str,
+                     about: Array, stretch: Array | None) -> _SixCoordinates:
+    point, rotation = predict(registration, pose)
     seen = stretched(point, stretch)
     turned = rotation_residual(data, rotation, motion)
     residual = np.concatenate([shown(data)[:, :3] - seen, turned], axis=1)
-    frame = cga.rotation_matrix(station.frame)
-    arm = cga.rotation_matrix(pose) @ station.target
+    frame = cga.rotation_matrix(registration.frame)
+    arm = cga.rotation_matrix(pose) @ registration.target
     n = len(data)
     by_pose, by_frame = np.zeros((n, 6, 6)), np.zeros((n, 6, 6))
     by_target, by_rotation = np.zeros((n, 6, 3)), np.zeros((n, 6, 3))
@@ -149,14 +157,14 @@ def _pose_residual(data: Dataset, station: Station, pose: Array, motion: str, ab
     by_frame[:, 3:, 3:] = half
     body = frame @ cga.rotation_matrix(pose)
     by_target[:, :3] = body
-    by_rotation[:, 3:] = half @ body @ left_jacobian(station.target_rotation)
+    by_rotation[:, 3:] = half @ body @ left_jacobian(registration.target_rotation)
     if stretch is not None:
         for block in (by_pose, by_frame, by_target):
             block[:, :3] += stretch @ block[:, :3]
-    return _PoseResidual(residual, by_pose, by_frame, by_target, by_rotation, point, seen)
+    return _SixCoordinates(residual, by_pose, by_frame, by_target, by_rotation, point, seen)
 
 
-def _distance(data: Dataset, sights: Sequence[_PoseResidual]) -> ResidualJacobian:
+def _distance(data: Dataset, sights: Sequence[_SixCoordinates]) -> ResidualJacobian:
     """Distances from the frame's origin, or between two positions: their rows along the line."""
     first = sights[0]
     apart = first.seen if len(sights) == 1 else first.seen - sights[1].seen

@@ -165,9 +165,9 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
             predicted = value - float(rows.raw[n, c])
             if places[c] >= 3:
                 # rotation vectors do not add up: what the others say of the whole rotation
-                station = fit.state.stations[rows.dataset]
+                registration = fit.state.registrations[rows.dataset]
                 pose = fit.state.poses[rows.dataset][index][None]
-                predicted = float(measured_pose(station, pose)[0, places[c]])
+                predicted = float(measured_pose(registration, pose)[0, places[c]])
             yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted,
                           float(abs(rows.residual[n, c])), NUMBERS.get(data.kind, ""))
 

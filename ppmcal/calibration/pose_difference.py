@@ -29,7 +29,14 @@ class PoseDifference:
 def pose_difference(
     mechanism: Mechanism, old: Earlier, new: Array, volume: Array
 ) -> PoseDifference | None:
-    """Return how far the two machines' poses lie apart at the joints of poses ``volume`` (N, 6)."""
+    """Return how far the poses of two machines lie apart at the same joints.
+
+    Args:
+        mechanism: the newer one.
+        old: what the earlier calibration knew, and at which values.
+        new: values of the same parameters in the newer one (F,), SI.
+        volume: poses (N, 6) of the older in the base frame, whose joints are compared.
+    """
     ends = []
     g = mechanism.values.copy()
     g[list(old.places)] = old.value

@@ -1,4 +1,4 @@
-"""Whitened residuals and their Jacobian for a machine, its stations and the data.
+"""Whitened residuals and their Jacobian for a machine, its registrations and the data.
 
 Columns: first the free geometry parameters, then what each data set leaves open (frame,
 target, target rotation, homing). Rows are produced in chunks of poses, so that memory
@@ -22,30 +22,30 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.nuisance_columns import NuisanceColumns, lay_out
 from ppmcal.calibration.observation import ResidualJacobian, noise, view, whitener
 from ppmcal.calibration.posterior import Earlier
-from ppmcal.calibration.registration import no_pose, start_station
+from ppmcal.calibration.registration import no_pose, start_registration
 from ppmcal.calibration.response import Response
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
 from ppmcal.kinematics.inverse import solve_blocks
-from ppmcal.kinematics.registration import Station
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 CHUNK = 2048
 
 
 @dataclass(frozen=True)
 class State:
-    """Where the fit stands: parameters (P,), one station per data set, poses (N, 8) each.
+    """Where the fit stands: parameters (P,), one registration per data set, poses (N, 8) each.
 
     Distances between two platform positions have both poses in a row (N, 16).
     """
 
     g: Array
-    stations: tuple[Station, ...]
+    registrations: tuple[Registration, ...]
     poses: tuple[Array, ...]
 
 
@@ -76,7 +76,7 @@ class Problem:
     """A machine and its measurements.
 
     ``free`` are parameter indices (F,); ``pivots`` the points about which frames are turned,
-    one (3,) per data set, default each one's middle; ``given`` their conditions, default as
+    one (3,) per data set, default each one's middle; ``given`` their environments, default as
     their columns say; ``earlier``: what earlier measurements knew.
     """
 
@@ -123,18 +123,23 @@ class Problem:
         return 1e-3 * np.array([unit(name) for name in self.columns[len(self.free):]])
 
     def start(self) -> State:
-        """Return the starting state: present values, poses from home, aligned frames."""
+        """Return the starting state: present values, poses from home, aligned frames.
+
+        Raises:
+            BadInput: a data set of which no row fits the machine, or too few for its frame.
+        """
         model = Model(self.mechanism)
         poses = tuple(self.reached(i, model) for i in range(len(self.datasets)))
         for d, pose in zip(self.datasets, poses, strict=True):
             if not finite_rows(pose).any():
                 raise no_pose(self.mechanism, d)
-        stations = [start_station(d, pose, len(self.mechanism.actuators), self.mechanism.motion)
-                    for d, pose in zip(self.datasets, poses, strict=True)]
+        registrations = [start_registration(d, pose, self.mechanism.motion)
+                         for d, pose in zip(self.datasets, poses, strict=True)]
         for i, d in enumerate(self.datasets):
             if d.frame.same_as:
-                stations[i] = replace(stations[i], frame=stations[self.shared(d)].frame)
-        return State(self.mechanism.values, tuple(stations), poses)
+                shared = registrations[self.shared(d)].frame
+                registrations[i] = replace(registrations[i], frame=shared)
+        return State(self.mechanism.values, tuple(registrations), poses)
 
     def reached(self, index: int, model: Model, homing: Array | float = 0.0) -> Array:
         """Return a data set's poses (N, 8), of distances between two (N, 16), from home."""
@@ -160,7 +165,8 @@ class Problem:
 
         Distances between two platform positions have two.
         """
-        data, pose, homing = self.datasets[index], state.poses[index], state.stations[index].homing
+        data, pose = self.datasets[index], state.poses[index]
+        homing = state.registrations[index].homing
         ends = [(data.q[rows] + homing, pose[rows, :8])]
         if data.to_q is not None:
             ends.append((data.to_q[rows] + homing, pose[rows, 8:]))
@@ -168,16 +174,16 @@ class Problem:
 
     def joints(self, index: int, state: State) -> Array:
         """Return the joint values of a data set with its homing shifts applied (N, k)."""
-        return self.datasets[index].q + state.stations[index].homing
+        return self.datasets[index].q + state.registrations[index].homing
 
     def moved(self, state: State, step: Array) -> State:
         """Return the state moved by a step (C,), poses solved anew."""
         g = state.g.copy()
         for p, s in zip(self.free, step[:len(self.free)].tolist(), strict=True):
             g[p] = self.mechanism.parameters[p].stepped(float(g[p]), s)
-        stations = tuple(o.moved(s, step)
-                         for s, o in zip(state.stations, self.opens, strict=True))
-        return self.solve(State(g, stations, state.poses))
+        registrations = tuple(o.moved(s, step)
+                              for s, o in zip(state.registrations, self.opens, strict=True))
+        return self.solve(State(g, registrations, state.poses))
 
     def rows(self, state: State, jacobian: bool = True,
              keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:
@@ -194,14 +200,14 @@ class Problem:
                 yield self._chunk(i, data, index[begin:begin + CHUNK], state, jacobian)
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
-        part, station, motion = data.take(index), state.stations[i], self.mechanism.motion
+        part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
         rows = self.environments[i].take(index)
         ends = self.ends(i, state, index)
         models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
         shift = models[0].shift
         platforms = [platform_pose(pose, model.shift)
                      for (_, pose), model in zip(ends, models, strict=True)]
-        seen = view(part, station, platforms, motion, self.opens[i].about,
+        seen = view(part, registration, platforms, motion, self.opens[i].about,
                     shift.stretch if shift else None)
         with_noise = bool(np.any(data.sigma_actuator > 0.0))
         n, m = seen.residual.shape
@@ -222,7 +228,7 @@ class Problem:
                     self._geometry(i, full, response, by_joint[-1])
                     response.effect_columns(full, self.free)
             if jacobian:
-                self._stations(i, full, seen)
+                self._registrations(i, full, seen)
         sigma = np.tile(data.sigma_actuator, len(ends))
         white = whitener(seen, noise(part, motion),
                          np.concatenate(by_joint, axis=-1) if by_joint else None, sigma)
@@ -237,7 +243,7 @@ class Problem:
 
     def _by_equation(self, by_pose: Array, closure: Closure, pose: Array, lines: Array,
                 shift: Shift | None) -> Array:
-        """Return d prediction / d condition (n, m, d): -by_pose A^-1."""
+        """Return d prediction / d closure equation (n, m, d): -by_pose A^-1."""
         if shift is not None and shift.pose is not None:
             # a turn of the closed pose comes out turned by the effects' own rotation
             turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
@@ -257,7 +263,7 @@ class Problem:
         if homing.stop > homing.start:
             out[..., homing] += by_joint
 
-    def _stations(self, i: int, out: Array, seen: ResidualJacobian) -> None:
+    def _registrations(self, i: int, out: Array, seen: ResidualJacobian) -> None:
         """Fill the columns of frame, target and target rotation."""
         open_ = self.opens[i]
         for columns, parts, source in (

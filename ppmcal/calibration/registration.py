@@ -7,18 +7,22 @@ origins, which a small target offset only perturbs.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.frame_rotation import frame_turn, mean_rotation
 from ppmcal.calibration.observation import SCALARS, rotation_residual
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.kinematics.registration import Station, predict
-from ppmcal.linalg import Array, finite_rows, nearest_rotation
+from ppmcal.kinematics.partial_pose import pose_motor
+from ppmcal.kinematics.registration import predict
+from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 
 def refuse_flat(kind: str, motion: str, source: str) -> None:
@@ -32,29 +36,29 @@ def refuse_flat(kind: str, motion: str, source: str) -> None:
                        f"{source}: instrument.kind", "Use pose, position or distance")
 
 
-def start_scalar(data: Dataset, pose: Array, station: Station, motion: str) -> Station:
-    """Return the station from which a fit of heights or distances starts.
+def start_scalar(data: Dataset, pose: Array, registration: Registration, motion: str
+                 ) -> Registration:
+    """Return the registration from which a fit of heights or distances starts.
 
     Args:
         data: heights, or distances.
         pose: platform motors at the rows' joint values (N, 8 or 16).
-        station: with what is known, zeros elsewhere.
+        registration: with what is known, zeros elsewhere.
         motion: the machine's motion.
 
     Raises:
         BadInput: fewer rows than a flat or a point needs.
     """
     if not data.frame.fitted or data.to_q is not None:
-        return station
+        return registration
     rows = np.flatnonzero(finite_rows(pose) & np.isfinite(data.value))
     if rows.size < 3:
         raise BadInput(f"only {rows.size} usable rows: an unknown frame needs at least 3",
                        data.source, "Measure more poses")
-    point, _ = predict(station, pose[rows])
+    point, _ = predict(registration, pose[rows])
     step = (_flat(point, data.value[rows]) if data.kind == "plane"
             else _origin(point, data.value[rows], motion))
-    motor = cga.compose(cga.motor_from_rotation_vector(step[3:], step[:3]), station.frame)
-    return Station(motor, station.target, station.target_rotation, station.homing)
+    return replace(registration, frame=cga.compose(pose_motor(step), registration.frame))
 
 
 def _flat(point: Array, height: Array) -> Array:
@@ -85,71 +89,72 @@ def _origin(point: Array, distance: Array, motion: str) -> Array:
 SUSPECT, BLUNDER = 5.0, 10.0
 """A row that misses by so many medians makes the start a robust one; one that then misses by so
 many does not decide where a fit starts."""
-SEARCHED, REFINED, SEARCH_ROWS = 300, 5, 60
-"""Frame rotations tried, those refined, and the rows that decide."""
 SUBSET, TRIALS, CONCENTRATED, DECIDING = 6, 60, 5, 2000
 """Rows per trial alignment, number of trials, rounds in which the nearer half decides, and rows
 that judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares)."""
 
 
-def start_station(data: Dataset, pose: Array, actuators: int, motion: str) -> Station:
+def start_registration(data: Dataset, pose: Array, motion: str) -> Registration:
     """Return frame and target to start from.
 
     Args:
         data: the measurements; known parts of frame and target are kept.
         pose: platform motors at the rows' joint values (N, 8), nan rows are ignored.
-        actuators: number of joint variables.
         motion: the machine's motion.
+
+    Raises:
+        BadInput: fewer rows than an unknown frame or target needs.
     """
-    frame = cga.motor_from_rotation_vector(data.frame.value[3:], data.frame.value[:3])
-    station = Station(frame, data.target.value, data.target_rotation.value, np.zeros(actuators))
+    registration = Registration.of_pose(data.frame.value, data.target.value,
+                                        data.target_rotation.value)
     if not data.frame.fitted and not data.target.fitted and not data.target_rotation.fitted:
-        return station
+        return registration
     if data.kind in SCALARS:
-        return start_scalar(data, pose, station, motion)
+        return start_scalar(data, pose, registration, motion)
     planar = motion == "planar"
     position = np.where([False, False, planar], 0.0, data.position)
     rows = np.flatnonzero(finite_rows(position) & finite_rows(pose))
     if rows.size < 3:
         raise BadInput(f"only {rows.size} usable rows: an unknown frame or target needs at least 3",
                        data.source, "Measure more poses")
-    plain = _aligned(data, pose, position, rows, station, planar)
+    plain = _aligned(data, pose, position, rows, registration, planar)
     if rows.size < 2 * SUBSET:
         return plain
     some = rows[np.linspace(0, rows.size - 1, min(rows.size, DECIDING)).astype(int)]
 
-    def misses(of: NDArray[np.int64], at: Station) -> Array:
+    def misses(of: NDArray[np.int64], at: Registration) -> Array:
         return _misses(data, pose, position, of, at, motion)
 
     away = misses(some, plain)
     if np.max(away) <= SUSPECT * np.median(away):
         return plain
     rng = np.random.default_rng(0)
-    trials = [_aligned(data, pose, position, rng.choice(some, SUBSET, replace=False), station,
+    trials = [_aligned(data, pose, position, rng.choice(some, SUBSET, replace=False), registration,
                        planar) for _ in range(TRIALS)]
     best = min([plain, *trials], key=lambda t: float(np.median(misses(some, t))))
     for _ in range(CONCENTRATED):
         # least trimmed squares: the nearer half decides, again and again
         away = misses(some, best)
-        best = _aligned(data, pose, position, some[away <= np.median(away)], station, planar)
+        best = _aligned(data, pose, position, some[away <= np.median(away)], registration, planar)
     away = misses(rows, best)
-    return _aligned(data, pose, position, rows[away <= BLUNDER * np.median(away)], station, planar)
+    near = rows[away <= BLUNDER * np.median(away)]
+    return _aligned(data, pose, position, near, registration, planar)
 
 
 def _aligned(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
-             station: Station, planar: bool) -> Station:
-    """Return the closed-form station of the given rows."""
+             registration: Registration, planar: bool) -> Registration:
+    """Return the closed-form registration of the given rows."""
     rotation, origin = cga.rotation_matrix(pose[rows]), cga.translation(pose[rows])
-    turn, body = _rotations(data, rows, rotation, origin, position[rows], station, planar)
-    shift, target = _origins(data, turn, rotation, origin, position[rows], station, planar)
-    return Station(cga.motor_from_matrix(turn, shift), target,
-                   cga.rotation_vector(cga.motor_from_matrix(body, np.zeros(3))), station.homing)
+    turn, body = _rotations(data, rows, rotation, origin, position[rows], registration, planar)
+    shift, target = _origins(data, turn, rotation, origin, position[rows], registration, planar)
+    return Registration(cga.motor_from_matrix(turn, shift), target,
+                        cga.rotation_vector(cga.motor_from_matrix(body, np.zeros(3))))
 
 
 def _misses(data: Dataset, pose: Array, position: Array, rows: NDArray[np.int64],
-            station: Station, motion: str) -> Array:
-    """Return by how much rows miss a station (R,), m; rotations count over the data's spread."""
-    point, turn = predict(station, pose[rows])
+            registration: Registration, motion: str) -> Array:
+    """Return by how much rows miss a registration (R,), m; rotations count over the extent."""
+    point, turn = predict(registration, pose[rows])
     away = np.linalg.norm(position[rows] - point, axis=1)
     extent = float(np.median(np.linalg.norm(
         position[rows] - np.median(position[rows], axis=0), axis=1)))
@@ -178,11 +183,11 @@ def no_pose(mechanism: Mechanism, data: Dataset) -> BadInput:
 
 
 def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: Array,
-               position: Array, station: Station, planar: bool) -> tuple[Array, Array]:
+               position: Array, registration: Registration, planar: bool) -> tuple[Array, Array]:
     """Return the rotations of frame and target (3, 3)."""
-    body = cga.rotation_matrix(cga.motor_from_rotation_vector(station.target_rotation,
+    body = cga.rotation_matrix(cga.motor_from_rotation_vector(registration.target_rotation,
                                                               np.zeros(3)))
-    turn = cga.rotation_matrix(station.frame)
+    turn = cga.rotation_matrix(registration.frame)
     measured = data.rotation[rows]
     if planar:
         measured = measured * np.array([np.nan, np.nan, 1.0])
@@ -191,26 +196,26 @@ def _rotations(data: Dataset, rows: NDArray[np.int64], rotation: Array, origin: 
     translational = bool(np.ptp(rotation, axis=0).max() < 1e-12)
     if whole.sum() < 3 or (translational and data.target_rotation.fitted) or data.kind != "pose":
         if data.frame.fitted:
-            turn = _frame_turn(data, rotation, origin, position, station, planar)
+            turn = frame_turn(data, rotation, origin, position, registration, planar)
         return turn, body
     seen = cga.rotation_matrix(cga.motor_from_rotation_vector(measured[whole], np.zeros(3)))
     own = rotation[whole]
     if data.frame.fitted and data.target_rotation.fitted:
-        turn = _frame_turn(data, rotation, origin, position, station, planar)
+        turn = frame_turn(data, rotation, origin, position, registration, planar)
         for _ in range(50):
-            body = _mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
-            turn = _mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
+            body = mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
+            turn = mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
     elif data.frame.fitted:
-        turn = _mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
+        turn = mean_rotation(seen @ np.swapaxes(own @ body, -1, -2), planar)
     elif data.target_rotation.fitted:
-        body = _mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
+        body = mean_rotation(np.swapaxes(turn @ own, -1, -2) @ seen, planar)
     return turn, body
 
 
 def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, position: Array,
-             station: Station, planar: bool) -> tuple[Array, Array]:
+             registration: Registration, planar: bool) -> tuple[Array, Array]:
     """Return frame origin and target (3,) each: linear least squares, smallest target."""
-    shift, target = cga.translation(station.frame), station.target
+    shift, target = cga.translation(registration.frame), registration.target
     seen = turn @ rotation
     rest = position - origin @ turn.T
     blocks, columns = [], []
@@ -231,78 +236,3 @@ def _origins(data: Dataset, turn: Array, rotation: Array, origin: Array, positio
     found = dict(zip(columns, solution, strict=True))
     flat = np.array([1.0, 1.0, 0.0]) if planar else np.ones(3)
     return found.get("shift", shift) * flat, found.get("target", target) * flat
-
-
-def _frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
-                station: Station, planar: bool) -> Array:
-    """Return the frame's rotation (3, 3) from positions alone.
-
-    With a known target: the rigid alignment of the points (Kabsch). With an unknown one the
-    points are not known, and a machine that hardly moves sideways has no use for its
-    platform's origins; then the rotation is searched, frame origin and target being linear.
-    """
-    points = origin if data.target.fitted else origin + rotation @ station.target
-    a, b = points - points.mean(axis=0), position - position.mean(axis=0)
-    rigid = _nearest_rotation(b.T @ a, planar)
-    if not data.target.fitted:
-        return rigid
-    some = np.linspace(0, len(origin) - 1, min(len(origin), SEARCH_ROWS)).astype(int)
-    rows = rotation[some], origin[some], position[some]
-    trials = [rigid, *_all_turns(planar)]
-    misses = [_linear_miss(t, *rows)[0] for t in trials]
-    best = [trials[i] for i in np.argsort(misses)[:REFINED]]
-    refined = [_refined(t, *rows, planar) for t in best]
-    return min(refined, key=lambda t: _linear_miss(t, *rows)[0])
-
-
-def _all_turns(planar: bool) -> list[Array]:
-    """Return rotations spread evenly over all (seeded quaternions; angles in the plane)."""
-    if planar:
-        angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
-        return list(cga.rotation_matrix(cga.rotor(np.array([0.0, 0.0, 1.0]), angles)))
-    quaternions = np.random.default_rng(0).normal(size=(SEARCHED, 4))
-    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return list(cga.rotation_matrix(cga.motor_from_quaternion(quaternions, np.zeros(3))))
-
-
-def _linear_miss(turn: Array, rotation: Array, origin: Array, position: Array
-                 ) -> tuple[float, Array, Array]:
-    """Return the squared miss of a frame rotation, the residuals (n, 3) and the target (3,)."""
-    n = origin.shape[0]
-    matrix = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turn @ rotation], axis=-1)
-    right = (position - origin @ turn.T).reshape(-1)
-    x = np.linalg.lstsq(matrix.reshape(-1, 6), right, rcond=1e-6)[0]
-    residual = (right - matrix.reshape(-1, 6) @ x).reshape(n, 3)
-    return float(np.sum(residual**2)), residual, x[3:]
-
-
-def _refined(turn: Array, rotation: Array, origin: Array, position: Array, planar: bool) -> Array:
-    """Gauss-Newton on the rotation, origin and target eliminated in each step."""
-    for _ in range(25):
-        before, residual, target = _linear_miss(turn, rotation, origin, position)
-        n = origin.shape[0]
-        seen = (origin + rotation @ target) @ turn.T
-        by_turn = -cross_matrix(seen - seen.mean(axis=0))
-        if planar:
-            by_turn = by_turn * np.array([0.0, 0.0, 1.0])
-        rest = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turn @ rotation], axis=-1)
-        matrix = np.concatenate([by_turn, rest], axis=-1).reshape(-1, 9)
-        step = np.linalg.lstsq(matrix, residual.reshape(-1), rcond=1e-6)[0][:3]
-        moved = cga.rotation_matrix(cga.motor_from_rotation_vector(step, np.zeros(3))) @ turn
-        if _linear_miss(moved, rotation, origin, position)[0] >= before:
-            break
-        turn = moved
-    return turn
-
-
-def _mean_rotation(rotations: Array, planar: bool) -> Array:
-    return _nearest_rotation(rotations.sum(axis=0), planar)
-
-
-def _nearest_rotation(matrix: Array, planar: bool) -> Array:
-    """Return the proper rotation nearest to a 3x3 matrix; about z only in the plane."""
-    if planar:
-        angle = np.arctan2(matrix[1, 0] - matrix[0, 1], matrix[0, 0] + matrix[1, 1])
-        c, s = np.cos(angle), np.sin(angle)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return nearest_rotation(matrix)

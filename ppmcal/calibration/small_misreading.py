@@ -99,7 +99,7 @@ def _screened(fit: Fit, index: int) -> list[tuple[float, FileReading]]:
         return []
     alone = replace(fit.problem, datasets=(data,), given=(fit.problem.environments[index],),
                     pivots=(fit.problem.opens[index].about,), earlier=None)
-    state = State(fit.state.g, (fit.state.stations[index],), (fit.state.poses[index],))
+    state = State(fit.state.g, (fit.state.registrations[index],), (fit.state.poses[index],))
     basis, now = _basis(alone, state, keep)
     start = _unexplained(basis, now)
     found = []

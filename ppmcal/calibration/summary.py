@@ -30,7 +30,8 @@ from ppmcal.calibration.validation import Residuals, held_out, on_other, registe
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, Registration
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.registration import Registration
 
 Z95 = 1.959963984540054
 IMPLAUSIBLE = 8.0
@@ -184,8 +185,8 @@ def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
 def registered(problem: Problem, state: State) -> dict[str, Registration]:
     """Return frame and target of every data set, SI."""
     out = {}
-    for data, s in zip(problem.datasets, state.stations, strict=True):
-        out[data.name] = Registration(pose_vector(s.frame), s.target, s.target_rotation)
+    for data, s in zip(problem.datasets, state.registrations, strict=True):
+        out[data.name] = Registration(s.frame, s.target, s.target_rotation)
     return out
 
 
@@ -204,8 +205,13 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
            other: Sequence[Dataset] = ()) -> Identification:
     """Return everything that there is to say about a fit.
 
-    ``holdout`` is the fraction of poses to hold out (0: none); ``other`` data sets take
-    their place, an unknown frame or target of theirs being registered on them alone.
+    Args:
+        fit: a finished one.
+        options: that it was made with.
+        holdout: fraction of the poses to hold out (0: none).
+        seed: of the poses that are held out.
+        other: data sets in their place, an unknown frame or target of theirs being registered
+            on them alone.
     """
     noise = noise_check(fit)
     inflation = noise.inflation

@@ -15,10 +15,10 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import moved
-from ppmcal.kinematics.partial_pose import carried_back, pose_vector
-from ppmcal.kinematics.registration import Station
+from ppmcal.kinematics.partial_pose import carried_back
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.registration import Registration
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def residuals(problem: Problem, state: State) -> Residuals:
         vector = np.full((len(data), len(chosen)), np.nan)
         sigma = np.full_like(vector, np.nan)
         one = replace(problem, datasets=(data,))
-        for rows in one.rows(State(state.g, (state.stations[i],), (state.poses[i],)), False):
+        for rows in one.rows(State(state.g, (state.registrations[i],), (state.poses[i],)), False):
             vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
             covariance = np.linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
             sigma[rows.index] = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
@@ -85,8 +85,8 @@ def _norm(vector: Array) -> Array:
 
 
 def closure_lengths(problem: Problem, state: State, index: int) -> Array:
-    """Return the limb conditions at the measured poses, as lengths (N, d); nan if unknown."""
-    data, station = problem.datasets[index], state.stations[index]
+    """Return the misclosure of the limbs at the measured poses, m (N, d); nan if unknown."""
+    data, registration = problem.datasets[index], state.registrations[index]
     out = np.full((len(data), problem.mechanism.equations), np.nan)
     position, rotation = data.position.copy(), data.rotation.copy()
     motion = problem.mechanism.motion
@@ -97,7 +97,7 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
     whole = finite_rows(position) & finite_rows(rotation) & finite_rows(data.q)
     if (data.kind == "pose" or motion == "translational") and whole.any():
         measured = np.concatenate([position[whole], rotation[whole]], axis=1)
-        pose = carried_back(problem.mechanism, station, measured)
+        pose = carried_back(problem.mechanism, registration, measured)
         joints = problem.joints(index, state)[whole]
         model = shifted(Model(problem.mechanism, state.g), problem.environments[index].take(whole),
                         joints, pose)
@@ -151,15 +151,15 @@ def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
 
 
 def fresh_state(problem: Problem, fitted: State) -> State:
-    """Return a state with fitted parameters and stations, poses solved for other rows."""
+    """Return a state with fitted parameters and registrations, poses solved for other rows."""
     model = Model(problem.mechanism, fitted.g)
-    poses = tuple(problem.reached(i, model, s.homing) for i, s in enumerate(fitted.stations))
-    return State(fitted.g, fitted.stations, poses)
+    poses = tuple(problem.reached(i, model, s.homing) for i, s in enumerate(fitted.registrations))
+    return State(fitted.g, fitted.registrations, poses)
 
 
 def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures on other data sets, and how they were registered."""
-    names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.stations, strict=True)}
+    names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.registrations, strict=True)}
     fresh = tuple(_with_known(d, names) for d in other)
     problem = Problem(fit.problem.mechanism.with_values(fit.state.g), fresh, ())
     registered_fit = register_only(problem)
@@ -170,12 +170,12 @@ def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, fl
     return figures, f"on {', '.join(d.name for d in other)}, which the fit had not seen{how}"
 
 
-def _with_known(data: Dataset, stations: Mapping[str, Station]) -> Dataset:
+def _with_known(data: Dataset, registrations: Mapping[str, Registration]) -> Dataset:
     """Give a held-out data set the frame of the fitted one that it names."""
-    if data.frame.same_as is None or data.frame.same_as not in stations:
+    if data.frame.same_as is None or data.frame.same_as not in registrations:
         return data
-    s = stations[data.frame.same_as]
-    frame = replace(data.frame, fitted=False, same_as=None, value=pose_vector(s.frame))
+    s = registrations[data.frame.same_as]
+    frame = replace(data.frame, fitted=False, same_as=None, value=s.frame_pose)
     return replace(data, frame=frame,
                    target=replace(data.target, fitted=False, value=s.target),
                    target_rotation=replace(data.target_rotation, fitted=False,

@@ -24,7 +24,8 @@ from ppmcal.wording import number, where
 if TYPE_CHECKING:
     from ppmcal.calibration.misreading import Misread
     from ppmcal.diagnosis.result import Diagnosis
-    from ppmcal.io.results.diagnosis import DiagnosisRecord, EffectValue, UntestableKind
+    from ppmcal.io.results.diagnosis import DiagnosisRecord
+    from ppmcal.io.results.diagnosis_parts import EffectValue, UntestableKind
 
 
 @click.command("diagnose")

@@ -56,7 +56,7 @@ def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> 
     knowledge = read_knowledge(path, mechanism)
     names = list(mechanism.registrations)
     name = names[0] if len(names) == 1 else ""
-    position, rotation = model_sigma(mechanism, poses, mechanism.registrations.get(name),
+    position, rotation = model_sigma(mechanism, poses, mechanism.registration(name),
                                      knowledge, name, rest_columns(mechanism, len(poses)))
     seen = np.isfinite(position)
     if not seen.any():

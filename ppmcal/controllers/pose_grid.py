@@ -22,11 +22,12 @@ from ppmcal.controllers.pose_errors import ErrorSummary, pose_errors
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
-from ppmcal.kinematics.partial_pose import base_station, inverse_partial, pose_motor, wanted_poses
+from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor, wanted_poses
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Environment, environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 PLACES = {1: 101, 2: 31, 3: 11, 4: 7, 5: 5, 6: 5}
 TURNS = {1: 101, 2: 31, 3: 9, 4: 5, 5: 3, 6: 3}
@@ -64,7 +65,7 @@ def rest_columns(mechanism: Mechanism, rows: int) -> dict[str, Array]:
 
 
 def at_rest(mechanism: Mechanism, rows: int) -> Environment:
-    """Return the conditions of rows at rest."""
+    """Return the environment of rows at rest."""
     return environment(rest_columns(mechanism, rows), mechanism.actuators, mechanism.gravity,
                        np.zeros((rows, len(mechanism.actuators))))
 
@@ -98,7 +99,8 @@ def refuse_open(mechanism: Mechanism, what: str, mend: str = "") -> None:
 
 def corrected(mechanism: Mechanism, wanted: Array) -> Corrected:
     """Return the corrected commands of wanted platform poses (N, 6), nan where open."""
-    found = compensate(mechanism, wanted, None, columns=rest_columns(mechanism, len(wanted)))
+    found = compensate(mechanism, wanted, Registration(),
+                       columns=rest_columns(mechanism, len(wanted)))
     reason = list(found.reason)
     command = nearest_rotations(found.command, found.seen)
     for n in np.flatnonzero(finite_rows(found.q) & ~finite_rows(command)):
@@ -145,8 +147,7 @@ def driven(mechanism: Mechanism, commands: Array, rows: Environment) -> Array:
 
 def completed_poses(mechanism: Mechanism, wanted: Array) -> Array:
     """Return wanted poses (N, 6) with their open coordinates solved for; nan where none is."""
-    station = base_station(len(mechanism.actuators))
-    return wanted_poses(Model(mechanism), station, wanted)[0]
+    return wanted_poses(Model(mechanism), Registration(), wanted)[0]
 
 
 def errors_between_poses(mechanism: Mechanism, grid: Grid, found: Corrected, seed: int

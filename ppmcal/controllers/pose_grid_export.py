@@ -41,7 +41,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
         wanted = grid.poses(mechanism)
     else:
         table = read_poses(poses, mechanism)
-        wanted, further = table.poses, list(table.conditions)
+        wanted, further = table.poses, list(table.environment)
     found = corrected(mechanism, wanted)
     if not found.good.any():
         reasons = "; ".join(found.left_out)

@@ -1,7 +1,7 @@
 """Assembly modes of planar machines: a resultant found by interpolation.
 
 Any mix of limbs. With joints locked and the platform turned to phi, every
-condition is one of
+closure equation is one of
 
     |x|^2 + a x + b y + d = 0     (a point on a circle)
     a x + b y + d = 0             (a point on a line),
@@ -54,7 +54,7 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """The conditions at M rotations, lengths in units of the reach.
+    """The closure equations at M rotations, lengths in units of the reach.
 
     ``circle`` (M, 3): a, b, d of the first circle, None where there is none; ``lines``
     (M, 2 or 3, 3): a, b, d; ``origin`` (M, 2): where (x, y) = 0 is, m.
@@ -96,7 +96,7 @@ def _poses(xy: Array, phi: Array) -> Array:
 
 
 def _rows(closure: Closure, phi: Array) -> _Rows:
-    """Return the conditions at rotations ``phi`` (M,), from gaps at five places each."""
+    """Return the closure equations at rotations ``phi`` (M,), from gaps at five places each."""
     reach = closure.model.mechanism.reach
     weight = weights(closure) * reach * reach
     circles, planes = np.flatnonzero(weight), np.flatnonzero(weight == 0.0)

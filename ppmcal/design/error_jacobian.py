@@ -40,7 +40,7 @@ class Poses:
 
 
 def tool_matrix(closure: Closure, pose: Array, lines: Array, tool: Array) -> Array:
-    """Return -d(tool)/d(condition) = T A^-1 (N, 6, d): how far the tool goes per unit of c.
+    """Return -d(tool)/d(closure equation) = T A^-1 (N, 6, d): how far the tool goes per unit of c.
 
     T carries displacements of the platform origin to the tool point (3,), platform axes. A
     singular pose gives nan.
@@ -66,8 +66,8 @@ def error_jacobian(model: Model, at: Poses, wanted: Sequence[int]) -> Array:
         closure = model.closure(q, wanted)
         lines = closure.lines(pose)
         carry = tool_matrix(closure, pose, lines, at.tool)
-        for conditions, parameters, block in closure.error_blocks(pose, lines):
-            out[rows][..., [place[p] for p in parameters]] -= carry[..., conditions] @ block
+        for equations, parameters, block in closure.error_blocks(pose, lines):
+            out[rows][..., [place[p] for p in parameters]] -= carry[..., equations] @ block
     return out
 
 

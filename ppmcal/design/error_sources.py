@@ -15,10 +15,9 @@ from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import SlotSpec
 from ppmcal.model.mechanism import Limb, Mechanism
-from ppmcal.model.parameters import Parameter, SlotMap
+from ppmcal.model.parameters import RATIO, Parameter, SlotMap
 
 PLATFORM_POINT = "platform.point"
-RATIO = "ratio"
 PART_OF_REACH = 1e-3
 ANGLE = 1e-3
 
@@ -45,23 +44,23 @@ def geometry_only(mechanism: Mechanism) -> Mechanism:
 
 def sources(mechanism: Mechanism) -> tuple[Source, ...]:
     """Return the free errors of the geometry, in parameter order; effects are none."""
-    fed: dict[int, list[tuple[Limb, str, str]]] = {}
+    fed: dict[int, list[tuple[Limb, str]]] = {}
     for limb in mechanism.limbs:
-        classes = {s.name: s.tolerance_class for s in (*limb.kind.slots, *limb.kind.joint_slots)}
         for slot, p in limb.slots.direct:
-            fed.setdefault(p, []).append((limb, slot, classes[slot]))
+            fed.setdefault(p, []).append((limb, slot))
         for x, _, r, a in limb.slots.polar:
-            fed.setdefault(r, []).append((limb, x, "point"))
-            fed.setdefault(a, []).append((limb, x, "angle"))
+            fed.setdefault(r, []).append((limb, x))
+            fed.setdefault(a, []).append((limb, x))
     out = []
     for p in mechanism.free:
         if p not in fed:
             continue
-        limbs = {limb.name: limb for limb, _, _ in fed[p]}
-        groups = dict.fromkeys(group_of(slot) for _, slot, _ in fed[p])
+        limbs = {limb.name: limb for limb, _ in fed[p]}
+        groups = dict.fromkeys(group_of(slot) for _, slot in fed[p])
         kinds = dict.fromkeys(limb.kind.name for limb in limbs.values())
         out.append(Source(p, next(iter(limbs)) if len(limbs) == 1 else "shared",
-                          " + ".join(groups), " + ".join(kinds), fed[p][0][2]))
+                          " + ".join(groups), " + ".join(kinds),
+                          mechanism.parameters[p].tolerance_class))
     return tuple(out)
 
 
@@ -79,16 +78,15 @@ def all_components(mechanism: Mechanism) -> Mechanism:
     """Return the machine with every joint frame's components and platform points free.
 
     Each slot of each limb becomes a parameter of its own at its present value, so that what
-    limbs share, or give by radius and angle, is taken apart. Tolerances are those of the
-    slot's class elsewhere in the file, else a thousandth of the reach, or 1e-3 rad.
+    limbs share, or give by radius and angle, is taken apart. Tolerances are the slot's own, else
+    those of its class in the file, else a thousandth of the reach, or 1e-3 rad.
     """
-    usual = _class_tolerances(mechanism)
     made: list[Parameter] = []
     free: list[int] = []
     limbs = []
     for limb in mechanism.limbs:
         now = limb.slots.values(mechanism.values)
-        drawn = limb.slots.values(mechanism.nominals)
+        nominal = limb.slots.values(mechanism.nominals)
         own = dict(limb.slots.direct)
         direct = []
         for spec in (*limb.kind.slots, *limb.kind.joint_slots):
@@ -98,34 +96,25 @@ def all_components(mechanism: Mechanism) -> Mechanism:
             p = own.get(spec.name)
             known = None if p is None else mechanism.parameters[p].tolerance
             if asked:
-                known = (None if p is None else mechanism.parameters[p].prior_sigma) or usual.get(
-                    spec.tolerance_class) or _default(mechanism, spec)
+                known = (None if p is None else mechanism.parameters[p].prior_sigma) or _of_class(
+                    mechanism, spec)
             value = now.get(spec.name, spec.default or 0.0)
             direct.append((spec.name, len(made)))
             free += [len(made)] if asked else []
             made.append(Parameter(f"{limb.name}.{spec.name}", spec.quantity, value,
-                                  drawn.get(spec.name, value), known, not asked))
+                                  nominal.get(spec.name, value), known, not asked,
+                                  spec.tolerance_class))
         limbs.append(replace(limb, slots=SlotMap(tuple(direct))))
     return replace(mechanism, limbs=tuple(limbs), parameters=tuple(made), free=tuple(free),
                    free_patterns=None, effects=())
 
 
-def _default(mechanism: Mechanism, spec: SlotSpec) -> float:
+def _of_class(mechanism: Mechanism, spec: SlotSpec) -> float:
+    """Return the tolerance of a slot's class, or the default where it is none to draw from."""
+    given = mechanism.class_tolerance(spec.tolerance_class, spec.quantity)
+    if given is not None and 0.0 < given < np.inf:
+        return given
     return PART_OF_REACH * mechanism.reach if spec.quantity == "length" else ANGLE
-
-
-def _class_tolerances(mechanism: Mechanism) -> dict[str, float]:
-    """Return the first usable tolerance of each class of slots: point, length, angle."""
-    out: dict[str, float] = {}
-    for limb in mechanism.limbs:
-        specs = {s.name: s for s in (*limb.kind.slots, *limb.kind.joint_slots)}
-        fed = [(specs[slot].tolerance_class, p) for slot, p in limb.slots.direct]
-        fed += [pair for _, _, r, a in limb.slots.polar for pair in (("point", r), ("angle", a))]
-        for what, p in fed:
-            tolerance = mechanism.parameters[p].prior_sigma
-            if tolerance:
-                out.setdefault(what, tolerance)
-    return out
 
 
 def tolerances(mechanism: Mechanism, found: Sequence[Source]) -> Array:

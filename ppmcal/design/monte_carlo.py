@@ -18,9 +18,10 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import solve_named
 from ppmcal.kinematics.region import named
-from ppmcal.kinematics.registration import Station, predict
+from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 BATCH = 100
 """Machines in one batch; the same whatever it runs on."""
@@ -102,7 +103,7 @@ def _left(
     than coordinates is sent so that the coordinates which a command can name come out as
     wanted; the others are what they then are, and count.
     """
-    truth, theirs = setup.instrument.station(), found.seen_by(owner)
+    truth, theirs = setup.instrument.registration, found.seen_by(owner)
     if fleet.tasks.tool.any():
         truth, theirs = (replace(s, target=fleet.tasks.tool) for s in (truth, theirs))
     model = Model(fleet.mechanism, found.g[owner])
@@ -119,14 +120,14 @@ def _left(
     return _lengths(np.where(good[:, None], moved, np.nan), len(g))
 
 
-def _sent(fleet: Fleet, model: Model, station: Station, wanted: tuple[Array, Array]
+def _sent(fleet: Fleet, model: Model, registration: Registration, wanted: tuple[Array, Array]
           ) -> tuple[Array, Bools]:
     """Return joints (R, k) at which the found machine shows the named coordinates as wanted."""
     point, turn = wanted
     asked = np.concatenate([point, cga.rotation_vector(
         cga.motor_from_matrix(turn, np.zeros(3)))], axis=1)
     open_ = np.tile(~np.isin(np.arange(6), named(fleet.mechanism)), (len(asked), 1))
-    _, q, solved = solve_named(model, station, asked, open_)
+    _, q, solved = solve_named(model, registration, asked, open_)
     return q, solved
 
 

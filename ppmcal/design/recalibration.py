@@ -20,7 +20,7 @@ from ppmcal.calibration.compensation import Knowledge, prediction_jacobian
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import column_scale, prior_weights
-from ppmcal.calibration.nuisance_columns import NuisanceColumns, turned_about
+from ppmcal.calibration.nuisance_columns import NuisanceColumns
 from ppmcal.calibration.observation import SCALARS, coordinates_of, turn_between
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.design.virtual_instrument import Instrument
@@ -28,10 +28,11 @@ from ppmcal.errors import PpmcalError
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
-from ppmcal.kinematics.registration import Station, predict
+from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset, unknown_environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 ROUNDS = 12
 SETTLED = 1e-3
@@ -93,18 +94,18 @@ class LinearCalibration:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """What M machines were found to be: ``g`` (M, P) and stations with rows of their own.
+    """What M machines were found to be: ``g`` (M, P) and registrations with rows of their own.
 
     ``settled`` (M,): whether the fit came to rest.
     """
 
     g: Array
-    station: Station
+    registration: Registration
     settled: NDArray[np.bool_]
 
-    def seen_by(self, rows: NDArray[np.int64]) -> Station:
-        """Return the station with the entries of some machines (R,)."""
-        s = self.station
+    def seen_by(self, rows: NDArray[np.int64]) -> Registration:
+        """Return the registration with the entries of some machines (R,)."""
+        s = self.registration
         return replace(s, frame=s.frame[rows], target=s.target[rows],
                        target_rotation=s.target_rotation[rows])
 
@@ -112,7 +113,7 @@ class Calibrated:
 def _linear(setup: MeasurementSetup, use: NDArray[np.bool_]) -> LinearCalibration:
     """Return the estimate of the columns ``use`` (C,)."""
     problem = setup.problem
-    state = State(setup.mechanism.values, (setup.instrument.station(),),
+    state = State(setup.mechanism.values, (setup.instrument.registration,),
                   (pose_motor(setup.pose),))
     rows = list(problem.rows(state))
     jacobian = np.concatenate([r.jacobian for r in rows])
@@ -147,16 +148,16 @@ def calibrate(
     found = _chord(setup, linear, g, noise)
     if not linear.open:
         return replace(found, settled=np.ones(len(g), dtype=np.bool_))
-    parameters, station, settled = found.g.copy(), found.station, found.settled.copy()
-    frame, target, turn = (np.array(a) for a in (station.frame, station.target,
-                                                 station.target_rotation))
+    parameters, registration, settled = found.g.copy(), found.registration, found.settled.copy()
+    frame, target, turn = (np.array(a) for a in (registration.frame, registration.target,
+                                                 registration.target_rotation))
     for i in np.flatnonzero(~settled):
         fit = alone(setup, linear, g[i], noise[i])
         if fit is not None:
-            own = fit.state.stations[0]
+            own = fit.state.registrations[0]
             parameters[i], frame[i] = fit.state.g, own.frame
             target[i], turn[i], settled[i] = own.target, own.target_rotation, True
-    return Calibrated(parameters, Station(frame, target, turn, station.homing), settled)
+    return Calibrated(parameters, Registration(frame, target, turn, registration.homing), settled)
 
 
 def alone(
@@ -181,7 +182,7 @@ def alone(
         return None
     try:
         fit = identify(problem, FitOptions(robust=False), near=True,
-                       start=State(first, (instrument.station(),), (closed,)))
+                       start=State(first, (instrument.registration,), (closed,)))
     except PpmcalError:
         return None
     return fit if fit.converged else None
@@ -208,10 +209,10 @@ def _chord(
     m, n = len(g), len(setup.q)
     owner, open_ = np.repeat(np.arange(m), n), problem.opens[0]
     q, start = np.tile(setup.q, (m, 1)), np.tile(pose_motor(setup.pose), (m, 1))
-    truth = setup.instrument.station()
+    truth = setup.instrument.registration
     real, reached, _ = newton(Model(mechanism, g[owner]).closure(q), start)
     shown = predict(truth, real)
-    now = Calibrated(np.tile(mechanism.values, (m, 1)), Station(
+    now = Calibrated(np.tile(mechanism.values, (m, 1)), Registration(
         np.tile(truth.frame, (m, 1)), np.tile(truth.target, (m, 1)),
         np.tile(truth.target_rotation, (m, 1)), truth.homing), np.zeros(m, dtype=np.bool_))
     free, pose = list(problem.free), start
@@ -244,7 +245,7 @@ def predicted(setup: MeasurementSetup, q: Array, pose: Array) -> Array:
     knowledge = Knowledge(problem.columns, setup.linear.covariance, {},
                           {name: problem.opens[0].about}, {})
     rows = unknown_environment(*q.shape)
-    jacobian = prediction_jacobian(Model(mechanism), setup.instrument.station(), pose, q,
+    jacobian = prediction_jacobian(Model(mechanism), setup.instrument.registration, pose, q,
                                    knowledge, name, rows)
     part = jacobian[:, :sum(1 for c in mechanism.dof if c < 3)]
     square = np.einsum("tmi,ij,tmj->t", part, setup.linear.covariance, part)
@@ -252,20 +253,10 @@ def predicted(setup: MeasurementSetup, q: Array, pose: Array) -> Array:
 
 
 def _moved(now: Calibrated, step: Array, free: list[int], open_: NuisanceColumns) -> Calibrated:
-    """Return parameters and stations moved by steps (M, C)."""
+    """Return parameters and registrations moved by steps (M, C)."""
     g = now.g.copy()
     g[:, free] += step[:, :len(free)]
-    whole = {"frame": np.zeros((len(g), 6)), "target": np.zeros((len(g), 3)),
-             "turn": np.zeros((len(g), 3))}
-    for key, columns, parts in (("frame", open_.frame, open_.frame_parts),
-                                ("target", open_.target, open_.target_parts),
-                                ("turn", open_.target_rotation, open_.turn_parts)):
-        if columns.stop > columns.start:
-            whole[key][:, list(parts)] = step[:, columns]
-    s = now.station
-    station = Station(turned_about(s.frame, whole["frame"], open_.about),
-                      s.target + whole["target"], s.target_rotation + whole["turn"], s.homing)
-    return Calibrated(g, station, now.settled)
+    return Calibrated(g, open_.moved(now.registration, step), now.settled)
 
 
 def _residual(

@@ -64,7 +64,7 @@ def springs_of(mechanism: Mechanism) -> tuple[Spring, ...]:
 def spring_columns(closure: Closure, pose: Array, lines: Array, springs: Sequence[Spring]) -> Array:
     """Return dc/d(spring) (N, d, S) at closed poses (N, 8).
 
-    A bar moves the limb's first condition by its own length change; a drive the conditions of
+    A bar moves the limb's first closure equation by its own length change; a drive those of
     all limbs on its actuator; a joint's spring the frame component of that name.
     """
     mechanism = closure.model.mechanism

@@ -9,10 +9,11 @@ import numpy as np
 
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.kinematics.registration import Station, measured_pose
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 OF_TOLERANCE = 0.1
 """Noise of the default instrument, as a part of the median length tolerance."""
@@ -40,15 +41,16 @@ class Instrument:
     chosen: bool = True
     name: str = NAME
 
-    def station(self) -> Station:
-        """Return where the plan takes the instrument to stand."""
-        return Station(pose_motor(self.frame.value), self.target.value,
-                       self.target_rotation.value, np.zeros(self.sigma_actuator.size))
+    @property
+    def registration(self) -> Registration:
+        """Where the plan takes the instrument to stand."""
+        return Registration.of_pose(self.frame.value, self.target.value,
+                                    self.target_rotation.value)
 
     def dataset(self, q: Array, pose: Array, columns: Mapping[str, Array], planar: bool) -> Dataset:
         """Return measurements (N rows) without error at joints (N, k) and poses (N, 6)."""
         n = len(q)
-        seen = measured_pose(self.station(), pose_motor(pose))
+        seen = measured_pose(self.registration, pose_motor(pose))
         seen[:, [2, 3, 4]] = np.where(planar, np.nan, seen[:, [2, 3, 4]])
         value = np.full(n, np.nan)
         if self.kind in SCALARS:

@@ -14,10 +14,8 @@ not seen.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ppmcal.design.dexterity import CHUNK, Quality, measured
@@ -143,13 +141,13 @@ def workspace(mechanism: Mechanism, grid: Grid) -> Workspace:
     distance = np.full(len(reached), np.nan)
     rows = finite_rows(table.q)
     if len(points) and rows.any():
-        nodes = _nodes(grid)[rows]
+        nodes = grid.points[rows]
         distance[rows] = cKDTree(points * weights).query(nodes * weights)[0]
     spans = [float(level[-1] - level[0]) for level in grid.levels]
     share = float(np.mean(reached))
     return Workspace(
         mechanism, grid, table, quality, home, distance,
-        _to_the_end(grid, _nodes(grid), weights), space.poses(points)[1],
+        _to_the_end(grid, grid.points, weights), space.poses(points)[1],
         _nearest(space, grid, points), searched, share, share * float(np.prod(spans)),
         _mean(quality.dexterity[reached]), _mean(quality.legs[reached]),
         limit_reason(mechanism, home_state(mechanism).q))
@@ -202,8 +200,8 @@ def _singular_points(space: _GridSpace, grid: Grid, determinant: Array) -> Array
     Along every edge of the grid, diagonals included, on which det A (N,) changes sign the zero
     is found by secant steps (regula falsi, Illinois). Edges with an end out of reach are left out.
     """
-    nodes = _nodes(grid)
-    first, second = _edges(grid.shape)
+    nodes = grid.points
+    first, second = grid.edges()
     side = np.where(np.isfinite(determinant), determinant > 0.0, np.nan)
     cross = np.flatnonzero(np.abs(side[first] - side[second]) == 1.0)
     if not cross.size:
@@ -243,24 +241,6 @@ def _zeros(space: _GridSpace, start: Array, way: Array, f0: Array, f1: Array) ->
     return out
 
 
-def _nodes(grid: Grid) -> Array:
-    """Return the grid's coordinates (N, c), last fastest."""
-    return np.stack([a.ravel() for a in np.meshgrid(*grid.levels, indexing="ij")], axis=-1)
-
-
-def _edges(shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return both ends of every edge and diagonal of a grid, as flat indices (E,) each."""
-    index = np.arange(int(np.prod(shape))).reshape(shape)
-    ends: tuple[list[NDArray[np.int64]], list[NDArray[np.int64]]] = ([], [])
-    for offset in product((-1, 0, 1), repeat=len(shape)):
-        if next((o for o in offset if o), -1) < 0:
-            continue  # no step, or the same edge from its other end
-        for side, sign in zip(ends, (1, -1), strict=True):
-            side.append(index[tuple(slice(max(0, -sign * o), n - max(0, sign * o))
-                                    for o, n in zip(offset, shape, strict=True))].ravel())
-    return np.concatenate(ends[0]), np.concatenate(ends[1])
-
-
 def _to_the_end(grid: Grid, points: Array, weights: Array) -> Array:
     """Return how far points (M, c) are from the end of the grid (M,)."""
     ends = [(level[0], level[-1]) for level in grid.levels]
@@ -296,7 +276,7 @@ def _nearest(space: _GridSpace, grid: Grid, points: Array) -> Nearest | None:
         small = Grid(grid.coordinates, tuple(
             np.linspace(max(b - 1.01 * s, level[0]), min(b + 1.01 * s, level[-1]), count)
             for b, s, level in zip(best, steps, grid.levels, strict=True)))
-        more = _singular_points(space, small, space.at(_nodes(small)).determinant)
+        more = _singular_points(space, small, space.at(small.points).determinant)
         best = closest(np.concatenate([best[None], more]))
     return Nearest(float(np.linalg.norm((best - home) * weights)), space.poses(best[None])[1][0],
                    max(edge, 0.0))

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import betainc, betaln
 
-from ppmcal.diagnosis.linear_system import unit_columns
-from ppmcal.linalg import Array, Ints
+from ppmcal.linalg import Array, Ints, column_lengths, unit_columns
 
 VISIBLE = 1e-8
 """Squared length left of a column, over its own, below which the geometry swallows it."""
@@ -135,7 +134,7 @@ def build_test(
     ``count``: how many of the n values were measured, the others being zero everywhere;
     ``noise`` (n, B): simulated, for the thresholds.
     """
-    unit, length = unit_columns(columns)
+    unit, length = unit_columns(columns), column_lengths(columns)
     hidden = basis.T @ unit
     unit = unit - basis @ hidden
     across = basis.T @ noise

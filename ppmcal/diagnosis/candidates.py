@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -17,7 +18,7 @@ from ppmcal.diagnosis.hypotheses import (
     shapes,
 )
 from ppmcal.diagnosis.linear_system import System, SystemPart
-from ppmcal.diagnosis.selection import Search, columns_of
+from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.kinematics.effect_response import lacking, setting
 from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.dataset import WRENCH
@@ -147,61 +148,31 @@ class _Kinds(Collector):
         searched = len(constants) - len(strokes)
         turns = self._stroke() / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
+        of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes)
+
+        def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
+            self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, constants))
+
         if not kind.per_actuator:
-            where = self._columns(kind, on, values, specs)
-            self.hypotheses.append(
-                Hypothesis(
-                    kind.name,
-                    (),
-                    True,
-                    names,
-                    low,
-                    high,
-                    where,
-                    usual,
-                    shown,
-                    searched=searched,
-                    turns=turns,
-                    strokes=strokes,
-                )
-            )
+            add((), self._columns(kind, on, values, specs), shown)
             return
         own: dict[int, tuple[int, ...]] = {}
         for a in np.flatnonzero(on):
-            one = np.arange(on.size) == a
             ends = self._ends(strokes, int(a))
-            own[int(a)] = self._columns(kind, one, values | ends, specs)
-            self.hypotheses.append(
-                Hypothesis(
-                    kind.name,
-                    (self.actuators[a],),
-                    True,
-                    names,
-                    low,
-                    high,
-                    own[int(a)],
-                    usual,
-                    shown | ends,
-                    searched=searched,
-                    turns=turns,
-                    strokes=strokes,
-                )
-            )
+            own[int(a)] = self._columns(kind, np.arange(on.size) == a, values | ends, specs)
+            add((self.actuators[a],), own[int(a)], shown | ends)
         same = len(set(self.turning[on].tolist())) == 1
         if len(own) > 1 and same:
             where = self._columns(kind, on, values, specs) if strokes else tuple(
                 self.add(np.sum([self.columns[c] for c in cs], axis=0))
                 for cs in zip(*own.values(), strict=True))
             on_names = tuple(self.actuators[a] for a in own)
-            self.hypotheses.append(Hypothesis(
-                kind.name, on_names, True, names, low, high, where, usual, shown,
-                searched=searched, turns=turns, strokes=strokes))
-            self.hypotheses.append(Hypothesis(
-                kind.name, on_names, False,
+            add(on_names, where, shown)
+            self.hypotheses.append(of_kind(
+                on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
-                shown,
-                searched=searched, turns=turns, strokes=strokes))
+                shown))
 
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:

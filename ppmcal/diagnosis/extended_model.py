@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.selection import Search, columns_of
+from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectParameter, find_effect
 from ppmcal.model.mechanism import Given, Mechanism, with_effect
@@ -56,7 +56,8 @@ def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value
     kind = find_effect(hypothesis.kind)
     specs = {s.name: s for s in kind.parameters(mechanism.motion)}
     names = [n.split(":")[-1] for n in hypothesis.names[:value.size]]
-    given = {n: Given(_start(specs[n], float(v), float(s)), free=True, nominal=_nominal(specs[n]))
+    given = {n: Given(_start(specs[n], float(v), float(s)), free=True,
+                      nominal=None if specs[n].reciprocal else 0.0)
              for n, v, s in zip(names, value, sigma, strict=True)}
     for n, v in hypothesis.constants.items():
         given[n] = Given(v, free=not specs[n].constant)
@@ -71,10 +72,6 @@ def _start(spec: EffectParameter, value: float, sigma: float) -> float:
     if spec.reciprocal:
         return 1.0 / max(value, SMALLEST * sigma, 1e-300)
     return float(np.clip(value, spec.low, spec.high))
-
-
-def _nominal(spec: EffectParameter) -> float | None:
-    return None if spec.reciprocal else 0.0
 
 
 def _freed(mechanism: Mechanism, slot: str, error: float) -> Mechanism:

@@ -1,4 +1,4 @@
-"""The gap on whole stretches of time and whole conditions, each left out in turn.
+"""The gap on whole stretches of time and of the environment, each left out in turn.
 
 Held-out poses lie between others that were measured at the same time and temperature: an effect
 of time or heat that is wrong predicts them all the same. A block is predicted by what the fit

@@ -167,13 +167,6 @@ def plain(system: System) -> Whitening:
     return Whitening(np.tile(np.eye(m), (len(system.problem.datasets), 1, 1)), 0.0)
 
 
-def unit_columns(matrix: Array) -> tuple[Array, Array]:
-    """Return columns (n, c) of length 1, and the lengths (c,) they had, 1 for those of zeros."""
-    length = np.linalg.norm(matrix, axis=0)
-    length = np.where(length > 0.0, length, 1.0)
-    return np.asarray(matrix / length), length
-
-
 def range_basis(matrix: Array, least: float = 0.0) -> Array:
     """Return an orthonormal basis (n, rank) of a matrix's columns.
 

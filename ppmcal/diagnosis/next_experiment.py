@@ -195,7 +195,7 @@ def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Bl
     i = _template(stage)
     problem = replace(stage.system.problem, datasets=(data,),
                       pivots=(stage.system.problem.opens[i].about,), given=None)
-    start = State(stage.system.state.g, (stage.system.state.stations[i],),
+    start = State(stage.system.state.g, (stage.system.state.registrations[i],),
                   (pose_motor(np.nan_to_num(np.concatenate([data.position, data.rotation],
                                                            axis=1))),))
     state = problem.solve(start)

@@ -10,7 +10,8 @@ from ppmcal.calibration.mistakes import Mistake, with_line
 from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Found
-from ppmcal.diagnosis.selection import STARTS, Search, bic, columns_of, possible
+from ppmcal.diagnosis.search import Search, columns_of
+from ppmcal.diagnosis.selection import STARTS, bic, possible
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.effects import find_effect

@@ -1,6 +1,6 @@
 """The diagnosis as data for pictures: what is where, what follows what, what is how likely.
 
-Nothing is decided here; every number is drawn from a finished :class:`Diagnosis`. SI.
+Nothing is decided here; every number is taken from a finished :class:`Diagnosis`. SI.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.residual_profiles import ProfileErrors, gather
 from ppmcal.diagnosis.residual_series import Series, all_series
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.selection import columns_of, own_log_p
+from ppmcal.diagnosis.search import columns_of
+from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.stage import Stage, named_only
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -26,7 +27,7 @@ MOST_RANKED, OF_ONE_KIND = 14, 2
 """Hypotheses shown, and how many of one kind besides those named and their alternatives."""
 ITERATIONS = 60
 MANY_OUT = 0.05
-"""More rows left out than this part are likely what is missing itself, and are drawn."""
+"""More rows left out than this part are likely what is missing itself, and are plotted."""
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,11 @@ from ppmcal.diagnosis.linear_system import (
     Whitening,
     build,
     range_basis,
-    unit_columns,
 )
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.stage import named_only, without
-from ppmcal.linalg import Array, Bools, finite_rows, subsample
+from ppmcal.linalg import Array, Bools, finite_rows, subsample, unit_columns
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import EffectParameter, effect_kinds
 from ppmcal.model.mechanism import Mechanism
@@ -50,7 +49,7 @@ def with_mechanism(fit: Fit, mechanism: Mechanism, options: FitOptions) -> Fit:
             if mechanism.names[p] == name and mechanism.parameters[p].value
             == old.parameters[p].value]
     g[kept] = fit.state.g[kept]
-    return _near(problem, State(g, fit.state.stations, fit.state.poses), options)
+    return _near(problem, State(g, fit.state.registrations, fit.state.poses), options)
 
 
 def of_rows(fit: Fit, rows: Sequence[Bools], options: FitOptions) -> Fit:
@@ -218,7 +217,7 @@ def own_values(fit: Fit, added: Sequence[Added], noise: Whitening, keep: Sequenc
         left = noise.apply(alone.residual[..., None], alone)[:, 0]
         left = left - basis @ (basis.T @ left)
         columns = columns - basis @ (basis.T @ columns)
-        plane = range_basis(unit_columns(columns)[0])
+        plane = range_basis(unit_columns(columns))
         gain = float(np.sum((plane.T @ left) ** 2))
         freedom = system.count - basis.shape[1]
         out[key] = float(log_p(np.array([gain]), float(left @ left), plane.shape[1], freedom)[0])

@@ -24,7 +24,7 @@ from ppmcal.model.effects import Inputs
 from ppmcal.model.mechanism import Mechanism
 
 MOST_ROWS = 6000
-"""Pictures are drawn from at most so many rows, evenly spread."""
+"""Plots show at most so many rows, evenly spread."""
 BINS, FEWEST = 16, 3
 """Bins of a continuous input, and rows that a bin must have."""
 ZERO_CELSIUS = 273.15

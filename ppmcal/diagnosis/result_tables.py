@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.calibration.fit import Fit
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Candidate, Found, NamedEffect, Swallowed
-from ppmcal.diagnosis.selection import columns_of, scan
+from ppmcal.diagnosis.search import columns_of, scan
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL, Stage, named_only
 
 POWER = 1.2816

@@ -9,12 +9,11 @@ import numpy as np
 from scipy.special import gammaln
 
 from ppmcal.diagnosis.hypotheses import Hypothesis, united
+from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.diagnosis.selection import (
     BETTER,
     Choice,
-    Search,
     bic,
-    columns_of,
     doubtful,
     own_log_p,
     possible,

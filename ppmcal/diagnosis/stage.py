@@ -19,12 +19,12 @@ from ppmcal.diagnosis.linear_system import (
     Whitening,
     build,
     range_basis,
-    unit_columns,
 )
 from ppmcal.diagnosis.rivals import held, settled
-from ppmcal.diagnosis.selection import Search, choose, prepare
+from ppmcal.diagnosis.search import Search, prepare
+from ppmcal.diagnosis.selection import choose
 from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
-from ppmcal.linalg import Array, Bools, subsample
+from ppmcal.linalg import Array, Bools, subsample, unit_columns
 
 DRAWS = 2000
 WEAK_SURVIVAL = 0.2
@@ -151,7 +151,7 @@ def explained(stage: Stage) -> tuple[Array, Array]:
         axis=1,
     )
     extra = columns - stage.basis @ (stage.basis.T @ columns)
-    basis = np.concatenate([stage.basis, range_basis(unit_columns(extra)[0])], axis=1)
+    basis = np.concatenate([stage.basis, range_basis(unit_columns(extra))], axis=1)
     return basis, stage.residual - basis @ (basis.T @ stage.residual)
 
 

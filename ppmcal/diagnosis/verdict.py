@@ -50,7 +50,7 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
         start: what geometry alone leaves.
         effects: what was named.
         out: the rows that were left out.
-        blocks: the gap on stretches of time and conditions.
+        blocks: the gap on stretches of time and of the environment.
         imitated: whether what was named only makes up a shape that none of it is.
     """
     search = found.first.search

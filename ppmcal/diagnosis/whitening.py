@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from ppmcal.diagnosis.hypotheses import Library
-from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis, unit_columns
-from ppmcal.linalg import Array
+from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
+from ppmcal.linalg import Array, unit_columns
 from ppmcal.model.effects import GEOMETRY
 
 SIGNIFICANT = 1e-3
@@ -28,15 +28,15 @@ MOST = 0.4
 
 @dataclass(frozen=True)
 class PureError:
-    """Scatter of repeats under the same conditions: sigma over the stated one, freedom."""
+    """Scatter of repeats in the same environment: sigma over the stated one, freedom."""
 
     ratio: float
     freedom: int
 
 
 def pure_error(system: System) -> PureError | None:
-    """Return the scatter within rows of one pose and the same conditions, or None."""
-    label = _conditions(system)
+    """Return the scatter within rows of one pose and environment, or None."""
+    label = _environments(system)
     if label is None:
         return None
     count = int(label.max()) + 1
@@ -49,8 +49,8 @@ def pure_error(system: System) -> PureError | None:
     return PureError(float(np.sqrt(np.sum(away**2) / freedom)), freedom) if freedom else None
 
 
-def _conditions(system: System) -> NDArray[np.int64] | None:
-    """Return one label per pose and set of conditions (N,); different ones hide no effect."""
+def _environments(system: System) -> NDArray[np.int64] | None:
+    """Return one label per pose and environment (N,); different ones hide no effect."""
     keys = [system.group.astype(float), system.dataset.astype(float)]
     for name in ("approach", "velocity", "temperature", "wrench"):
         values = np.concatenate([np.asarray(getattr(p.response.rows, name)).reshape(
@@ -101,7 +101,7 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     residual = system.residual.reshape(-1)
 
     def explains(columns: Sequence[int]) -> float:
-        unit, _ = unit_columns(flat[:, list(columns)])
+        unit = unit_columns(flat[:, list(columns)])
         return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
     for hypothesis in library.hypotheses:
@@ -124,7 +124,7 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
 def _cleaned(system: System, columns: Array, noise: Whitening) -> tuple[Array, Array]:
     """Return a basis of the columns and the residual freed of them, (N, m, ...)."""
     flat = noise.apply(columns, system)
-    basis = range_basis(unit_columns(flat)[0])
+    basis = range_basis(unit_columns(flat))
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     left = residual - basis @ (basis.T @ residual)
     shape = system.residual.shape

@@ -17,7 +17,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-CONDITIONS = ("temperature", "payload", "time", *WRENCH)
+ENVIRONMENT = ("temperature", "payload", "time", *WRENCH)
 ZERO_CELSIUS = 273.15
 NOT_MOVED = 1e-12
 _HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
@@ -29,7 +29,7 @@ def known_columns(mechanism: Mechanism) -> list[str]:
     """Return every column name that a measurement file of this machine may have."""
     actuators = mechanism.actuators
     out = ["pose", "session", *(f"q_{a}" for a in actuators), *COORDINATES, *QUATERNION,
-           "height", "distance", *CONDITIONS, *(f"to_q_{a}" for a in actuators),
+           "height", "distance", *ENVIRONMENT, *(f"to_q_{a}" for a in actuators),
            *(f"dir_{a}" for a in (*actuators, "x", "y", "z")),
            *(f"vel_{a}" for a in actuators), *(f"cmd_{c}" for c in (*COORDINATES, *QUATERNION)),
            *(f"sigma_{c}" for c in (*COORDINATES, "position", "rotation", "height", "distance"))]
@@ -157,13 +157,13 @@ def row_list(indices: Array | NDArray[np.int64], most: int = 5) -> str:
 
 
 def further_columns(table: Table, mechanism: Mechanism, joint: Array) -> dict[str, Array]:
-    """Return the columns of conditions in SI: directions, velocities, temperature (K) ..."""
+    """Return the columns of the environment in SI: directions, velocities, temperature (K) ..."""
     factor = {f"vel_{a}": joint[i] for i, a in enumerate(mechanism.actuators)}
     directions = {f"dir_{a}" for a in (*mechanism.actuators, "x", "y", "z")}
     out: dict[str, Array] = {}
     for name in table.header:
         warm = name == "temperature" or name.startswith("temperature_")
-        mine = warm or name in directions or name in factor or name in CONDITIONS
+        mine = warm or name in directions or name in factor or name in ENVIRONMENT
         if not mine or name not in table.numbers:
             continue
         values = table.numbers[name]

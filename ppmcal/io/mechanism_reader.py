@@ -19,11 +19,12 @@ from ppmcal.io.parameter_reader import Draft
 from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity
 from ppmcal.io.schema import check, dotted
 from ppmcal.io.stiffness import read_stiffness
-from ppmcal.io.yaml import decimals
+from ppmcal.io.yaml import decimals, to_file
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism, Registration
+from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism
 from ppmcal.model.parameters import Parameter, free_indices
+from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
 
@@ -46,7 +47,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     _agree_on_actuators(drafts, source)
     actuators = tuple(dict.fromkeys(d.actuator for d in drafts))
     home_pose = pose_from_map(file.home.pose, OF_MOTION[file.motion], units, source, "home.pose")
-    made, findings = _parameters(file, drafts, units, home_pose, source)
+    made, tolerances, findings = _parameters(file, drafts, units, home_pose, source)
     patterns = None if file.free is None else tuple(file.free)
     if patterns is not None:
         findings += assemble.check_patterns(made, patterns, source)
@@ -62,7 +63,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         units=units, free_patterns=patterns, registrations=_registrations(file, units, source),
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
         inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
-        cost=_cost(file, source))
+        tolerances=tolerances, cost=_cost(file, source))
     return with_effects(mechanism, file.effects, units, source)
 
 
@@ -101,11 +102,11 @@ def _limbs(file: MechanismFile, units: Units, source: str) -> list[Draft]:
         kind = limb_kind(raw, file.motion, f"{source}: limbs.{name}")
         drafts.append(LimbReader(raw, name, kind, units, source, file.free or ()).read())
     _share_directions(drafts, source)
-    conditions = sum(d.kind.surface.equations for d in drafts)
+    equations = sum(d.kind.surface.equations for d in drafts)
     needed = len(MOTIONS[file.motion])
-    if conditions != needed:
+    if equations != needed:
         raise BadInput(
-            f"the limbs put {conditions} conditions on the platform, but a pose in {file.motion} "
+            f"the limbs put {equations} conditions on the platform, but a pose in {file.motion} "
             f"motion has {needed} coordinates", f"{source}: limbs",
             f"Give limbs with {needed} conditions in all, or change `motion`")
     return drafts
@@ -153,29 +154,32 @@ def _a(what: str) -> str:
 
 
 def _parameters(file: MechanismFile, drafts: Sequence[Draft], units: Units, home_pose: Array,
-                source: str) -> tuple[tuple[Parameter, ...], list[str]]:
-    """Return all parameters, and a warning for each tolerance class that is not given."""
-    given = {} if file.tolerances is None else file.tolerances.model_dump()
+                source: str) -> tuple[tuple[Parameter, ...], dict[str, float], list[str]]:
+    """Return all parameters, the class tolerances, file units, and a warning for each default."""
+    given = {} if file.tolerances is None else file.tolerances.model_dump(exclude_none=True)
     classes: dict[str, float | None] = {
-        c: None if given.get(c) is None else given[c] * units.factor(q)
+        c: None if c not in given else given[c] * units.factor(q)
         for c, q in (("point", "length"), ("length", "length"), ("angle", "angle"))}
     for q in ("length", "angle"):
-        offset = given.get("offset")
-        classes[f"offset:{q}"] = None if offset is None else offset * units.factor(q)
+        classes[f"offset:{q}"] = None if "offset" not in given else (
+            given["offset"] * units.factor(q))
     made, waiting = assemble.parameters(drafts, classes)
     if not waiting:
-        return made, []
+        return made, given, []
     made = assemble.with_defaults(made, waiting, _reach(drafts, made, home_pose))
     findings, said = [], set()
     for p in made:
-        if p.name in waiting and not p.fixed and waiting[p.name] not in said:
-            said.add(waiting[p.name])
-            size = (p.tolerance or 0.0) / units.factor(p.quantity)
+        if p.name not in waiting:
+            continue
+        number = to_file(p.tolerance or 0.0, units.factor(p.quantity))
+        given.setdefault(p.tolerance_class, number)
+        if not p.fixed and (p.tolerance_class, p.quantity) not in said:
+            said.add((p.tolerance_class, p.quantity))
             why = "1/1000 of the reach" if p.quantity == "length" else "1e-3 rad"
             findings.append(
-                f"{source}: tolerances: no tolerance is given for '{waiting[p.name][0]}'; "
-                f"{size:.6g} {units.name(p.quantity)} ({why}) is used. Add it to `tolerances`.")
-    return made, findings
+                f"{source}: tolerances: no tolerance is given for '{p.tolerance_class}'; "
+                f"{number:.6g} {units.name(p.quantity)} ({why}) is used. Add it to `tolerances`.")
+    return made, {c: given[c] for c in TolerancesFile.model_fields if c in given}, findings
 
 
 def _reach(drafts: Sequence[Draft], made: Sequence[Parameter], home_pose: Array) -> float:
@@ -245,7 +249,7 @@ def _registrations(file: MechanismFile, units: Units, source: str) -> dict[str, 
             entry.frame, OF_FRAME[file.motion], units, source, where)
         target = np.array([*(entry.target or [0.0, 0.0, 0.0]), 0.0][:3]) * units.factor("length")
         turn = np.array(entry.target_rotation or [0.0, 0.0, 0.0]) * units.factor("angle")
-        out[name] = Registration(frame, target, turn)
+        out[name] = Registration.of_pose(frame, target, turn)
     return out
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
@@ -21,36 +20,13 @@ from ppmcal.model.parameters import Parameter, free_indices
 
 
 class SlotWriter:
-    """Writes the limbs of one mechanism; ``tolerances`` is the block that goes with them."""
+    """Writes the limbs of one mechanism."""
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Find the class tolerances: the most common one of each class."""
+        """Prepare; :meth:`limb` does the work."""
         self.mechanism = mechanism
         self.written: set[str] = set()
         self.slots = [dict(_slots(limb)) for limb in mechanism.limbs]
-        self.classes: dict[tuple[str, str], float] = {}
-        self.tolerances: dict[str, float] = {}
-        self._find_classes()
-
-    def _find_classes(self) -> None:
-        seen: set[int] = set()
-        counts: dict[tuple[str, str], Counter[float]] = {}
-        for limb, slots in zip(self.mechanism.limbs, self.slots, strict=True):
-            for name, index in slots.items():
-                p = self.mechanism.parameters[index]
-                key = tolerance_class(limb, name), p.quantity
-                if index in seen or key[0] == "ratio" or p.tolerance is None:
-                    continue
-                seen.add(index)
-                counts.setdefault(key, Counter())[p.tolerance] += 1 if p.fixed else 1000
-        for (name, quantity), counter in sorted(counts.items(), key=lambda item: (
-                ("point", "length", "angle", "offset").index(item[0][0]), item[0][1] == "angle")):
-            if name not in self.tolerances:
-                factor = self.mechanism.units.factor(quantity)
-                self.tolerances[name] = to_file(counter.most_common(1)[0][0], factor)
-        for name, quantity in counts:
-            factor = self.mechanism.units.factor(quantity)
-            self.classes[name, quantity] = self.tolerances[name] * factor
 
     def limb(self, index: int) -> dict[str, Any]:
         """Return one limb as plain data."""
@@ -104,9 +80,10 @@ class SlotWriter:
         return (spec.name.startswith("joint") and plain
                 and any(fnmatchcase(p.name, pattern) for pattern in patterns))
 
-    def _own(self, p: Parameter, class_tolerance: float | None) -> dict[str, Any]:
+    def _own(self, p: Parameter) -> dict[str, Any]:
         """Return the keys ``tolerance`` and ``fixed`` as far as the class does not say it."""
         out: dict[str, Any] = {}
+        class_tolerance = self.mechanism.class_tolerance(p.tolerance_class, p.quantity)
         if p.tolerance is not None and (p.tolerance != class_tolerance or p.sigma is not None):
             out["tolerance"] = to_file(p.tolerance, self._factor(p))
         if p.fixed and p.tolerance != 0.0 and not (p.per_unit and p.tolerance is None):
@@ -123,13 +100,13 @@ class SlotWriter:
             return {"share": p.name}
         factor = self._factor(p)
         value, nominal = to_file(p.value, factor), to_file(p.nominal, factor)
-        drawn = 0.0 if name.startswith("joint") and not p.aliases else p.value
+        implied = 0.0 if name.startswith("joint") and not p.aliases else p.value
         out: dict[str, Any] = {"value": value}
-        if p.nominal != drawn or p.sigma is not None:
+        if p.nominal != implied or p.sigma is not None:
             out["nominal"] = nominal
         if p.sigma is not None:
             out["sigma"] = to_file(p.sigma, factor)
-        out.update(self._own(p, self.classes.get((tolerance_class(limb, name), p.quantity))))
+        out.update(self._own(p))
         if p.aliases:
             self.written.add(p.name)
             out["share"] = p.name
@@ -162,8 +139,7 @@ class SlotWriter:
         factor = self._factor(parts[0])
         if any(p.sigma is not None for p in parts):
             out["sigma"] = [to_file(p.sigma or 0.0, factor) for p in parts]
-        class_ = self.classes.get(("angle", "angle"))
-        own = [self._own(p, class_) for p in parts]
+        own = [self._own(p) for p in parts]
         if any("tolerance" in o for o in own):
             tolerances = [to_file(p.tolerance or 0.0, factor) for p in parts]
             out["tolerance"] = tolerances[0] if len(set(tolerances)) == 1 else tolerances
@@ -182,14 +158,6 @@ def _slots(limb: Limb) -> Iterator[tuple[str, int]]:
         group = x.rpartition(".")[0]
         yield f"{group}.radius", radius
         yield f"{group}.angle", angle
-
-
-def tolerance_class(limb: Limb, name: str) -> str:
-    """Return the tolerance class of a slot."""
-    if name.endswith((".radius", ".angle")) and ".point." in name:
-        return "point" if name.endswith(".radius") else "angle"
-    specs = {s.name: s for s in (*limb.kind.slots, *limb.kind.joint_slots)}
-    return specs[name].tolerance_class
 
 
 def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
@@ -213,8 +181,8 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
         "limbs": [{**writer.limb(i), **own[i]} for i in range(len(mechanism.limbs))],
         "home": _home(mechanism),
     }
-    if writer.tolerances:
-        tree["tolerances"] = writer.tolerances
+    if mechanism.tolerances:
+        tree["tolerances"] = dict(mechanism.tolerances)
     limits = _limits(mechanism)
     if limits:
         tree["limits"] = limits
@@ -264,7 +232,7 @@ def _free(mechanism: Mechanism) -> list[str] | None:
 def _registrations(mechanism: Mechanism) -> Mapping[str, Any]:
     units = mechanism.units
     return {name: {
-        "frame": pose_to_map(r.frame, OF_FRAME[mechanism.motion], units),
+        "frame": pose_to_map(r.frame_pose, OF_FRAME[mechanism.motion], units),
         "target": [to_file(float(v), units.factor("length")) for v in r.target],
         "target_rotation": [to_file(float(v), units.factor("angle")) for v in r.target_rotation],
     } for name, r in mechanism.registrations.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from ppmcal.errors import BadInput
@@ -70,7 +70,7 @@ def key(entry: SlotEntry) -> str:
 
 
 def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
-               ) -> tuple[tuple[Parameter, ...], dict[str, tuple[str, str]]]:
+               ) -> tuple[tuple[Parameter, ...], set[str]]:
     """Return all parameters, in the order of their first slot, and those without a tolerance.
 
     Args:
@@ -79,23 +79,24 @@ def parameters(drafts: Sequence[Draft], classes: Mapping[str, float | None]
             ``offset`` is looked up as ``offset:length`` or ``offset:angle``.
 
     Returns:
-        The parameters, and for each whose class the file does not give (tolerance None as
-        yet): name -> (class, quantity).
+        The parameters, and the names of those whose class the file does not give (tolerance
+        None as yet).
     """
     together: dict[str, list[SlotEntry]] = {}
     for draft in drafts:
         for entry in draft.entries:
             together.setdefault(key(entry), []).append(entry)
     paths = {e.path for d in drafts for e in d.entries}
-    out, waiting = [], {}
+    out, waiting = [], set()
     for name, entries in together.items():
         if entries[0].share and name in paths:
             raise BadInput(f"the shared name '{name}' is also the path of a slot",
                            entries[0].place, "Choose another name")
         parameter = _parameter(name, entries, classes)
         out.append(parameter)
-        if _needs_default(parameter, entries):
-            waiting[name] = (entries[0].tolerance_class, entries[0].quantity)
+        if parameter.tolerance is None and not parameter.per_unit and not all(
+                e.standing for e in entries):
+            waiting.add(name)
     return tuple(out), waiting
 
 
@@ -126,7 +127,7 @@ def _parameter(name: str, entries: Sequence[SlotEntry], classes: Mapping[str, fl
     fixed = (bool(_agreed(entries, "fixed", name)) or standing or tolerance == 0.0
              or (ratio and own is None))
     return Parameter(name, first.quantity, value, value if nominal is None else nominal,
-                     tolerance, fixed, ratio,
+                     tolerance, fixed, first.tolerance_class,
                      tuple(e.path for e in entries) if first.share else (),
                      _agreed(entries, "sigma", name))
 
@@ -147,13 +148,8 @@ def class_key(tolerance_class: str, quantity: str) -> str:
     return f"offset:{quantity}" if tolerance_class == "offset" else tolerance_class
 
 
-def _needs_default(parameter: Parameter, entries: Sequence[SlotEntry]) -> bool:
-    return (parameter.tolerance is None and not parameter.per_unit
-            and not all(e.standing for e in entries))
-
-
-def with_defaults(made: Sequence[Parameter], waiting: Mapping[str, tuple[str, str]],
-                  reach: float) -> tuple[Parameter, ...]:
+def with_defaults(made: Sequence[Parameter], waiting: Collection[str], reach: float
+                  ) -> tuple[Parameter, ...]:
     """Return the parameters with 1/1000 of the reach or 1e-3 rad where no class is given."""
     out = []
     for p in made:

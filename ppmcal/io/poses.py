@@ -22,6 +22,10 @@ from ppmcal.model.mechanism import Mechanism
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
+Given = tuple[tuple[str, ...], tuple[Any, ...]]
+"""Header and columns of a table as they stand: (N,) numbers, or a tuple of words."""
+
+
 class PoseTable(NamedTuple):
     """Poses of a CSV.
 
@@ -31,14 +35,16 @@ class PoseTable(NamedTuple):
             for coordinates that the machine does not have.
         extra: all other columns as the file has them: (N,) numbers, or a tuple of words.
         header: all column names, in file order.
-        conditions: those of the other columns that effects may depend on, in SI.
+        environment: those of the other columns that effects may depend on, in SI.
+        given: header and columns as they stand, to be repeated in outputs.
     """
 
     rows: NDArray[np.int64]
     poses: Array
     extra: Mapping[str, Any]
     header: tuple[str, ...]
-    conditions: Mapping[str, Array]
+    environment: Mapping[str, Array]
+    given: Given
 
 
 class JointTable(NamedTuple):
@@ -48,7 +54,8 @@ class JointTable(NamedTuple):
     q: Array
     extra: Mapping[str, Any]
     header: tuple[str, ...]
-    conditions: Mapping[str, Array]
+    environment: Mapping[str, Array]
+    given: Given
 
 
 def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") -> PoseTable:
@@ -72,6 +79,7 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") 
 
     table = read_table(source, loose=loose) if is_path(source) else as_table(
         source, mechanism.coordinates, "poses", loose)
+    given = _as_given(table)
     if mechanism.motion == "spatial":
         table = under_vector_names(table, rotation)
     mine = (*mechanism.coordinates,
@@ -84,7 +92,7 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") 
     poses = cols.poses(table, mechanism, mechanism.units)
     _enough_columns(table, own, mechanism)
     return PoseTable(_rows(table), poses, _extra(table, own), table.header,
-                     _conditions(table, mechanism))
+                     _environment(table, mechanism), given)
 
 
 def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
@@ -120,10 +128,10 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     units = mechanism.units
     q = stacked(table, names) * mechanism.joint_factors(units)
     return JointTable(_rows(table), q, _extra(table, names), table.header,
-                      _conditions(table, mechanism))
+                      _environment(table, mechanism), _as_given(table))
 
 
-def _conditions(table: Table, mechanism: Mechanism) -> dict[str, Array]:
+def _environment(table: Table, mechanism: Mechanism) -> dict[str, Array]:
     units = mechanism.units
     return further_columns(table, mechanism, mechanism.joint_factors(units))
 
@@ -146,6 +154,10 @@ def twists(extra: Mapping[str, Any], mechanism: Mechanism) -> Array | None:
 
 def _rows(table: Table) -> NDArray[np.int64]:
     return np.arange(1, len(table) + 1, dtype=np.int64)
+
+
+def _as_given(table: Table) -> Given:
+    return table.header, tuple(table.numbers.get(h, table.text.get(h)) for h in table.header)
 
 
 def _extra(table: Table, own: list[str]) -> dict[str, Any]:

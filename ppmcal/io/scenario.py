@@ -38,7 +38,7 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
         str(path), read_yaml(Path(path)))
     file = check(ScenarioFile, tree, source)
     units = file.units.units()
-    acting = with_effects(mechanism, file.effects, units, source)
+    machine = with_effects(mechanism, file.effects, units, source)
     length, angle = units.factor("length"), units.factor("angle")
     errors, scale = _errors(file.errors, mechanism, units, source)
     sigma = file.instrument.sigma
@@ -66,7 +66,7 @@ def read_scenario(path: str | os.PathLike[str] | Mapping[str, Any], mechanism: M
         repeats=file.repeats, approach=file.approach, payload=tuple(file.conditions.payload),
         temperature=None if warm is None else (warm.mean + ZERO_CELSIUS, warm.swing),
         velocity=np.abs(actuator_noise(file.conditions.velocity, mechanism, joint, source)),
-        acting=acting, seed=file.seed, pairs=_pairs(file, source))
+        with_effects=machine, seed=file.seed, pairs=_pairs(file, source))
 
 
 def _pairs(file: ScenarioFile, source: str) -> bool:
@@ -133,7 +133,7 @@ def _listed(path: Path, mechanism: Mechanism) -> Listed:
     table = read_poses(path, mechanism)
     names = [*(f"{what}_{a}" for what in ("dir", "vel") for a in mechanism.actuators),
              "payload", "temperature"]
-    columns = {n: table.conditions[n] for n in names if n in table.conditions}
+    columns = {n: table.environment[n] for n in names if n in table.environment}
     for name, values in columns.items():
         empty = np.flatnonzero(~np.isfinite(values))
         if empty.size:

@@ -190,7 +190,17 @@ class Closure:
 
     def slot_matrix(self, pose: Array, limb: int, slots: Sequence[str],
                     lines: Array | None = None) -> Array:
-        """Return dc/dslot of one limb (N, d, S); zero in the other limbs' rows."""
+        """Return dc/dslot of one limb; zero in the other limbs' rows.
+
+        Args:
+            pose: closed platform motors (N, 8).
+            limb: index of the limb.
+            slots: names of its S slots.
+            lines: of the legs, where they are known already.
+
+        Returns:
+            (N, d, S), m per m or rad of a slot.
+        """
         lines = self.lines(pose) if lines is None else lines
         before = sum(len(b.point_moves) for b in self.bodies[:limb])
         rows = slice(before, before + len(self.bodies[limb].point_moves))

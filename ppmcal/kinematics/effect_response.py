@@ -115,6 +115,12 @@ def shifted(model: Model, environment: Environment, q: Array, pose: Array) -> Mo
     """Return the model with its effects at these rows; itself where it has none.
 
     Loads are those of the machine that closes at these poses, its effects included.
+
+    Args:
+        model: the machine at its parameters.
+        environment: what the effects depend on, N rows.
+        q: joint values (N, k).
+        pose: closed platform motors (N, 8), base frame.
     """
     if not model.mechanism.effects:
         return model

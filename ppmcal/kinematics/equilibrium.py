@@ -91,6 +91,12 @@ def settle(model: Model, q: Array, rows: Environment, closed: Array) -> tuple[Ar
     """Return closed poses (N, 8) near ``closed`` with the effects in equilibrium, and the model.
 
     Rows that do not settle become nan.
+
+    Args:
+        model: the machine at its parameters.
+        q: joint values (N, k).
+        rows: the environment that effects depend on, N rows.
+        closed: platform motors (N, 8) to start from, without the effects' own twist.
     """
     now = shifted(model, rows, q, closed)
     n = q.shape[0]

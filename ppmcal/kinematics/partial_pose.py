@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,13 @@ from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
 from ppmcal.kinematics.forward import moved
 from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_blocks, solve_rows
-from ppmcal.kinematics.registration import Station, measured_pose
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.kinematics.rotations import euler_rates, from_euler, to_euler
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 ITERATIONS = 50
 NEAR = 1e-11
@@ -34,11 +35,6 @@ def pose_vector(pose: Array) -> Array:
 def pose_motor(vector: Array) -> Array:
     """Return motors (N, 8) of full poses (N, 6)."""
     return cga.motor_from_rotation_vector(vector[..., 3:], vector[..., :3])
-
-
-def base_station(actuators: int) -> Station:
-    """Return the station that measures platform poses in the base frame itself."""
-    return Station(cga.identity_motor(), np.zeros(3), np.zeros(3), np.zeros(actuators))
 
 
 @dataclass(frozen=True)
@@ -59,9 +55,10 @@ class PoseConvention:
         """The convention where it is one of Euler angles, else empty."""
         return self.rotation if self.rotation.startswith("euler") else ""
 
-    def station(self, actuators: int) -> Station:
-        """Return the station that sees the tool's frame in base axes."""
-        return replace(base_station(actuators), target=np.asarray(self.tool, dtype=float))
+    @property
+    def registration(self) -> Registration:
+        """What sees the tool's frame in base axes."""
+        return Registration(target=np.asarray(self.tool, dtype=float))
 
 
 def inverse_partial(model: Model, coordinates: Array, rows: Environment | None = None,
@@ -103,7 +100,7 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
 
 def _missed(mechanism: Mechanism, convention: PoseConvention, wanted: Array, real: Array) -> Array:
     """Return wanted coordinates (N, 6) less those of real poses; 0 where left open or unknown."""
-    vector = measured_pose(convention.station(len(mechanism.actuators)), real)
+    vector = measured_pose(convention.registration, real)
     if convention.euler:
         return _miss_of_euler(wanted, vector, convention.euler)
     angle = np.linalg.norm(vector[:, 3:], axis=1, keepdims=True)
@@ -131,8 +128,7 @@ def _inverse_named(model: Model, convention: PoseConvention, coordinates: Array,
     ``lacking`` marks rows whose environment is not known.
     """
     mechanism = model.mechanism
-    full, failed = wanted_poses(model, convention.station(len(mechanism.actuators)), coordinates,
-                                convention.euler)
+    full, failed = wanted_poses(model, convention.registration, coordinates, convention.euler)
     if lacking is not None:
         failed = [LACKING if lack else f for f, lack in zip(failed, lacking, strict=True)]
     ready = np.array([not f for f in failed], dtype=bool)
@@ -146,7 +142,7 @@ def _inverse_named(model: Model, convention: PoseConvention, coordinates: Array,
     return Inverse(q, pose, tuple(failed))
 
 
-def wanted_poses(model: Model, station: Station, wanted: Array, euler: str = ""
+def wanted_poses(model: Model, registration: Registration, wanted: Array, euler: str = ""
                  ) -> tuple[Array, list[str]]:
     """Return platform poses (N, 6) in the base frame for wanted measured poses (N, 6).
 
@@ -165,27 +161,27 @@ def wanted_poses(model: Model, station: Station, wanted: Array, euler: str = ""
         if count not in (0, short):
             failed[n] = (f"{count} coordinate{'s are' if count > 1 else ' is'} empty: this machine "
                          f"needs {'none' if short == 0 else f'none or {short}'} of them empty")
-    wanted = _within_reason(mechanism, station, wanted, failed)
+    wanted = _within_reason(mechanism, registration, wanted, failed)
     whole = ~open_.any(axis=1)
     if whole.any():
         given = wanted[whole]
         if euler:
             given = np.concatenate([given[:, :3], from_euler(given[:, 3:], euler)], axis=1)
-        out[whole] = pose_vector(carried_back(mechanism, station, given))
+        out[whole] = pose_vector(carried_back(mechanism, registration, given))
     part = np.flatnonzero((open_.sum(axis=1) == short) & (short > 0))
     if part.size:
-        out[part], _, solved = solve_named(model.take(part), station, wanted[part], open_[part],
-                                            euler)
+        out[part], _, solved = solve_named(model.take(part), registration, wanted[part],
+                                           open_[part], euler)
         for n in part[~solved]:
             failed[n] = failed[n] or ("the open coordinates could not be solved for: "
                                       "no such pose near home")
     return out, failed
 
 
-def _within_reason(mechanism: Mechanism, station: Station, wanted: Array, failed: list[str]
-                   ) -> Array:
+def _within_reason(mechanism: Mechanism, registration: Registration, wanted: Array,
+                   failed: list[str]) -> Array:
     """Mark poses farther away than 1000 times the reach; they would only overflow."""
-    reach = 1e3 * (mechanism.reach + float(np.linalg.norm(cga.translation(station.frame)))
+    reach = 1e3 * (mechanism.reach + float(np.linalg.norm(cga.translation(registration.frame)))
                    + float(np.linalg.norm(mechanism.home_pose[:3])))
     with np.errstate(invalid="ignore"):
         limit = np.array([reach] * 3 + [1e3] * 3)
@@ -195,26 +191,26 @@ def _within_reason(mechanism: Mechanism, station: Station, wanted: Array, failed
     return np.where(far[:, None], np.where(np.isnan(wanted), np.nan, 0.0), wanted)
 
 
-def carried_back(mechanism: Mechanism, station: Station, wanted: Array) -> Array:
+def carried_back(mechanism: Mechanism, registration: Registration, wanted: Array) -> Array:
     """frame^-1 o wanted o target^-1; in a translational machine the rotation stays."""
     filled = np.where(np.isnan(wanted), 0.0, wanted)
-    body = cga.motor_from_rotation_vector(station.target_rotation, station.target)
-    back = cga.reverse(station.frame)
+    body = cga.motor_from_rotation_vector(registration.target_rotation, registration.target)
+    back = cga.reverse(registration.frame)
     if mechanism.motion == "translational":
         turn = mechanism.home_pose[3:]
         own = cga.motor_from_rotation_vector(turn, np.zeros(3))
-        at = cga.move_point(back, filled[:, :3]) - cga.move_point(own, station.target)
+        at = cga.move_point(back, filled[:, :3]) - cga.move_point(own, registration.target)
         return cga.motor_from_rotation_vector(np.broadcast_to(turn, at.shape), at)
     return cga.compose(cga.compose(back, pose_motor(filled)), cga.reverse(body))
 
 
-def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np.bool_],
+def solve_named(model: Model, registration: Registration, wanted: Array, open_: NDArray[np.bool_],
                 euler: str = "") -> tuple[Array, Array, NDArray[np.bool_]]:
     """Newton on platform pose and joints: closure and named measured coordinates.
 
     Args:
         model: one machine, or one for each row.
-        station: one, or one for each row.
+        registration: one, or one for each row.
         wanted: measured poses (N, 6).
         open_: coordinates that are not named (N, 6), as many in every row.
         euler: convention of the wanted rotations, empty for rotation vectors.
@@ -229,13 +225,13 @@ def solve_named(model: Model, station: Station, wanted: Array, open_: NDArray[np
     q = np.tile(state.q, (n, 1))
     named = ~open_ & np.isin(np.arange(6), mechanism.dof)
     pick = np.argsort(~named, axis=1, kind="stable")[:, :int(named[0].sum())]
-    frame = cga.rotation_matrix(station.frame)
+    frame = cga.rotation_matrix(registration.frame)
     solved = np.zeros(n, dtype=bool)
     for _ in range(ITERATIONS):
         closure = model.closure(q)
         lines = closure.lines(pose)
-        measured = measured_pose(station, pose)
-        arm = (cga.rotation_matrix(pose) @ station.target[..., None])[..., 0]
+        measured = measured_pose(registration, pose)
+        arm = (cga.rotation_matrix(pose) @ registration.target[..., None])[..., 0]
         by_pose = np.zeros((n, 6, 6))
         by_pose[:, :3, :3] = frame
         by_pose[:, :3, 3:] = -frame @ cross_matrix(arm)

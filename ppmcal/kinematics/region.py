@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 LARGEST_TURN = {"planar": np.radians(45.0), "translational": 0.0, "spatial": np.radians(15.0)}
@@ -50,10 +51,27 @@ class Grid:
         """Names of the coordinates, ``x``, ``y``, ..."""
         return tuple(POSE_COORDINATES[c] for c in self.coordinates)
 
+    @property
+    def points(self) -> Array:
+        """All combinations of levels (N, c), last coordinate fastest; m and rad."""
+        across = np.meshgrid(*self.levels, indexing="ij")
+        return np.stack([a.ravel() for a in across], axis=-1)
+
     def poses(self, mechanism: Mechanism) -> Array:
         """Return the grid as wanted poses (N, 6), last coordinate fastest, nan where open."""
-        across = np.meshgrid(*self.levels, indexing="ij")
-        return placed(mechanism, self.coordinates, np.stack([a.ravel() for a in across], axis=-1))
+        return placed(mechanism, self.coordinates, self.points)
+
+    def edges(self) -> tuple[Ints, Ints]:
+        """Return both ends of every edge and diagonal, as indices into the points (E,) each."""
+        index = np.arange(int(np.prod(self.shape))).reshape(self.shape)
+        ends: tuple[list[Ints], list[Ints]] = ([], [])
+        for offset in product((-1, 0, 1), repeat=len(self.shape)):
+            if next((o for o in offset if o), -1) < 0:
+                continue  # no step, or the same edge from its other end
+            for side, sign in zip(ends, (1, -1), strict=True):
+                side.append(index[tuple(slice(max(0, -sign * o), n - max(0, sign * o))
+                                        for o, n in zip(offset, self.shape, strict=True))].ravel())
+        return np.concatenate(ends[0]), np.concatenate(ends[1])
 
     def inside(self, count: int, rng: np.random.Generator) -> Array:
         """Return points (count, c) drawn evenly from the grid's box."""
@@ -65,11 +83,11 @@ class Grid:
 @lru_cache(maxsize=64)
 def named(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the pose coordinates that a command names; closure decides the others."""
-    drawn = mechanism.nominal()
-    if drawn.equations <= len(drawn.actuators):
-        return drawn.dof
-    kept = np.isfinite(named_only(drawn, drawn.home_pose[None])[0])
-    return tuple(c for c in drawn.dof if kept[c])
+    nominal = mechanism.nominal()
+    if nominal.equations <= len(nominal.actuators):
+        return nominal.dof
+    kept = np.isfinite(named_only(nominal, nominal.home_pose[None])[0])
+    return tuple(c for c in nominal.dof if kept[c])
 
 
 def placed(mechanism: Mechanism, coordinates: Sequence[int], values: Array) -> Array:
@@ -158,12 +176,12 @@ def _room(mechanism: Mechanism, axes: Sequence[int]) -> tuple[Array, Array]:
     Raises:
         BadInput: even so home can go nowhere along a coordinate.
     """
-    drawn = mechanism.nominal()
-    low, high = extent(Model(drawn), axes)
+    nominal = mechanism.nominal()
+    low, high = extent(Model(nominal), axes)
     if np.all(low + high > 0.0):
         return low, high
-    low, high = extent(Model(replace(drawn, limits=np.tile(
-        [-np.inf, np.inf], (len(drawn.actuators), 1)))), axes)
+    low, high = extent(Model(replace(nominal, limits=np.tile(
+        [-np.inf, np.inf], (len(nominal.actuators), 1)))), axes)
     stuck = [POSE_COORDINATES[c] for c, width in zip(axes, low + high, strict=True)
              if not width > 0.0]
     if stuck:

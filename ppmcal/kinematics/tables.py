@@ -54,11 +54,17 @@ class KinematicsTable:
 
 def inverse_table(model: Model, coordinates: Array, rows: Environment | None = None,
                   convention: PoseConvention | None = None) -> KinematicsTable:
-    """Return joint values of poses (N, 6), nan = open coordinate, as a path in row order.
+    """Return joint values of poses, as a path in row order.
 
-    ``rows``: the environment that the machine's effects depend on. ``convention``: which point's
-    poses they are and how their rotations are written (default: the platform origin's, as rotation
-    vectors); the poses of the table returned are the platform's own, as rotation vectors.
+    Args:
+        model: the machine at its parameters.
+        coordinates: poses (N, 6) in the base frame, m and rad; nan is an open coordinate.
+        rows: the environment that the machine's effects depend on.
+        convention: which point's poses they are and how their rotations are written  [default:
+            the platform origin's, as rotation vectors].
+
+    Returns:
+        Joint values and the platform's own poses, as rotation vectors.
     """
     found = inverse_partial(model, coordinates, rows, convention)
     status = ["ok" if r else "unreachable" for r in found.reached]
@@ -69,17 +75,20 @@ def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
     """Return where the tool point (3,), m in platform axes, is: poses (N, 6) of platform ones."""
     out = np.full_like(pose, np.nan)
     good = finite_rows(pose)
-    out[good] = measured_pose(PoseConvention(tool).station(len(model.mechanism.actuators)),
+    out[good] = measured_pose(PoseConvention(tool).registration,
                               pose_motor(pose[good]))
     return out
 
 
 def forward_table(model: Model, q: Array, rows: Environment | None = None,
                   found: Forward | None = None) -> KinematicsTable:
-    """Return the poses of joint values (N, k), in home's assembly mode, as a path.
+    """Return the poses of joint values, in home's assembly mode, as a path.
 
-    ``rows``: the environment that the machine's effects depend on. ``found``: the geometry's
-    poses where they are known already.
+    Args:
+        model: the machine at its parameters.
+        q: joint values (N, k), m or rad (bare numbers with a drive ratio).
+        rows: the environment that the machine's effects depend on.
+        found: the geometry's poses where they are known already.
     """
     found = found or forward(model, q)
     status = ["ok" if c else "not converged" for c in found.converged]

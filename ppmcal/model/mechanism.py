@@ -13,6 +13,7 @@ from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectKind
 from ppmcal.model.limbs import LimbKind
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values
+from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 from ppmcal.wording import counted
 
@@ -50,20 +51,6 @@ class Effect:
     parameters: Mapping[str, int]
 
 
-@dataclass(frozen=True)
-class Registration:
-    """Where an instrument stood: measured = frame o pose o target.
-
-    ``frame`` (6,): the base's pose in the measuring frame; ``target`` (3,): the measured
-    point in platform axes; ``target_rotation`` (3,): rotation vector of the measured body
-    against the platform. SI.
-    """
-
-    frame: Array
-    target: Array
-    target_rotation: Array
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Mechanism:
     """A parallel mechanism: data only, SI.
@@ -85,6 +72,8 @@ class Mechanism:
         findings: warnings that reading the file gave.
         stiffness: of each limb's parts, ``bar``, ``drive``, ``joint1.x``, ... -> N/m or N m/rad;
             what is not there is rigid; empty where the file says nothing.
+        tolerances: class of slots -> standard deviation, t file units, as the file gives it or a
+            default stands for it; see :meth:`class_tolerance`.
         cost: class of slots -> (weight, exponent): a tolerance of t file units costs
             weight / t^exponent; classes that the file leaves out are not there.
         source: path of the file, for messages; ``inputs``: all files it was read from.
@@ -109,6 +98,7 @@ class Mechanism:
     source: str = ""
     inputs: tuple[str, ...] = ()
     stiffness: tuple[Mapping[str, float], ...] = ()
+    tolerances: Mapping[str, float] = field(default_factory=dict)
     cost: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
@@ -200,6 +190,17 @@ class Mechanism:
         apart = everything[:, None, :] - everything[None, :, :]
         return float(np.sqrt(np.max(np.sum(apart**2, axis=-1)))) or 1.0
 
+    def class_tolerance(self, tolerance_class: str, quantity: str) -> float | None:
+        """Return the tolerance of a class of slots, SI; None where the file has none.
+
+        Offsets of drives are lengths or angles: one number in file units stands for both.
+        """
+        given = self.tolerances.get(tolerance_class)
+        return None if given is None else given * self.units.factor(quantity)
+
+    def registration(self, dataset: str) -> Registration:
+        """Return the registration of a data set; of any other name, that of the base frame."""
+        return self.registrations.get(dataset, Registration())
 
     def with_free(self, patterns: Sequence[str] | None) -> Mechanism:
         """Return the machine with another choice of free parameters."""
@@ -210,7 +211,7 @@ class Mechanism:
         return replace(self, parameters=with_values(self.parameters, g))
 
     def nominal(self) -> Mechanism:
-        """Return the machine as drawn: every parameter at its nominal value, no effects."""
+        """Return the nominal machine: every parameter at its nominal value, no effects."""
         return replace(self.with_values(self.nominals), effects=())
 
 
@@ -282,7 +283,7 @@ def with_effect(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool],
         g = given.get(spec.name, Given(0.0 if spec.default is None else spec.default))
         made.append(Parameter(
             f"{label}.{spec.name}", resolved(spec.quantity, joint), g.value,
-            g.value if g.nominal is None else g.nominal, g.tolerance, not g.free, False, (),
+            g.value if g.nominal is None else g.nominal, g.tolerance, not g.free, "", (),
             g.sigma, g.free, 0.1 * g.value if spec.reciprocal else spec.size, spec.reciprocal,
             spec.nonlinear))
     first = len(mechanism.parameters)

@@ -14,6 +14,9 @@ import numpy as np
 
 from ppmcal.linalg import Array
 
+RATIO = "ratio"
+"""Name and class of the slot that holds a drive ratio."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -25,7 +28,8 @@ class Parameter:
         value: present value; nominal: the value as designed.
         tolerance: one standard deviation; inf for no prior, None where none is stated.
         fixed: the file says it must not change.
-        per_unit: whether it is a drive ratio (quantity per unit of the joint variable).
+        tolerance_class: of its first slot: ``point``, ``length``, ``angle`` or ``offset``, the key
+            of the file's ``tolerances`` that covers it; ``ratio`` has none; empty for effects.
         aliases: slot paths that it feeds, for pattern matching.
         sigma: standard deviation from an earlier identification, or None.
         free: marked as to be fitted, with or without a tolerance (effects).
@@ -40,13 +44,18 @@ class Parameter:
     nominal: float
     tolerance: float | None = None
     fixed: bool = False
-    per_unit: bool = False
+    tolerance_class: str = ""
     aliases: tuple[str, ...] = ()
     sigma: float | None = None
     free: bool = False
     size: float | None = None
     reciprocal: bool = False
     nonlinear: bool = False
+
+    @property
+    def per_unit(self) -> bool:
+        """Whether it is a drive ratio (quantity per unit of the joint variable)."""
+        return self.tolerance_class == RATIO
 
     @property
     def prior_sigma(self) -> float | None:

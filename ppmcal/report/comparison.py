@@ -19,7 +19,7 @@ from ppmcal.report.residual_figures import figure
 from ppmcal.report.svg_bars import fitting
 
 Z95 = 1.96
-SHOWN, DRAWN = 12, 40
+SHOWN, PLOTTED = 12, 40
 ROW, NAMES, SMALL = 15.0, 150.0, 11.0 / 9.5
 """Height of a line, room for names, and how much more of the small letters goes in."""
 STYLES = {"changed": "out", "possible": "before"}
@@ -99,7 +99,7 @@ def differences(rows: Sequence[ParameterDifference]) -> str:
     if not seen:
         return ""
     seen.sort(key=lambda s: (s[1].status not in STYLES, -abs(s[0])))
-    shown = sorted(seen[:DRAWN], key=lambda s: -abs(s[0]))
+    shown = sorted(seen[:PLOTTED], key=lambda s: -abs(s[0]))
     height = svg.TOP + ROW * len(shown) + svg.BOTTOM
     ends = [e for z, _ in shown for e in (z - Z95, z + Z95)]
     frame = svg.Frame(svg.span([*ends, 0.0]), svg.Axis(0.0, float(len(shown))), left=NAMES,

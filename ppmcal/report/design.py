@@ -104,10 +104,10 @@ def _cell(value: Any) -> Cell:
 
 def _pictures(one: Designed) -> str:
     """Return all pictures, and what became of those that are not there."""
-    drawn = "".join(_figure(p, title(one)) for p in one.pictures if not p.problem)
+    figures = "".join(_figure(p, title(one)) for p in one.pictures if not p.problem)
     lacking = "".join(paragraph(f"{p.file}: {p.problem}.", "bad")
                       for p in one.pictures if p.problem)
-    return (f'<div class="pictures">{drawn}</div>' if drawn else "") + lacking
+    return (f'<div class="pictures">{figures}</div>' if figures else "") + lacking
 
 
 def _figure(p: Picture, section: str) -> str:

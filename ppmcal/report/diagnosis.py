@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from html import escape
 
-from ppmcal.io.results.diagnosis import DiagnosedEffect, DiagnosisRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
     gap_closed,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ppmcal.io.results.diagnosis import DiagnosedEffect, DiagnosisRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.report.format import count, number, sig, to_sigma, whole, with_unit
 
 INPUTS = {
@@ -22,7 +23,7 @@ _NAMES = {"deg C": "°C", "um": "µm"}
 
 
 def left_out(record: DiagnosisRecord) -> str:
-    """Return that rows are drawn which the fit has left out, empty where none are."""
+    """Return that rows are plotted which the fit has left out, empty where none are."""
     n = record.plot_data.left_out_rows
     return f"With {count(n, 'row')} that the fit took for outliers." if n else ""
 

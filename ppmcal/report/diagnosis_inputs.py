@@ -17,7 +17,7 @@ from ppmcal.report.svg_bars import BarPicture, fitting, width
 from ppmcal.wording import where
 
 APART = 2.5
-"""Before and after are drawn so many pixels to each side of their place."""
+"""Before and after are plotted so many pixels to each side of their place."""
 CLASS_ROOM = 12.0
 """Further height below the axis for the names of classes."""
 

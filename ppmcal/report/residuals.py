@@ -13,7 +13,7 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.report.records import Columns
 
 POINTS = 1200
-"""More rows than this are drawn thinned."""
+"""More rows than this are plotted thinned."""
 BINS = 300
 """Thinned plots show the range of the rows in each of so many bins."""
 

@@ -98,7 +98,7 @@ class Scenario:
         payload: kg, the loads to go through, or empty.
         temperature: (mean in K, swing in K) or None.
         velocity: largest speed of each joint at the trigger (k,), 0 where at rest.
-        acting: the machine with the effects that act on it.
+        with_effects: the machine with the effects that act on it.
         seed: of the generator.
     """
 
@@ -128,6 +128,6 @@ class Scenario:
     payload: tuple[float, ...]
     temperature: tuple[float, float] | None
     velocity: Array
-    acting: Mechanism
+    with_effects: Mechanism
     seed: int
     pairs: bool = False

@@ -20,11 +20,11 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses
-from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.kinematics.registration import Station, predict
+from ppmcal.kinematics.registration import predict
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.simulation.pose_patterns import commands
 from ppmcal.simulation.scenario import Scenario
 
@@ -41,7 +41,7 @@ class Campaign:
     ``to_q`` (N, k) joint values at the other end of a distance between two positions;
     ``direction`` of approach by joint (N, k);
     ``velocity`` of the joints at the trigger (N, k); ``payload`` kg, ``temperature`` K,
-    ``time`` s (N,); ``outlier`` rows; ``acting`` the machine with its effects and ``g`` its
+    ``time`` s (N,); ``outlier`` rows; ``with_effects`` the machine with its effects and ``g`` its
     true parameters (P,); ``left_out`` reasons for poses that could not be measured.
     """
 
@@ -56,7 +56,7 @@ class Campaign:
     temperature: Array | None
     time: Array
     outlier: NDArray[np.bool_]
-    acting: Mechanism
+    with_effects: Mechanism
     g: Array
     left_out: tuple[str, ...]
     to_q: Array | None = None
@@ -92,10 +92,10 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         scenario, time)
     velocity = _own(own, "vel", mechanism,
                     direction * scenario.velocity * _speeds(scenario, direction.shape, rng), order)
-    rows = _conditions(mechanism, direction, velocity, payload, temperature, time)
-    acting = with_strokes(scenario.acting, q)
-    model = Model(acting, g)
-    _recorded(acting, rows, scenario)
+    rows = _environment(mechanism, direction, velocity, payload, temperature, time)
+    with_effects = with_strokes(scenario.with_effects, q)
+    model = Model(with_effects, g)
+    _recorded(with_effects, rows, scenario)
     actual, stretch = _visited(model, q[order], rows, scenario, rng)
     # a distance between two positions: from each to the one half a campaign away
     other = (order + len(q) // 2) % len(q)
@@ -114,7 +114,8 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
                     velocity[keep] if np.any(velocity) else None,
                     payload[keep] if payload is not None else None,
                     temperature[keep] if temperature is not None else None, time[keep],
-                    outlier, acting, g, tuple(left_out), q[other[keep]] if scenario.pairs else None)
+                    outlier, with_effects, g, tuple(left_out),
+                    q[other[keep]] if scenario.pairs else None)
 
 
 def _own(own: Mapping[str, Array], what: str, mechanism: Mechanism, rest: Array, order: Ints
@@ -149,11 +150,11 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
     Positions (n, 3), rotation vectors (n, 3), heights or distances (n,), those between two
     positions to the poses ``other``.
     """
-    station = Station(pose_motor(scenario.frame), scenario.target, scenario.target_rotation,
-                      np.zeros(len(mechanism.actuators)))
-    position, turn = predict(station, pose)
+    registration = Registration.of_pose(scenario.frame, scenario.target,
+                                        scenario.target_rotation)
+    position, turn = predict(registration, pose)
     position = stretched(position, stretch)
-    far = stretched(predict(station, other)[0], stretch) if scenario.pairs else scenario.point
+    far = stretched(predict(registration, other)[0], stretch) if scenario.pairs else scenario.point
     error, outlier = _errors(len(position), scenario, rng)
     return (position + error[:, :3], _turned(turn, error[:, 3:], mechanism),
             _value(position, far, error[:, 0], scenario.kind), outlier)
@@ -171,8 +172,8 @@ def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
     return actual, shift.stretch if shift else None
 
 
-def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,
-                temperature: Array | None, time: Array) -> Environment:
+def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,
+                 temperature: Array | None, time: Array) -> Environment:
     columns = {"time": time}
     for a, name in enumerate(mechanism.actuators):
         columns[f"dir_{name}"], columns[f"vel_{name}"] = direction[:, a], velocity[:, a]
@@ -183,11 +184,11 @@ def _conditions(mechanism: Mechanism, direction: Array, velocity: Array, payload
     return environment(columns, mechanism.actuators, mechanism.gravity, direction)
 
 
-def _recorded(acting: Mechanism, rows: Environment, scenario: Scenario) -> None:
+def _recorded(with_effects: Mechanism, rows: Environment, scenario: Scenario) -> None:
     """Refuse effects that depend on what the scenario does not set."""
     mend = {"payload": "conditions: {payload: [0, 20]}",
             "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}
-    missing = missing_columns(acting, rows)
+    missing = missing_columns(with_effects, rows)
     if missing:
         raise BadInput(f"an effect depends on {missing[0]}, which the scenario does not set",
                        f"{scenario.source}: conditions", f"Add `{mend[missing[0]]}`")
@@ -205,13 +206,13 @@ def true_parameters(mechanism: Mechanism, scenario: Scenario, rng: np.random.Gen
 
     Effects have the values that the files give; they come last.
     """
-    acting = scenario.acting
-    g = acting.nominals.copy()
+    with_effects = scenario.with_effects
+    g = with_effects.nominals.copy()
     count = len(mechanism.parameters)
-    g[:count] += acting.values[:count] - mechanism.values
-    for effect in acting.effects:
+    g[:count] += with_effects.values[:count] - mechanism.values
+    for effect in with_effects.effects:
         for p in effect.parameters.values():
-            g[p] = acting.values[p]
+            g[p] = with_effects.values[p]
     if scenario.error_scale is not None:
         drawn = rng.normal(size=len(mechanism.parameters))
         for p in mechanism.free:

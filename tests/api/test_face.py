@@ -17,6 +17,7 @@ from helpers.paths import ROOT
 
 import ppmcal
 from ppmcal.api.result import Result
+from ppmcal.io import csv as ppmcal_csv
 
 NOTEBOOK = ROOT / "docs" / "calibration.ipynb"
 FUNCTIONS = [n for n in ppmcal.__all__ if not n[0].isupper()]
@@ -235,6 +236,23 @@ def test_compensation_in_memory_is_that_from_files(stage, fit, folder, tmp_path)
     np.testing.assert_allclose(here.compensation.q, filed.compensation.q, rtol=1e-12)
     np.testing.assert_allclose(here.compensation.sigma_position,
                                filed.compensation.sigma_position, rtol=1e-6)
+
+
+def test_a_table_of_targets_is_read_once(stage, fit, tmp_path, monkeypatch):
+    read = []
+    monkeypatch.setattr(ppmcal_csv, "read_bytes", lambda path: read.append(path.name) or
+                        path.read_bytes())
+    poses, joints = tmp_path / "poses.csv", tmp_path / "joints.csv"
+    poses.write_text("label,y,x,rz\none,0,0,0\ntwo,-3,4,1\n")
+    found = ppmcal.compensate(fit, poses)
+    assert read == ["poses.csv"]
+    assert found.targets[0] == ("label", "y", "x", "rz")
+    assert list(found.targets[1][0]) == ["one", "two"]
+    np.testing.assert_array_equal(found.targets[1][1], [0.0, -3.0])
+    joints.write_text("q_leg1,q_leg2,q_leg3\n400,400,400\n")
+    ppmcal.forward(stage, joints)
+    ppmcal.inverse(stage, poses)
+    assert read == ["poses.csv", "joints.csv", "poses.csv"]
 
 
 def test_save_refuses_what_is_somebody_elses(fit, tmp_path):

@@ -21,9 +21,9 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.results.identifiability import IdentifiabilitySummary
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.kinematics.registration import Station, measured_pose
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.registration import Registration
 
 NAME = "delta-linear"
 
@@ -107,9 +107,9 @@ def test_poses_tell_scale_whatever_is_open(name: str) -> None:
     rng = np.random.default_rng(8)
     q = joints(mechanism, name, 40, rng)
     g = truth(mechanism, rng, 0.3)
-    station = Station(pose_motor(np.array([0.1, 0.2, 0, 0, 0, 0.3])), np.array([0.05, 0.1, 0.0]),
-                      np.zeros(3), np.zeros(q.shape[1]))
-    seen = measured_pose(station, forward(Model(mechanism, g), q).pose)
+    registration = Registration.of_pose(np.array([0.1, 0.2, 0, 0, 0, 0.3]),
+                                        np.array([0.05, 0.1, 0.0]))
+    seen = measured_pose(registration, forward(Model(mechanism, g), q).pose)
     data = Dataset.of_poses("tracker", q, seen, (1e-5, 1e-5), True)
     problem = Problem(mechanism, (data,), mechanism.free)
     for found in (

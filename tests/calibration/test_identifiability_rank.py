@@ -316,5 +316,5 @@ def test_fewer_poses_than_columns_give_their_number_of_rows(kind: str) -> None:
 def test_no_free_parameter_has_rank_nought() -> None:
     rank, total, redundant = rank_of(fit_of(setup("3-RPR"), "pose", False, free=()))
     assert (len(rank.kept), total, redundant) == (0, 0, ())
-    # only the station is open: three of the frame, two of the target
+    # only the registration is open: three of the frame, two of the target
     assert rank_of(fit_of(setup("3-RPR"), "pose", True, free=()))[1] == 5

@@ -28,10 +28,11 @@ from ppmcal.calibration.validation import fresh_state
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.registration import Station, predict
-from ppmcal.kinematics.tables import pose_motor, pose_vector
+from ppmcal.kinematics.registration import predict
+from ppmcal.kinematics.tables import pose_vector
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.simulation.scenario import Circle, Random, Scenario
 from ppmcal.simulation.simulate import simulate
 
@@ -85,7 +86,7 @@ def fresh_error(fit: Fit, made: Run) -> tuple[float, float]:
     """Largest error of predicted measurements of unseen poses: m and rad."""
     unseen = fresh(made).data
     problem = replace(fit.problem, datasets=(unseen,), free=())
-    one = replace(fit.state, stations=fit.state.stations[:1])
+    one = replace(fit.state, registrations=fit.state.registrations[:1])
     raw = np.concatenate([r.raw for r in problem.rows(fresh_state(problem, one), False)])
     assert len(raw) == len(unseen)
     places = sum(1 for c in coordinates(unseen, made.mechanism.motion) if c < 3)
@@ -174,11 +175,11 @@ def test_a_turned_body_is_found() -> None:
 
 # --- the Jacobian -------------------------------------------------------------------------------
 
-def exact_data(mechanism: Mechanism, kind: str, name: str, station: Station, seed: int,
+def exact_data(mechanism: Mechanism, kind: str, name: str, registration: Registration, seed: int,
                noise: float, first: bool) -> tuple[Dataset, Array]:
     """Return measurements without error of poses about home, some missing, and the poses."""
     q, pose = spread(Model(mechanism), 4, seed)
-    position, turn = predict(station, pose)
+    position, turn = predict(registration, pose)
     motor = np.array([np.concatenate([np.zeros(3), v]) for v in _vectors(turn)])
     rotation = motor[:, 3:]
     n, k = q.shape
@@ -207,7 +208,7 @@ def _vectors(turn: Array) -> Array:
     return np.asarray(Rotation.from_matrix(turn).as_rotvec())
 
 
-def station(mechanism: Mechanism, seed: int) -> Station:
+def registration(mechanism: Mechanism, seed: int) -> Registration:
     rng = np.random.default_rng(seed)
     flat = mechanism.motion == "planar"
     frame = rng.normal(size=6) * np.array([0.3, 0.3, 0.3, 0.2, 0.2, 0.5])
@@ -216,7 +217,7 @@ def station(mechanism: Mechanism, seed: int) -> Station:
         frame[2:5], target[2], turn[:2] = 0.0, 0.0, 0.0
     if mechanism.motion == "translational":
         turn[:] = 0.0
-    return Station(pose_motor(frame), target, turn, np.zeros(len(mechanism.actuators)))
+    return Registration.of_pose(frame, target, turn)
 
 
 def white(problem: Problem, state: State) -> Array:
@@ -234,12 +235,12 @@ def machine_of(label: str) -> Mechanism:
 @pytest.mark.parametrize("label", [*KINDS, "delta-linear", "delta-rotary", "delta-linear-6rods"])
 def test_jacobian_is_that_of_central_differences(label: str, noise: float) -> None:
     mechanism = machine_of(label)
-    # files of both instruments with a station each; the second has its own homing
-    stations = (station(mechanism, 1), station(mechanism, 2))
+    # files of both instruments with a registration each; the second has its own homing
+    registrations = (registration(mechanism, 1), registration(mechanism, 2))
     both = [exact_data(mechanism, kind, kind, s, i, noise, i == 0) for i, (kind, s) in
-            enumerate(zip(("pose", "position"), stations, strict=True))]
+            enumerate(zip(("pose", "position"), registrations, strict=True))]
     problem = Problem(mechanism, tuple(d for d, _ in both), tuple(range(len(mechanism.names))))
-    state = problem.solve(State(mechanism.values, stations, tuple(p for _, p in both)))
+    state = problem.solve(State(mechanism.values, registrations, tuple(p for _, p in both)))
     assert np.abs(white(problem, state)).max() < 1e-4
     blocks = [r.jacobian.reshape(-1, len(problem.columns)) for r in problem.rows(state)]
     jacobian = np.concatenate(blocks)
@@ -507,7 +508,7 @@ def test_two_files_share_the_geometry_and_have_a_frame_each() -> None:
     assert_exact(fit, first)
     assert "frame.x of a" in fit.problem.columns and "frame.x of b2" in fit.problem.columns
     assert sum(c.startswith("leg1.offset") for c in fit.problem.columns) == 1
-    turned = replace(fit, state=replace(fit.state, stations=fit.state.stations[::-1]))
+    turned = replace(fit, state=replace(fit.state, registrations=fit.state.registrations[::-1]))
     assert_exact(turned, other)
 
 
@@ -530,13 +531,13 @@ def test_per_file_homing_finds_the_shift_of_the_zeros() -> None:
     problem = replace(together(first, other), datasets=(first.data, moved))
     fit = identify(problem)
     assert_exact(fit, first)
-    np.testing.assert_allclose(fit.state.stations[0].homing, 0.0)
+    np.testing.assert_allclose(fit.state.registrations[0].homing, 0.0)
     # frame and offsets can trade a little where a frame is fitted; together they are exact
-    stations = fit.state.stations
+    registrations = fit.state.registrations
     again = replace(other, data=moved)
     assert [c for c in problem.columns if c.startswith("homing.")] == [
         f"homing.leg{i} of b2" for i in (1, 2, 3)]
-    np.testing.assert_allclose(stations[1].homing, shift, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(registrations[1].homing, shift, rtol=0.0, atol=1e-6)
     assert np.sqrt(fit.reduced.square / fit.reduced.count) < 1.0, again.data.name
     tied = replace(moved, homing="shared")
     blind = identify(replace(problem, datasets=(first.data, tied)), FitOptions(robust=False))
@@ -553,7 +554,7 @@ def test_a_shared_frame_is_fitted_once() -> None:
         f"frame.{c} of a" for c in ("x", "y", "rz")]
     fit = identify(problem)
     assert_exact(fit, first)
-    np.testing.assert_allclose(fit.state.stations[0].frame, fit.state.stations[1].frame,
+    np.testing.assert_allclose(fit.state.registrations[0].frame, fit.state.registrations[1].frame,
                                rtol=0.0, atol=1e-12)
     # the order of the files does not matter
     flipped = identify(replace(problem, datasets=(same, first.data)))
@@ -636,8 +637,8 @@ def test_compensated_commands_lead_the_true_machine_to_the_pose(name: str) -> No
     mechanism, scenario = machine(name)
     made = run(mechanism, scenario, 11)
     result = report(identify(made.problem), FitOptions(), 0.0, 0)
-    wanted, true_station = targets(made)
-    assert_led(made, result, wanted, true_station)
+    wanted, true_registration = targets(made)
+    assert_led(made, result, wanted, true_registration)
 
 
 @pytest.mark.slow
@@ -646,32 +647,31 @@ def test_commands_of_machines_with_open_coordinates(name: str) -> None:
     mechanism, scenario = machine(name)
     made = run(mechanism, scenario, 11)
     result = report(identify(made.problem), FitOptions(), 0.0, 0)
-    wanted, true_station = targets(made)
+    wanted, true_registration = targets(made)
     named = (2, 3, 4) if name == "3-RPS" else (0, 1, 2)
     wanted[:, [c for c in range(6) if c not in named]] = np.nan
-    assert_led(made, result, wanted, true_station, named)
+    assert_led(made, result, wanted, true_registration, named)
 
 
-def targets(made: Run) -> tuple[Array, Station]:
-    """Return poses (N, 6) that the true machine takes, as measured, and the true station."""
-    k = len(made.mechanism.actuators)
-    true_station = Station(pose_motor(made.scenario.frame), made.scenario.target,
-                           made.scenario.target_rotation, np.zeros(k))
+def targets(made: Run) -> tuple[Array, Registration]:
+    """Return poses (N, 6) that the true machine takes, as measured, and the true registration."""
+    true_registration = Registration.of_pose(made.scenario.frame, made.scenario.target,
+                                             made.scenario.target_rotation)
     plan = replace(noiseless(box(made.scenario, 40)), errors={}, error_scale=None)
     q = simulate(made.mechanism, plan, 77).q
     pose = forward(Model(made.mechanism, made.truth.g), q).pose
-    return measured(made.mechanism, true_station, pose), true_station
+    return measured(made.mechanism, true_registration, pose), true_registration
 
 
-def measured(mechanism: Mechanism, station: Station, pose: Array) -> Array:
-    position, turn = predict(station, pose)
+def measured(mechanism: Mechanism, registration: Registration, pose: Array) -> Array:
+    position, turn = predict(registration, pose)
     out = np.concatenate([position, _vectors(turn)], axis=1)
     unused = [c for c in range(6) if c not in mechanism.dof]
     out[:, unused] = np.nan if mechanism.motion == "translational" else 0.0
     return out
 
 
-def assert_led(made: Run, result: Any, wanted: Array, true_station: Station,
+def assert_led(made: Run, result: Any, wanted: Array, true_registration: Registration,
                named: Sequence[int] | None = None) -> None:
     opens = result.fit.problem.opens
     knowledge = Knowledge(result.columns, result.covariance, {}, {"a": opens[0].about},
@@ -679,7 +679,7 @@ def assert_led(made: Run, result: Any, wanted: Array, true_station: Station,
     done = compensate(result.mechanism, wanted, result.mechanism.registrations["a"], knowledge, "a")
     assert set(done.status) == {"ok"}, done.reason
     model = Model(made.mechanism, made.truth.g)
-    real = measured(made.mechanism, true_station, forward(model, done.q).pose)
+    real = measured(made.mechanism, true_registration, forward(model, done.q).pose)
     chosen = list(named if named is not None else made.mechanism.dof)
     places, turns = [c for c in chosen if c < 3], [c for c in chosen if c >= 3]
     for parts, sigma in ((places, done.sigma_position), (turns, done.sigma_rotation)):
@@ -692,7 +692,7 @@ def assert_led(made: Run, result: Any, wanted: Array, true_station: Station,
             assert np.sqrt(np.mean(away**2) / np.mean(sigma**2)) > 0.05
     # uncorrected commands are far worse, by as much as is predicted
     if named is None:
-        left = measured(made.mechanism, true_station, forward(model, done.q_nominal).pose)
+        left = measured(made.mechanism, true_registration, forward(model, done.q_nominal).pose)
         before = np.sqrt(np.sum((left - wanted)[:, places] ** 2, axis=1))
         assert np.median(before) > 3.0 * np.median(done.sigma_position)
         np.testing.assert_allclose(done.position_before, before, rtol=0.0,

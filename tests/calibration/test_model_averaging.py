@@ -12,13 +12,12 @@ from helpers.commands import ppmcal
 from helpers.paths import ROOT
 from numpy.typing import NDArray
 
-from ppmcal.calibration.compensation import station_of
 from ppmcal.io import read_mechanism, read_scenario
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.registration import predict
 from ppmcal.model.dataset import unknown_environment
-from ppmcal.model.mechanism import Registration
+from ppmcal.model.registration import Registration
 from ppmcal.simulation.simulate import simulate
 
 Array = NDArray[np.float64]
@@ -62,10 +61,10 @@ def true_error(folder: Path, commands: Path) -> float:
         rows = list(csv.DictReader(file))
     q = np.array([[float(r[f"q_leg{n}"]) for n in range(1, 7)] for r in rows]) * 1e-3
     wanted = np.array([[float(r[c]) for c in "xyz"] for r in rows])
-    pose = reached_poses(Model(made.acting, made.g), q, unknown_environment(*q.shape)).pose
-    station = station_of(Registration(scenario.frame, scenario.target,
-                                      scenario.target_rotation), 6)
-    away = predict(station, pose)[0] * 1e3 - wanted
+    pose = reached_poses(Model(made.with_effects, made.g), q, unknown_environment(*q.shape)).pose
+    registration = Registration.of_pose(scenario.frame, scenario.target,
+                                        scenario.target_rotation)
+    away = predict(registration, pose)[0] * 1e3 - wanted
     return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 
 

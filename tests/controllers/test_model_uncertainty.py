@@ -14,7 +14,7 @@ import yaml
 from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
-from ppmcal.calibration.compensation import compensate, station_of
+from ppmcal.calibration.compensation import compensate
 from ppmcal.controllers.export import exporter
 from ppmcal.controllers.model_uncertainty import pose_uncertainty
 from ppmcal.io import read_mechanism
@@ -60,7 +60,7 @@ def test_the_models_own_uncertainty_is_in_the_prediction(model: Path, tmp_path: 
     knowledge = read_knowledge(model.with_name("identification.json"), mechanism)
     poses = exporter("grid").export(mechanism, None, None).poses
     (name, registration), = mechanism.registrations.items()
-    wanted = measured_pose(station_of(registration, 3), pose_motor(poses))
+    wanted = measured_pose(registration, pose_motor(poses))
     wide = replace(knowledge, volume={})
     sigma = compensate(mechanism, wanted, registration, wide, name)
     for key, values, factor in (("position", sigma.sigma_position, 1e3),

@@ -346,12 +346,13 @@ def test_every_kind_is_planned_or_refused_with_a_reason():
                 assert error.mend
                 continue
             done.add(kind)
-            acting = with_kinds(mechanism, asked, q)
+            with_effects = with_kinds(mechanism, asked, q)
             assert set(effect_kinds()[kind].needs) <= set(SETTABLE)
-            assert {e.kind.name for e in acting.effects} == {kind}
-            pose, columns = offered(acting, asked, q, 0)
+            assert {e.kind.name for e in with_effects.effects} == {kind}
+            pose, columns = offered(with_effects, asked, q, 0)
             assert bool(columns) == bool(needs(asked))
-            whole = offer(acting, default_instrument(mechanism), pool(name, 20), pose, columns)
+            whole = offer(with_effects, default_instrument(mechanism), pool(name, 20), pose,
+                          columns)
             assert any(n.startswith(kind) for n in whole.names)
     assert {"backlash", "compliance", "windup", "lag", "leg_thermal", "gain"} <= done
     assert not done & {"drift", "periodic", "tilt"}
@@ -364,9 +365,9 @@ def test_effects_of_the_file_keep_their_priors(tmp_path):
             "gain": {"value": 1e-4, "free": True}}}]
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(text))
     mechanism = read_mechanism(tmp_path / "m.yaml")
-    acting = with_kinds(mechanism, PlanSettings(("backlash",)), pool("3-RPR", 20).q)
-    assert [e.kind.name for e in acting.effects] == ["backlash"]
-    free = [acting.names[p] for p in acting.free]
+    with_effects = with_kinds(mechanism, PlanSettings(("backlash",)), pool("3-RPR", 20).q)
+    assert [e.kind.name for e in with_effects.effects] == ["backlash"]
+    free = [with_effects.names[p] for p in with_effects.free]
     assert "backlash.width" in free and not any("gain" in n for n in free)
 
 

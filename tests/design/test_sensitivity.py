@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from helpers.commands import columns, number, ppmcal, rows, write_csv
 from helpers.paths import ROOT
 
@@ -143,6 +144,20 @@ def test_components_do_not_move_the_machine(name: str) -> None:
     np.testing.assert_allclose(Model(apart).closure(q).misclosure(m.home[None]),
                                Model(m).closure(q).misclosure(m.home[None]), atol=1e-13)
     assert (tolerances(apart, sources(apart)) > 0.0).all()
+
+
+@pytest.mark.parametrize(("name", "own", "slot", "class_tolerance"), [
+    ("6-UPS", True, "joint1.x", 0.5e-3), ("3-RRR-1", False, "joint2.rz", np.radians(0.1))])
+def test_components_have_the_tolerance_of_their_class(
+        name: str, own: bool, slot: str, class_tolerance: float) -> None:
+    """Not that of the first slot of the class, and also where the file has no such slot."""
+    tree = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))
+    if own:
+        tree["limbs"][0]["base"]["point"]["z"] = {"value": 0, "tolerance": 7}
+    m = all_components(geometry_only(read_mechanism(tree)))
+    found = {p.name: p for p in m.parameters}
+    limb = m.limbs[0].name
+    assert found[f"{limb}.{slot}"].tolerance == pytest.approx(class_tolerance, rel=1e-12)
 
 
 def test_what_the_closure_cancels_does_nothing() -> None:

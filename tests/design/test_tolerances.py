@@ -189,7 +189,7 @@ def measured(setup: MeasurementSetup, g: np.ndarray, noise: np.ndarray) -> Datas
     whole = np.zeros((len(noise), 6))
     whole[:, pick] = noise
     position = clean.position + instrument.sigma_position * whole[:, :3]
-    turn = predict(instrument.station(), real)[1]
+    turn = predict(instrument.registration, real)[1]
     shake = cga.motor_from_rotation_vector(instrument.sigma_rotation * whole[:, 3:], np.zeros(3))
     shaken = cga.rotation_vector(cga.compose(shake, cga.motor_from_matrix(turn, np.zeros(3))))
     rotation = np.where(np.isnan(clean.rotation), np.nan, shaken)

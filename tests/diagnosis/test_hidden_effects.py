@@ -230,6 +230,6 @@ def test_options_and_machines_are_checked() -> None:
 def test_the_true_state_leaves_only_noise() -> None:
     found = hidden.campaign("delta-rotary", 8, (), USUAL)
     problem = Problem(found.mechanism, (found.dataset,), found.mechanism.free)
-    state = State(found.scene.g, (found.scene.station,), (found.scene.pose,))
+    state = State(found.scene.g, (found.scene.registration,), (found.scene.pose,))
     residual = np.concatenate([r.residual.ravel() for r in problem.rows(state, False)])
     assert np.std(residual) == pytest.approx(1.0, abs=0.15)

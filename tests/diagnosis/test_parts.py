@@ -22,7 +22,7 @@ from ppmcal.diagnosis.candidates import library, usual_range
 from ppmcal.diagnosis.hypotheses import Library, united
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.rivals import find, rivals
-from ppmcal.diagnosis.selection import DETECT, NAME, null_scan, scan
+from ppmcal.diagnosis.search import DETECT, NAME, null_scan, scan
 from ppmcal.diagnosis.stage import Stage, of_single, run_stage
 from ppmcal.diagnosis.whitening import estimate, heavy, pure_error, simulated
 from ppmcal.model.effects import EffectParameter

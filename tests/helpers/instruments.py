@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.kinematics.registration import Station, predict
+from ppmcal.kinematics.registration import predict
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 Array = NDArray[np.float64]
 
@@ -34,16 +34,15 @@ def joints(mechanism: Mechanism, name: str, n: int, rng: np.random.Generator) ->
     return found.q[found.reached][:n]
 
 
-def positions(mechanism: Mechanism, g: Array, q: Array, station: Station) -> Array:
+def positions(mechanism: Mechanism, g: Array, q: Array, registration: Registration) -> Array:
     found = forward(Model(mechanism, g), q)
     assert found.converged.all()
-    return predict(station, found.pose)[0]
+    return predict(registration, found.pose)[0]
 
 
 def data_of(mechanism: Mechanism, kind: str, q: Array, second: Array | None, g: Array,
             rng: np.random.Generator, noise: float, unknown: bool) -> Dataset:
     """Return measurements of the machine with parameters ``g`` in a session of one kind."""
-    k = q.shape[1]
     frame = np.zeros(6)
     if kind == "plane" and unknown:
         frame[[2, 3, 4]] = 0.003, 0.004, -0.002
@@ -53,11 +52,10 @@ def data_of(mechanism: Mechanism, kind: str, q: Array, second: Array | None, g: 
     target = np.array([0.01, -0.02, 0.03])
     if mechanism.motion != "spatial":
         target = np.zeros(3)
-    station = Station(cga.motor_from_rotation_vector(frame[3:], frame[:3]), target, np.zeros(3),
-                      np.zeros(k))
-    point = positions(mechanism, g, q, station)
+    registration = Registration.of_pose(frame, target)
+    point = positions(mechanism, g, q, registration)
     if second is not None:
-        point = point - positions(mechanism, g, second, station)
+        point = point - positions(mechanism, g, second, registration)
     value = point[:, 2] if kind == "plane" else np.linalg.norm(point, axis=1)
     blank = Dataset.of_poses(kind, q, np.full((len(q), 6), np.nan), (SIGMA, SIGMA), False)
     open_frame = unknown and second is None

@@ -13,9 +13,10 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.partial_pose import pose_motor
-from ppmcal.kinematics.registration import Station, measured_pose
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 
 Array = NDArray[np.float64]
 
@@ -38,8 +39,8 @@ def session(mechanism: Mechanism, name: str, g: Array, rng: np.random.Generator,
     q = found.q[found.reached][:n]
     planar = mechanism.motion == "planar"
     frame = rng.normal(size=6) * ([0.1, 0.1, 0, 0, 0, 0.2] if planar else [0.1] * 3 + [0.05] * 3)
-    station = Station(pose_motor(frame), np.zeros(3), np.zeros(3), np.zeros(q.shape[1]))
-    seen = measured_pose(station, forward(Model(mechanism, g), q).pose)
+    registration = Registration.of_pose(frame)
+    seen = measured_pose(registration, forward(Model(mechanism, g), q).pose)
     seen = seen + rng.normal(size=seen.shape) * ([POSITION] * 3 + [ROTATION] * 3)
     data = Dataset.of_poses(label, q, seen, (POSITION, ROTATION), False)
     if mechanism.motion == "translational":

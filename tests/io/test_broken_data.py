@@ -2,7 +2,7 @@
 
 
 import pytest
-from helpers.paths import ROOT
+from helpers.broken import GOOD, edited
 
 from ppmcal.errors import BadInput
 from ppmcal.io import (
@@ -14,7 +14,6 @@ from ppmcal.io import (
     read_scenario,
 )
 
-GOOD = ROOT / "tests" / "broken"
 BENCH = read_mechanism(GOOD / "good_bench.yaml")
 CSV, SIDE = "good_run.csv", "good_run.yaml"
 HEADER = "pose,q_leg1,q_leg2,q_leg3,x,y,rz,dir_leg1,dir_leg2,dir_leg3,temperature,time,session"
@@ -82,11 +81,7 @@ BROKEN = [
 
 def build(folder, file, old, new):
     for name in (CSV, SIDE):
-        text = (GOOD / name).read_text()
-        if name == file:
-            assert old in text
-            text = text.replace(old, new, 1)
-        (folder / name.replace("good_", "")).write_text(text)
+        edited(folder, name, *([(old, new)] if name == file else []))
     return folder / "run.csv"
 
 
@@ -202,10 +197,7 @@ SCENARIOS = [
 @pytest.mark.parametrize(("old", "new", "place", "says"),
                          [pytest.param(*case[1:], id=case[0]) for case in SCENARIOS])
 def test_scenario_refused(tmp_path, old, new, place, says):
-    text = (GOOD / "good_scenario.yaml").read_text()
-    assert text.count(old) == 1
-    path = tmp_path / "scenario.yaml"
-    path.write_text(text.replace(old, new))
+    path = edited(tmp_path, "good_scenario.yaml", (old, new), once=True)
     with pytest.raises(BadInput) as caught:
         read_scenario(path, BENCH)
     assert place in str(caught.value)

@@ -2,12 +2,11 @@
 
 
 import pytest
-from helpers.paths import ROOT
+from helpers.broken import GOOD, edited
 
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 
-GOOD = ROOT / "tests" / "broken"
 BENCH, CRANK, RAILS = "good_bench.yaml", "good_crank.yaml", "good_rails.yaml"
 
 # (name, good file, text to replace, its replacement, place, what the message must say)
@@ -140,14 +139,11 @@ BROKEN = [
 @pytest.mark.parametrize(("good", "old", "new", "place", "says"),
                          [pytest.param(*case[1:], id=case[0]) for case in BROKEN])
 def test_refused(tmp_path, good, old, new, place, says):
-    text = (GOOD / good).read_text()
-    assert text.count(old) == 1, "the edit must hit one place"
-    path = tmp_path / "bench.yaml"
-    path.write_text(text.replace(old, new))
+    path = edited(tmp_path, good, (old, new), once=True)
     with pytest.raises(BadInput) as caught:
         read_mechanism(path)
     message = str(caught.value)
-    assert "bench.yaml" in message
+    assert path.name in message
     assert place in message
     assert says in message
     assert caught.value.mend
@@ -184,8 +180,6 @@ def test_a_folder_is_no_file(tmp_path):
 
 
 def test_several_problems_are_counted(tmp_path):
-    text = (GOOD / BENCH).read_text().replace("mechanism/1", "x").replace("[200, 900]", "[1]")
-    path = tmp_path / "bench.yaml"
-    path.write_text(text)
+    path = edited(tmp_path, BENCH, ("mechanism/1", "x"), ("[200, 900]", "[1]"))
     with pytest.raises(BadInput, match=r"\(\+1 more\)"):
         read_mechanism(path)

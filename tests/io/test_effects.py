@@ -295,7 +295,7 @@ def test_a_scenarios_effects_are_in_its_own_units(tmp_path: Path) -> None:
     path.write_text(yaml.safe_dump(SCENARIO | {"effects": [
         {"kind": "backlash", "on": ["leg2"], "parameters": {"width": 30.0}},
         {"kind": "geometry", "parameters": {"leg1.offset": 7.0}}]}))
-    acting = read_scenario(path, mechanism).acting
+    acting = read_scenario(path, mechanism).with_effects
     assert found(acting) == pytest.approx({"backlash.width": 2e-5, "backlash.leg2.width": 3e-5})
     assert acting.names[:len(mechanism.names)] == mechanism.names
     shift = acting.values[:len(mechanism.names)] - mechanism.values

@@ -3,24 +3,18 @@
 
 import numpy as np
 import pytest
-from helpers.paths import ROOT
+from helpers import broken
+from helpers.broken import GOOD
 
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism, write_mechanism
 
-GOOD = ROOT / "tests" / "broken"
 DEG = np.pi / 180.0
 
 
 def edited(tmp_path, good, *edits):
-    """Read a good file with (old, new) replaced."""
-    text = (GOOD / f"good_{good}.yaml").read_text()
-    for old, new in edits:
-        assert old in text
-        text = text.replace(old, new)
-    path = tmp_path / "m.yaml"
-    path.write_text(text)
-    return read_mechanism(path)
+    """Read a good file with the first of each (old, new) replaced."""
+    return read_mechanism(broken.edited(tmp_path, f"good_{good}.yaml", *edits))
 
 
 def named(mechanism, name):
@@ -229,7 +223,7 @@ def test_registrations(tmp_path):
   datasets:
     run3: {frame: {x: 1, y: 2, rz: 90}, target: [3, 4], target_rotation: [0, 0, 180]}"""))
     r = m.registrations["run3"]
-    np.testing.assert_allclose(r.frame, [1e-3, 2e-3, 0, 0, 0, np.pi / 2])
+    np.testing.assert_allclose(r.frame_pose, [1e-3, 2e-3, 0, 0, 0, np.pi / 2])
     np.testing.assert_allclose(r.target, [3e-3, 4e-3, 0])
     np.testing.assert_allclose(r.target_rotation, [0, 0, np.pi])
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import yaml
 from helpers.paths import ROOT
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
@@ -290,3 +291,19 @@ def test_random_bytes_give_no_traceback(tmp_path, content):
             read(tmp_path / name)
         except BadInput as refused:
             assert refused.mend
+
+
+def test_the_tolerances_stay_those_of_the_file(tmp_path):
+    """Also where most slots have one of their own, and where no slot is of the class."""
+    tree = yaml.safe_load((ROOT / "configs" / "6-UPS.yaml").read_text(encoding="utf-8"))
+    tree["tolerances"] = {"point": 0.5, "length": 0.7, "angle": 0.01, "offset": 1.0}
+    for limb in tree["limbs"][1:]:
+        for where in ("base", "platform"):
+            radius = limb[where]["point"]["radius"]
+            limb[where]["point"]["radius"] = {"value": radius, "tolerance": 0.25}
+            limb[where]["point"]["z"] = {"value": 0, "tolerance": 0.25}
+    path = tmp_path / "a.yaml"
+    path.write_text(dump_yaml(tree), encoding="utf-8")
+    m = read_mechanism(path)
+    assert yaml.safe_load(write_mechanism(m))["tolerances"] == tree["tolerances"]
+    assert_same(m, back(m, path))

@@ -31,7 +31,7 @@ from ppmcal.kinematics.effect_response import (
 from ppmcal.kinematics.equilibrium import reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.kinematics.registration import Station, measured_pose
+from ppmcal.kinematics.registration import measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
 from ppmcal.model.dataset import (
     WRENCH,
@@ -51,6 +51,7 @@ from ppmcal.model.effects import (
 )
 from ppmcal.model.limbs import kinds as limb_kinds
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.units import SI
 
 CONFIGS = ROOT / "configs"
@@ -319,14 +320,14 @@ def test_zero_parameters_change_nothing(name: str, kind: str) -> None:
 
 # --- derivatives --------------------------------------------------------------------------------
 
-def station_of(mechanism: Mechanism) -> Station:
+def registration_of(mechanism: Mechanism) -> Registration:
     """Return an instrument that stands askew and sees a point off the platform's origin."""
     flat = mechanism.motion == "planar"
     frame = np.array([0.3, -0.2, 0.0, 0.0, 0.0, 0.4] if flat
                      else [0.3, -0.2, 0.5, 0.2, -0.3, 0.4]) * ([mechanism.reach] * 3 + [1.0] * 3)
     target = mechanism.reach * np.array([0.05, -0.03, 0.0 if flat else 0.04])
     turn = np.array([0.0, 0.0, 0.1] if flat else [0.1, -0.2, 0.05])
-    return Station(pose_motor(frame), target, turn, np.zeros(len(mechanism.actuators)))
+    return Registration.of_pose(frame, target, turn)
 
 
 def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
@@ -341,8 +342,8 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
     moved = np.abs(stretched(cga.translation(found.pose), shift.stretch)
                    - cga.translation(bare(plain))).max()
     assert 1e-9 * mechanism.reach < moved < 3e-3 * mechanism.reach
-    station = station_of(mechanism)
-    seen = measured_pose(station, found.pose)
+    registration = registration_of(mechanism)
+    seen = measured_pose(registration, found.pose)
     seen[:, :3] = stretched(seen[:, :3], shift.stretch)
     if mechanism.motion == "planar":
         seen[:, 2:5] = np.nan
@@ -350,7 +351,7 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
         seen[:, 3:] = np.nan
     data = Dataset.of_poses("d", q, seen, (1.0, 1.0), fitted=True)
     data = replace(data, columns=recorded(plain, len(q)))
-    state = State(mechanism.values, (station,), (found.closed,))
+    state = State(mechanism.values, (registration,), (found.closed,))
     return Problem(mechanism, (data,), mechanism.free), state
 
 
@@ -378,7 +379,7 @@ def directions(problem: Problem, jacobian: Array) -> dict[str, Array]:
     groups = {e.kind.name: [place[p] for p in e.parameters.values() if p in place]
               for e in effects}
     own = {c for group in groups.values() for c in group}
-    groups["geometry and station"] = [c for c in range(len(names)) if c not in own]
+    groups["geometry and registration"] = [c for c in range(len(names)) if c not in own]
     out = {}
     rng = np.random.default_rng(5)
     for group, members in groups.items():

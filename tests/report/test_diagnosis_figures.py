@@ -30,7 +30,7 @@ from ppmcal.calibration.validation import fresh_state
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.selection import DETECT, NAME
+from ppmcal.diagnosis.search import DETECT, NAME
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.report.diagnosis import diagnosis_section

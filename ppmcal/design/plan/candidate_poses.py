@@ -2,7 +2,7 @@
 
 D-optimal poses lie on the edge of what is allowed (errors of the geometry show most there),
 so that an even draw alone would leave most of the gain behind: faces and corners of the
-region's box are drawn towards home until the machine takes them.
+region's box are pulled towards home until the machine takes them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ WORDS = {"unreachable": "out of reach", "limits": "outside limits", "singular": 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """K poses that can be measured, of the machine as drawn, SI.
+    """K poses that can be measured, of the nominal machine, SI.
 
     ``q`` (K, k); ``pose`` (K, 6); ``singular_value`` (K,): smallest singular value as a part of
     home's; ``even`` (K,): drawn evenly, not placed on the edge; ``left_out``: reason in words ->
@@ -64,7 +64,6 @@ class Candidates:
         """Return some of the poses."""
         return Candidates(self.q[keep], self.pose[keep], self.singular_value[keep], self.even[keep],
                           self.left_out, self.rows[keep] if self.rows.size else self.rows)
-
 
     def joined(self, other: Candidates) -> Candidates:
         """Return these poses and then others; what was left out is these ones'."""
@@ -97,33 +96,33 @@ class Region:
     home: Array
 
 
-def region_of(drawn: Mechanism) -> Region:
+def region_of(nominal: Mechanism) -> Region:
     """Return the full box of extents about home, over the coordinates that a pose names.
 
     Raises:
         BadInput: home is outside limits.
     """
-    beyond = limit_reason(drawn, home_state(drawn).q)
+    beyond = limit_reason(nominal, home_state(nominal).q)
     if beyond:
-        raise BadInput(f"home is not within limits: {beyond}", f"{drawn.source}: home, limits",
+        raise BadInput(f"home is not within limits: {beyond}", f"{nominal.source}: home, limits",
                        "Choose a home inside them: the region is drawn about it")
-    chosen = named(drawn)
-    low, high = extent(Model(drawn), chosen)
-    home = drawn.home_pose[list(chosen)]
+    chosen = named(nominal)
+    low, high = extent(Model(nominal), chosen)
+    home = nominal.home_pose[list(chosen)]
     return Region(chosen, home - low, home + high, home)
 
 
-def draw(drawn: Mechanism, region: Region, count: int, seed: int) -> Candidates:
+def draw(nominal: Mechanism, region: Region, count: int, seed: int) -> Candidates:
     """Return ``count`` poses of the region, :data:`ON_EDGE` of them on its edge.
 
     Raises:
         NoResult: no pose of the region can be measured.
     """
-    edge = _on_edge(drawn, region, round(ON_EDGE * count), seed)
-    inside, why = _evenly(drawn, region, count - len(edge.q), seed)
+    edge = _on_edge(nominal, region, round(ON_EDGE * count), seed)
+    inside, why = _evenly(nominal, region, count - len(edge.q), seed)
     if not inside.good.any():
         raise NoResult("no pose of the machine's region can be measured: "
-                       + _counted(why), f"{drawn.source}: home, limits",
+                       + _counted(why), f"{nominal.source}: home, limits",
                        "Check `home` and `limits`, or give your own poses with --candidates")
     return Candidates(
         np.concatenate([inside.q, edge.q]), np.concatenate([inside.pose, edge.pose]),
@@ -131,34 +130,28 @@ def draw(drawn: Mechanism, region: Region, count: int, seed: int) -> Candidates:
         np.arange(len(inside.q) + len(edge.q)) < len(inside.q), why, np.zeros(0, dtype=np.int64))
 
 
-def evenly(drawn: Mechanism, region: Region, count: int, seed: int) -> Candidates:
+def evenly(nominal: Mechanism, region: Region, count: int, seed: int) -> Candidates:
     """Return up to ``count`` poses drawn evenly from the region (scrambled Sobol points).
 
     Raises:
         NoResult: none of them can be measured.
     """
-    found, why = _evenly(drawn, region, count, seed)
+    found, why = _evenly(nominal, region, count, seed)
     if not len(found.q):
         raise NoResult("no pose of the machine's region can be measured: " + _counted(why),
-                       f"{drawn.source}: home, limits", "Check `home` and `limits`")
-    return Candidates(
-        found.q,
-        found.pose,
-        found.singular_value,
-        np.ones(len(found.q), dtype=np.bool_),
-        why,
-        np.zeros(0, dtype=np.int64),
-    )
+                       f"{nominal.source}: home, limits", "Check `home` and `limits`")
+    return Candidates(found.q, found.pose, found.singular_value,
+                      np.ones(len(found.q), dtype=np.bool_), why, np.zeros(0, dtype=np.int64))
 
 
-def listed(drawn: Mechanism, poses: Array, source: str) -> Candidates:
+def listed(nominal: Mechanism, poses: Array, source: str) -> Candidates:
     """Return those of the user's poses (N, 6) that can be measured, nan where left open.
 
     Raises:
         BadInput: none of them can.
     """
-    found = _judge(drawn, poses)
-    why = _reasons(found.why)
+    found = _judge(nominal, poses)
+    why = _worded(Counter(w for w in found.why if w))
     good = np.flatnonzero(found.good)
     if not good.size:
         raise BadInput(f"none of the {len(poses)} poses can be used: {_counted(why)}", source,
@@ -167,7 +160,7 @@ def listed(drawn: Mechanism, poses: Array, source: str) -> Candidates:
                       np.ones(good.size, dtype=np.bool_), why, good + 1)
 
 
-def nearby(drawn: Mechanism, region: Region, pose: Array, scale: float, count: int,
+def nearby(nominal: Mechanism, region: Region, pose: Array, scale: float, count: int,
            rng: np.random.Generator) -> tuple[Candidates, NDArray[np.int64]]:
     """Return poses around each of some poses (N, 6), and of which each is a neighbour.
 
@@ -182,14 +175,14 @@ def nearby(drawn: Mechanism, region: Region, pose: Array, scale: float, count: i
     step[:, ::3] += rng.uniform(0.0, 4.0 * scale, (len(pose), step[:, ::3].shape[1], 1)) * (
         outward[:, None])
     unit = np.clip(((own - region.low) / wide)[:, None] + step, 0.0, 1.0)
-    found = _judge(drawn, _poses(drawn, region, unit.reshape(-1, own.shape[1])), False)
+    found = _judge(nominal, _poses(nominal, region, unit.reshape(-1, own.shape[1])), False)
     good = np.flatnonzero(found.good)
     return (Candidates(found.q[good], found.pose[good], found.singular_value[good],
                        np.zeros(good.size, dtype=np.bool_), {}, np.zeros(0, dtype=np.int64)),
             good // count)
 
 
-def _evenly(drawn: Mechanism, region: Region, count: int, seed: int
+def _evenly(nominal: Mechanism, region: Region, count: int, seed: int
             ) -> tuple[_Judged, dict[str, int]]:
     """Return good poses, and why others of the draw were left out."""
     # powers of two: the sequence is the same however it is cut
@@ -198,7 +191,7 @@ def _evenly(drawn: Mechanism, region: Region, count: int, seed: int
     parts: list[_Judged] = []
     why: Counter[str] = Counter()
     while sum(len(p.q) for p in parts) < count and len(parts) * size < MOST_DRAWN:
-        found = _judge(drawn, _poses(drawn, region, next(sobol)))
+        found = _judge(nominal, _poses(nominal, region, next(sobol)))
         # only what came before the last pose that is needed counts as drawn
         wanted = count - sum(len(p.q) for p in parts)
         last = np.flatnonzero(found.good)[:wanted]
@@ -210,8 +203,8 @@ def _evenly(drawn: Mechanism, region: Region, count: int, seed: int
     return _Judged(q, pose, singular_value, ("",) * len(q)), _worded(why)
 
 
-def _on_edge(drawn: Mechanism, region: Region, count: int, seed: int) -> _Judged:
-    """Return poses on the edge: corners and faces of the box, drawn towards home."""
+def _on_edge(nominal: Mechanism, region: Region, count: int, seed: int) -> _Judged:
+    """Return poses on the edge: corners and faces of the box, pulled towards home."""
     c = len(region.coordinates)
     rng = np.random.default_rng([seed, 1])
     corners = (np.arange(2**c)[:, None] >> np.arange(c)) % 2 * 1.0
@@ -225,12 +218,12 @@ def _on_edge(drawn: Mechanism, region: Region, count: int, seed: int) -> _Judged
     inside, outside = np.zeros(len(box)), np.full(len(box), 2.0)
     for _ in range(HALVINGS + 1):
         middle = 0.5 * (inside + outside)
-        good = _judge(drawn, _poses(drawn, region, home + middle[:, None] * (box - home)),
+        good = _judge(nominal, _poses(nominal, region, home + middle[:, None] * (box - home)),
                       False).good
         inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
         outside = np.where(inside >= 1.0, 1.0, outside)
     part = SHORT_OF_EDGE * inside[:, None]
-    found = _judge(drawn, _poses(drawn, region, home + part * (box - home)))
+    found = _judge(nominal, _poses(nominal, region, home + part * (box - home)))
     return _part(found, np.flatnonzero(found.good & (inside > 0.0)))
 
 
@@ -245,19 +238,19 @@ def _points(size: int, seed: int, batch: int = BATCH) -> Iterator[Array]:
         yield (sobol.random(batch) + shift) % 1.0
 
 
-def _poses(drawn: Mechanism, region: Region, unit: Array) -> Array:
+def _poses(nominal: Mechanism, region: Region, unit: Array) -> Array:
     """Return wanted poses (N, 6) at points (N, c) of the unit box."""
-    return placed(drawn, region.coordinates, region.low + unit * (region.high - region.low))
+    return placed(nominal, region.coordinates, region.low + unit * (region.high - region.low))
 
 
-def _judge(drawn: Mechanism, poses: Array, mode: bool = True) -> _Judged:
+def _judge(nominal: Mechanism, poses: Array, mode: bool = True) -> _Judged:
     """Return joint values of poses, and why some should not be measured.
 
     Without ``mode`` it is not looked at whether home's assembly mode is theirs.
     """
-    model = Model(drawn)
+    model = Model(nominal)
     table = inverse_table(model, poses)
-    home = home_singular_value(drawn)[0]
+    home = home_singular_value(nominal)[0]
     why = ["" if s == "ok" else s for s in table.status]
     good = np.flatnonzero([not w for w in why])
     for n in good[table.singular_value[good] < NEAR_SINGULAR * home]:
@@ -268,29 +261,25 @@ def _judge(drawn: Mechanism, poses: Array, mode: bool = True) -> _Judged:
             why[n] = "legs"
         good = np.flatnonzero([not w for w in why])
     if good.size and mode:
-        for n in good[~same_mode(drawn, table.q[good], table.pose[good])]:
+        for n in good[~same_mode(nominal, table.q[good], table.pose[good])]:
             why[n] = "mode"
     return _Judged(table.q, table.pose, table.singular_value / home, tuple(why))
 
 
-def same_mode(drawn: Mechanism, q: Array, pose: Array) -> Bools:
+def same_mode(nominal: Mechanism, q: Array, pose: Array) -> Bools:
     """Return whether joints (N, k) lead from home to these poses (N, 6): the machine's own mode."""
-    return same_pose(forward(Model(drawn), q).pose, pose_motor(pose), drawn)
+    return same_pose(forward(Model(nominal), q).pose, pose_motor(pose), nominal)
 
 
-def same_pose(one: Array, two: Array, drawn: Mechanism) -> Bools:
+def same_pose(one: Array, two: Array, nominal: Mechanism) -> Bools:
     """Return which motors (N, 8) are the same pose, within 1e-6 of the reach; nan is none."""
     side = np.where(np.sum(one[:, :4] * two[:, :4], axis=1, keepdims=True) < 0.0, -1.0, 1.0)
-    return np.asarray(np.linalg.norm(one - side * two, axis=1) < 1e-6 * max(1.0, drawn.reach))
+    return np.asarray(np.linalg.norm(one - side * two, axis=1) < 1e-6 * max(1.0, nominal.reach))
 
 
 def _part(found: _Judged, rows: NDArray[np.int64]) -> _Judged:
     return _Judged(found.q[rows], found.pose[rows], found.singular_value[rows],
                    tuple(found.why[n] for n in rows))
-
-
-def _reasons(why: tuple[str, ...]) -> dict[str, int]:
-    return _worded(Counter(w for w in why if w))
 
 
 def _worded(why: Mapping[str, int]) -> dict[str, int]:

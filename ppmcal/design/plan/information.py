@@ -84,7 +84,7 @@ def offer(
     data = instrument.dataset(q, candidates.pose[pose], columns, mechanism.motion == "planar")
     about = (like.problem.opens[0].about,) if like else None
     problem = Problem(mechanism, (data,), mechanism.free, about)
-    state = problem.solve(State(mechanism.values, (instrument.station(),),
+    state = problem.solve(State(mechanism.values, (instrument.registration,),
                                 (pose_motor(candidates.pose[pose]),)))
     if not finite_rows(state.poses[0]).all():
         raise NoResult("the machine with its effects does not reach the poses", mechanism.source,
@@ -128,7 +128,7 @@ def task_rows(offered: CandidateInformation, instrument: Instrument, tasks: Cand
     knowledge = Knowledge(problem.columns, np.zeros((0, 0)), {},
                           {instrument.name: problem.opens[0].about}, {})
     rows = environment(columns, mechanism.actuators, mechanism.gravity, tasks.q)
-    jacobian = prediction_jacobian(Model(mechanism), instrument.station(), tasks.pose, tasks.q,
+    jacobian = prediction_jacobian(Model(mechanism), instrument.registration, tasks.pose, tasks.q,
                                    knowledge, instrument.name, rows)
     own = jacobian[..., offered.kept] * offered.scale
     places = sum(1 for c in mechanism.dof if c < 3)

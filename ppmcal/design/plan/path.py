@@ -38,17 +38,17 @@ class Route:
     via: tuple[str, ...]
 
 
-def route(drawn: Mechanism, q: Array, span: Array, blocks: Ints) -> Route:
+def route(nominal: Mechanism, q: Array, span: Array, blocks: Ints) -> Route:
     """Return a short order of joint values (n, k), block by block, starting next to home.
 
     Args:
-        drawn: the machine.
+        nominal: the machine.
         q: joint values of the rows in the order of selection.
         span: range of each joint over the region (k,).
         blocks: label of each row (n,), in the order in which blocks are to be measured:
             settings that take long to change.
     """
-    home = home_state(drawn).q
+    home = home_state(nominal).q
     unit = np.where(span > 0.0, span, 1.0)
     at, order = home, list[int]()
     for label in np.unique(blocks):
@@ -61,7 +61,7 @@ def route(drawn: Mechanism, q: Array, span: Array, blocks: Ints) -> Route:
         best = plain
     travel = _steps(home, q[best], unit)
     return Route(best, travel, float(np.sum(_steps(home, q, unit))), float(travel.sum()),
-                 by_way_of_home(drawn, q[best]))
+                 by_way_of_home(nominal, q[best]))
 
 
 def lengths(a: Array, b: Array, unit: Array) -> Array:
@@ -104,17 +104,17 @@ def two_opt(apart: Array, start: Array) -> Ints:
     return np.asarray(way[1:-1] - 1, dtype=np.int64)
 
 
-def moves(drawn: Mechanism, start: Array, end: Array) -> tuple[str, ...]:
+def moves(nominal: Mechanism, start: Array, end: Array) -> tuple[str, ...]:
     """Return what straight joint moves from ``start`` to ``end`` (n, k) would meet, (n,) words.
 
     The pose at the end must follow from that at the start as it does from home, and on the way
     the platform must stay clear of singularities and its legs of each other.
     """
-    model = Model(drawn)
+    model = Model(nominal)
     here, there = forward(model, start), forward(model, end)
     onward = forward(model, end, start=here.pose, start_q=start)
     out = np.full(len(end), "", dtype=object)
-    out[~same_pose(onward.pose, there.pose, drawn)] = "the path leads to another assembly mode"
+    out[~same_pose(onward.pose, there.pose, nominal)] = "the path leads to another assembly mode"
     out[~onward.converged | ~there.converged] = SINGULAR_PATH
     part = np.linspace(0.0, 1.0, STOPS + 2)[1:-1]
     between = (start[:, None] + part[:, None] * (end - start)[:, None]).reshape(-1, end.shape[1])
@@ -123,7 +123,7 @@ def moves(drawn: Mechanism, start: Array, end: Array) -> tuple[str, ...]:
     bad = np.full(len(between), SINGULAR_PATH, dtype=object)
     if good.size:
         value, sign = smallest_singular_value(model.closure(between[good]), found.pose[good])
-        home, side = home_singular_value(drawn)
+        home, side = home_singular_value(nominal)
         close = too_close(model, between[good], pose_vector(found.pose[good]))
         bad[good] = np.where((value < SINGULAR * home) | (sign != side), SINGULAR_PATH,
                              np.where(close, "the legs come too close on the path", ""))
@@ -131,19 +131,19 @@ def moves(drawn: Mechanism, start: Array, end: Array) -> tuple[str, ...]:
     return tuple(str(a) or b for a, b in zip(out, first, strict=True))
 
 
-def by_way_of_home(drawn: Mechanism, q: Array) -> tuple[str, ...]:
+def by_way_of_home(nominal: Mechanism, q: Array) -> tuple[str, ...]:
     """Return how to get to each of the rows (n, k) from the one before, the first from home.
 
     Empty: straight; ``home``: straight to home and from there; else in words why there is no
     such way.
     """
-    home = home_state(drawn).q
+    home = home_state(nominal).q
     before = np.concatenate([home[None], q[:-1]])
-    out = list(moves(drawn, before, q))
+    out = list(moves(nominal, before, q))
     rows = np.flatnonzero([bool(w) for w in out])
     if rows.size:
         at = np.broadcast_to(home, (rows.size, q.shape[1]))
-        there, on = moves(drawn, before[rows], at), moves(drawn, at, q[rows])
+        there, on = moves(nominal, before[rows], at), moves(nominal, at, q[rows])
         for n, a, b in zip(rows, there, on, strict=True):
             out[n] = a or b or "home"
     return tuple(out)

@@ -52,7 +52,7 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
     """Return which poses to measure.
 
     Args:
-        mechanism: as in its file; the plan is made for it as drawn, with its tolerances.
+        mechanism: as in its file; the plan is made for its nominal values, with its tolerances.
         instrument: what measures.
         options: how.
         given: the user's candidates (N, 6) and their file; default: drawn in the region.
@@ -65,8 +65,8 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
         NoResult: no pose can be measured, or too few to determine what has no tolerance.
     """
     options = options or PlanOptions()
-    drawn = mechanism.nominal()
-    if home_singular_value(drawn)[0] < SINGULAR_HOME:
+    nominal = mechanism.nominal()
+    if home_singular_value(nominal)[0] < SINGULAR_HOME:
         raise NoResult("the machine is close to a singularity at home, against which the distance "
                        "from singularities is measured", f"{mechanism.source}: home",
                        "Choose another home pose")
@@ -78,14 +78,14 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
                        "Give --candidates: poses at which the machine touches the flat")
     refuse(mechanism, options.asked)
     progress("drawing candidates")
-    region = None if given else region_of(drawn)
-    pool = listed(drawn, *given) if given else draw(drawn, region_of(drawn), options.candidates,
-                                                    options.seed)
-    acting = with_kinds(mechanism, options.asked, pool.q)
-    pose, columns = offered(acting, options.asked, pool.q, options.seed)
+    region = None if given else region_of(nominal)
+    pool = listed(nominal, *given) if given else draw(nominal, region_of(nominal),
+                                                      options.candidates, options.seed)
+    with_effects = with_kinds(mechanism, options.asked, pool.q)
+    pose, columns = offered(with_effects, options.asked, pool.q, options.seed)
     progress("information of each candidate")
-    space = _PoseSpace(drawn, region if not columns else None, instrument, pool,
-                   offer(acting, instrument, pool, pose, columns), columns)
+    space = _PoseSpace(nominal, region if not columns else None, instrument, pool,
+                       offer(with_effects, instrument, pool, pose, columns), columns)
     aims = _aims(space, options, tasks)
     progress("choosing")
     return _planned(space, options, aims, wanted)
@@ -95,7 +95,7 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
 class _PoseSpace:
     """What can be chosen from; ``region`` None where poses are not to be moved."""
 
-    drawn: Mechanism
+    nominal: Mechanism
     region: Region | None
     instrument: Instrument
     pool: Candidates
@@ -113,8 +113,8 @@ class _Aims:
 
 
 def _aims(space: _PoseSpace, options: PlanOptions, tasks: tuple[Array, str] | None) -> _Aims:
-    at = listed(space.drawn, *tasks) if tasks else evenly(
-        space.drawn, region_of(space.drawn), TASKS, options.seed + 1)
+    at = listed(space.nominal, *tasks) if tasks else evenly(
+        space.nominal, region_of(space.nominal), TASKS, options.seed + 1)
     pose, columns = offered(space.whole.problem.mechanism, options.asked, at.q, options.seed + 1)
     return _Aims(task_rows(space.whole, space.instrument, at.take(pose), columns), len(at),
                  at.left_out if tasks else {})
@@ -132,13 +132,13 @@ def _planned(space: _PoseSpace, options: PlanOptions, aims: _Aims, wanted: float
     nested = accuracy.curve(whole, order, tasks)
     wide = np.flatnonzero(pool.even[whole.pose])
     strangers = [_drawn(whole, wide, len(order), rng) for _ in range(RANDOM)]
-    way = route(space.drawn, pool.q[whole.pose[list(chosen)]], np.ptp(pool.q, axis=0),
+    way = route(space.nominal, pool.q[whole.pose[list(chosen)]], np.ptp(pool.q, axis=0),
                 _blocks(space.columns, chosen))
     rows = np.array(chosen, dtype=np.int64)[way.order]
     reached, about = _reached(whole, chosen, nested, tasks, wanted)
     seen, better = _against(whole, chosen, [r[:count] for r in strangers])
     return Plan(
-        whole.problem.mechanism, space.instrument, pool, _open_ended(space.drawn), whole, rows,
+        whole.problem.mechanism, space.instrument, pool, _open_ended(space.nominal), whole, rows,
         {n: c[rows] for n, c in space.columns.items()},
         Design.of(whole, rows.tolist()).losses(), way, chosen, nested,
         _mean([accuracy.curve(whole, r, tasks) for r in strangers]),
@@ -153,7 +153,7 @@ def _size(space: _PoseSpace, options: PlanOptions, rules: Rules, tasks: tuple[Ar
     longest = 2 * options.count if options.count else MOST
     longest_plan = greedy(space.whole, longest, rules)
     nested = accuracy.curve(space.whole, pruned(space.whole, longest_plan), tasks)
-    least = _least(nested, space.drawn)
+    least = _least(nested, space.nominal)
     pays = accuracy.still_pays(nested.position)
     count = options.count or _count(space.whole, least, pays)
     if count < least:
@@ -178,17 +178,17 @@ def _chosen(space: _PoseSpace, count: int, rules: Rules, aim: Array, rng: np.ran
                         rules.sized(space.whole, count), rng)
     if space.region is None or count > MOST_REFINED:
         return space, chosen
-    pool, whole, columns, chosen = refined(space.drawn, space.region, space.instrument,
+    pool, whole, columns, chosen = refined(space.nominal, space.region, space.instrument,
                                            space.whole, space.pool, space.columns, chosen, aim, rng)
     return replace(space, pool=pool, whole=whole, columns=columns), chosen
 
 
-def _least(nested: Curve, drawn: Mechanism) -> int:
+def _least(nested: Curve, nominal: Mechanism) -> int:
     """Return the fewest rows that determine everything."""
     enough = np.flatnonzero(np.isfinite(nested.position))
     if not enough.size:
         raise NoResult("even all measurements considered do not determine what has no tolerance",
-                       drawn.source, "Ask for more with --count, or give tolerances")
+                       nominal.source, "Ask for more with --count, or give tolerances")
     return int(enough[0]) + 1
 
 
@@ -289,7 +289,7 @@ def _unused(space: _PoseSpace, asked: PlanSettings) -> tuple[str, ...]:
                  if ends is not None and n not in space.columns)
 
 
-def _open_ended(drawn: Mechanism) -> tuple[str, ...]:
+def _open_ended(nominal: Mechanism) -> tuple[str, ...]:
     """Return the actuators that no limits bound."""
-    return tuple(a for a, ends in zip(drawn.actuators, drawn.limits, strict=True)
+    return tuple(a for a, ends in zip(nominal.actuators, nominal.limits, strict=True)
                  if not np.isfinite(ends).all())

@@ -28,7 +28,7 @@ NEIGHBOURS = 30
 MOST_ROWS = 600
 
 
-def refined(drawn: Mechanism, region: Region, instrument: Instrument, whole: CandidateInformation,
+def refined(nominal: Mechanism, region: Region, instrument: Instrument, whole: CandidateInformation,
             pool: Candidates, columns: Mapping[str, Array], chosen: Sequence[int], aim: Array,
             rng: np.random.Generator) -> tuple[Candidates, CandidateInformation, dict[str, Array],
                                                tuple[int, ...]]:
@@ -39,28 +39,28 @@ def refined(drawn: Mechanism, region: Region, instrument: Instrument, whole: Can
     rows = np.array(chosen, dtype=np.int64)
     best = pool.take(whole.pose[rows])
     own = {n: c[rows] for n, c in columns.items()}
-    acting = whole.problem.mechanism
+    with_effects = whole.problem.mechanism
     count = max(4, min(NEIGHBOURS, MOST_ROWS // len(rows)))
     left = 0.0
     for scale, wish in [(s, None) for s in SCALES] + [(s, aim) for s in SCALES]:
         if wish is not None and scale == SCALES[0]:
             left = -np.log(1.0 - PRICE) * int((~whole.nuisance).sum())
-        found, parent = nearby(drawn, region, best.pose, scale, count, rng)
+        found, parent = nearby(nominal, region, best.pose, scale, count, rng)
         among = best.joined(found)
         parent = np.concatenate([np.arange(len(rows)), parent])
-        local = offer(acting, instrument, among, np.arange(len(among)),
+        local = offer(with_effects, instrument, among, np.arange(len(among)),
                       {n: c[parent] for n, c in own.items()}, whole)
         picked, left = _one_each(local, parent, len(rows), wish, left)
         best = among.take(picked)
     # a pose that ended in another assembly mode goes back to where it was
-    strays = ~same_mode(drawn, best.q, best.pose)
+    strays = ~same_mode(nominal, best.q, best.pose)
     best = pool.take(whole.pose[rows]).joined(best).take(
         np.where(strays, 0, len(rows)) + np.arange(len(rows)))
     everything = pool.joined(best)
     pose = np.concatenate([whole.pose, len(pool) + np.arange(len(rows))])
     settings = {n: np.concatenate([c, own[n]]) for n, c in columns.items()}
-    return (everything, offer(acting, instrument, everything, pose, settings, whole), settings,
-            tuple(range(len(whole), len(whole) + len(rows))))
+    return (everything, offer(with_effects, instrument, everything, pose, settings, whole),
+            settings, tuple(range(len(whole), len(whole) + len(rows))))
 
 
 def _one_each(local: CandidateInformation, parent: Ints, count: int, aim: Array | None, left: float

@@ -18,7 +18,7 @@ class Plan:
     """Which measurements to take, in this order, SI.
 
     Attributes:
-        mechanism: as drawn, with the effects planned for; instrument: what measures.
+        mechanism: nominal, with the effects planned for; instrument: what measures.
         pool: the candidates; open_ended: actuators without limits.
         offer: what could be measured; rows: chosen ones in the order of the route (n,).
         columns: settings of the chosen rows (n,) each.

@@ -53,7 +53,7 @@ def needs(asked: PlanSettings) -> set[str]:
 
 
 def with_kinds(mechanism: Mechanism, asked: PlanSettings, q: Array) -> Mechanism:
-    """Return the machine as drawn, with the effects that are asked for, to be fitted.
+    """Return the nominal machine with the effects that are asked for, to be fitted.
 
     One effect for each actuator, as the file has it where it has that kind already. Other
     effects of the file are left out.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ppmcal.io.results.diagnosis import DiagnosedEffect, DiagnosisRecord, HeldOutGap
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.model.effects import GEOMETRY
 from ppmcal.wording import counted, shorter, where
 

@@ -13,7 +13,8 @@ from ppmcal.calibration.summary import Dependence, Estimate, Identification
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.io.results.units import column_factor
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import Mechanism, Registration
+from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
 Numbers = tuple[Finite | None, ...]
@@ -145,7 +146,8 @@ class RegistrationEntry(Part):
     def of(cls, r: Registration, units: Units) -> RegistrationEntry:
         """Return the entry in file units."""
         length, angle = units.factor("length"), units.factor("angle")
-        return cls(frame=numbers(r.frame[:3] / length) + numbers(r.frame[3:] / angle),
+        return cls(frame=numbers(r.frame_pose[:3] / length)
+                   + numbers(r.frame_pose[3:] / angle),
                    target=numbers(r.target / length),
                    target_rotation=numbers(r.target_rotation / angle))
 

@@ -22,7 +22,8 @@ from ppmcal.io.results.identification_parts import (
 from ppmcal.io.results.record import Part
 from ppmcal.io.results.units import column_factor
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, Registration
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
 AGAIN = "Run identify again"
@@ -178,9 +179,9 @@ def _registration(data: FittedDataset, units: Units) -> Registration:
     length, angle = units.factor("length"), units.factor("angle")
     entry = _part(data, "name").registration_before
     entry = _part(entry, "frame", "target", "target_rotation")
-    return Registration(_finite(entry.frame, 6) * np.array([length] * 3 + [angle] * 3),
-                        _finite(entry.target, 3) * length,
-                        _finite(entry.target_rotation, 3) * angle)
+    return Registration.of_pose(_finite(entry.frame, 6) * np.array([length] * 3 + [angle] * 3),
+                                _finite(entry.target, 3) * length,
+                                _finite(entry.target_rotation, 3) * angle)
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,7 +62,7 @@ class TruthRecord(Record):
                    target=tuple((scenario.target / length).tolist()),
                    target_rotation=tuple((scenario.target_rotation / angle).tolist()),
                    outliers=tuple((np.flatnonzero(campaign.outlier) + 1).tolist()),
-                   effects=tuple(effects_tree(campaign.acting)), left_out=campaign.left_out,
+                   effects=tuple(effects_tree(campaign.with_effects)), left_out=campaign.left_out,
                    units=UnitNames.of(units), provenance=Provenance.model_validate(provenance))
 
 

@@ -139,7 +139,7 @@ class StiffnessRecord(Record):
                  **{m.name: m.unit for m in maps(study)}}
         return cls(format=cls.FORMAT, name=mechanism.name, said=tuple(sentences(study)),
                    units=units, findings=tuple(findings(study)),
-                   pictures={f"map_{m.name}.png": f"{m.title}, {m.unit}." for m in drawn(study)},
+                   pictures={f"map_{m.name}.png": f"{m.title}, {m.unit}." for m in plotted(study)},
                    tables=tuple(t for t in (share_table(study), principal_table(study)) if t.rows),
                    home=HomeStiffness.of(study), poses=len(status),
                    status={s: status.count(s) for s in sorted(set(status))},
@@ -155,7 +155,7 @@ class StiffnessRecord(Record):
                 self.FILE: self.text(), **pictures(study)}
 
 
-def drawn(study: StiffnessStudy) -> list[Map]:
+def plotted(study: StiffnessStudy) -> list[Map]:
     """Return the maps that have a picture: over a grid all that differ."""
     one_turn = sum(c >= 3 for c in study.mechanism.dof) == 1
     return [] if study.grid is None else [
@@ -170,4 +170,4 @@ def pictures(study: StiffnessStudy) -> dict[str, bytes]:
         return {}
     determinant = study.found.determinant.reshape(study.grid.shape)
     return {f"map_{m.name}.png": draw_map(study.mechanism, study.grid, m, determinant)
-            for m in drawn(study)}
+            for m in plotted(study)}

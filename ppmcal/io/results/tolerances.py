@@ -90,7 +90,9 @@ class TolerancesRecord(Record):
             linear=LinearCheck(
                 poses=len(r.check.agrees), agree=int(r.check.agrees.sum()),
                 calibrated_predicted=None if r.predicted is None else r.predicted / length),
-            tables=(_yield_table(stages, units.length), slot_table(r), _cost_table(r)),
+            tables=(_yield_table(stages, units.length), slot_table(r), ShownTable(
+                title="Cost", columns=("method", "cost"), note="",
+                rows=tuple((m, a.cost) for m, a in r.allocations.items()))),
             pictures={"yield.png": "Share of machines below every accuracy"},
             provenance=Provenance(**provenance))
 
@@ -113,8 +115,3 @@ def _yield_table(stages: tuple[StageYield, ...], length: str) -> ShownTable:
         rows=tuple((y.words, f"{y.in_specification} of {y.machines}", y.share, *y.interval,
                     y.position_rms) for y in stages),
         note="intervals: Clopper-Pearson, 95 %; every task pose must be within the accuracy")
-
-
-def _cost_table(r: ToleranceResult) -> ShownTable:
-    return ShownTable(title="Cost", columns=("method", "cost"), note="",
-                      rows=tuple((m, a.cost) for m, a in r.allocations.items()))

@@ -53,7 +53,7 @@ def maps(found: Workspace) -> list[Map]:
             for name, title, quantity, values in columns]
 
 
-def drawn(found: Workspace) -> list[Map]:
+def plotted(found: Workspace) -> list[Map]:
     """Return the maps worth a picture.
 
     What the machine reaches within limits; the determinant everywhere, as it changes sign
@@ -80,7 +80,7 @@ def pictures(found: Workspace) -> dict[str, bytes]:
 
     determinant = found.quality.determinant.reshape(found.grid.shape)
     return {f"map_{m.name}.png": draw_map(found.mechanism, found.grid, m, determinant)
-            for m in drawn(found)}
+            for m in plotted(found)}
 
 
 def csv_files(found: Workspace, rows: Sequence[ModeRow]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The inputs that effects follow: the axes against which residuals are drawn."""
+"""The inputs that effects follow: the axes against which residuals are plotted."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ class EffectKind:
         uses_load: whether the shift depends on the pose through the actuators' load.
         worked: a case with numbers: (parameters, setting changes, expected); see tests.
         derived: figures that follow from the parameters, told beside them.
-        follows: what its residuals are drawn against; None: the first column that it needs, or
+        follows: what its residuals are plotted against; None: the first column that it needs, or
             the travel.
         remedy: what to measure or record that tells it from what looks alike.
         smooth: whether it is a slow function of the travel, so that two such kinds on one joint
@@ -166,7 +166,7 @@ class EffectKind:
 
     @property
     def input(self) -> EffectInput:
-        """What its residuals are drawn against."""
+        """What its residuals are plotted against."""
         return self.follows or (BY_NEED[self.needs[0]] if self.needs else TRAVEL)
 
     def stroke_ends(self, motion: str) -> tuple[str, ...]:

@@ -1,0 +1,231 @@
+"""Parts of diagnosis.json: one class for each of its objects, in file units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from ppmcal.diagnosis.derived_errors import derived
+from ppmcal.diagnosis.held_out_blocks import BlockGap
+from ppmcal.diagnosis.held_out_gap import Gap
+from ppmcal.diagnosis.localization import Place
+from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect, Swallowed
+from ppmcal.io.results.record import Part, Shown, Text, Whole
+from ppmcal.model.effects import GEOMETRY
+from ppmcal.units import Units
+
+
+class EffectValue(Part):
+    """A parameter of an effect, or what follows from it, in ``unit``; sigma null if unknown."""
+
+    value: Shown | None = None
+    sigma: Shown | None = None
+    unit: Text = ""
+
+
+class DiagnosedEffect(Part):
+    """An effect that the data name.
+
+    ``p_value`` given the other named ones; ``survival``: the part that geometry cannot imitate;
+    ``alternatives``: kinds that the data cannot tell from it, ``alternatives_on`` with their
+    actuators, and the ``odds`` for the effect against each. ``derived`` is at ``mid_stroke``.
+    """
+
+    kind: Text = ""
+    on: tuple[Text, ...] = ()
+    parameters: Mapping[str, EffectValue] = Field(default_factory=dict)
+    p_value: Shown | None = None
+    log10_p: Shown | None = None
+    survival: Shown | None = None
+    alternatives: tuple[Text, ...] = ()
+    alternatives_on: tuple[Text, ...] = ()
+    odds: tuple[Shown | None, ...] = ()
+    mid_stroke: EffectValue | None = None
+    derived: Mapping[str, EffectValue] = Field(default_factory=dict)
+
+    @classmethod
+    def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
+        """Return one effect in file units."""
+        return cls(kind=effect.kind, on=effect.on, parameters=_parameters(result, effect),
+                   p_value=effect.p_value, log10_p=effect.log_p / np.log(10.0),
+                   survival=effect.survival,
+                   alternatives=tuple(a.split(" on ")[0] for a in effect.alternatives),
+                   alternatives_on=effect.alternatives, odds=effect.odds,
+                   **_derived(result, effect))
+
+
+class SuspectedEffect(Part):
+    """Something that is there but cannot be named; status ``weak`` or ``imitation``."""
+
+    kind: Text = ""
+    on: tuple[Text, ...] = ()
+    p_value: Shown | None = None
+    survival: Shown | None = None
+    status: Text = ""
+
+    @classmethod
+    def of(cls, c: Candidate) -> SuspectedEffect:
+        """Return a candidate that is not named."""
+        return cls(kind=c.hypothesis.kind, on=c.hypothesis.on, p_value=c.p_value,
+                   survival=c.survival, status=c.status)
+
+
+class ResidualAfter(Part):
+    """What is left: rms over the noise, and the input that it follows, if any."""
+
+    follows: Text | None = None
+    p_value: Shown | None = None
+    rms_ratio: Shown | None = None
+    noise_reference: Text = ""
+    noise_ratio: Shown | None = None
+    by_input: Mapping[str, Shown | None] = Field(default_factory=dict)
+
+
+class HeldOutGap(Part):
+    """Residuals without and with the effects where no fit has seen them, over the noise.
+
+    ``closed`` = 1 - excess(after)/excess(before), with its 95 % ``interval``; ``rms_closed`` =
+    1 - rms(after)/rms(before). ``blocks``: the same with a third of the rows left out in turn,
+    ``by`` what the thirds are of.
+    """
+
+    by: Text = ""
+    noise: Shown | None = None
+    before: Shown | None = None
+    after: Shown | None = None
+    closed: Shown | None = None
+    rms_closed: Shown | None = None
+    interval: tuple[Shown, ...] | None = None
+    poses: Whole = 0
+    blocks: tuple[HeldOutGap, ...] = ()
+
+    @classmethod
+    def of(cls, gap: Gap | None, blocks: tuple[BlockGap, ...]) -> HeldOutGap:
+        """Return the gap on held-out poses, and on blocks."""
+        return cls(**_gap(gap), blocks=tuple(cls(by=b.by, **_gap(b.gap)) for b in blocks))
+
+
+class FitRatios(Part):
+    """Rms over the noise without and with the effects, over so many rows."""
+
+    before: Shown | None = None
+    after: Shown | None = None
+    rows: Whole = 0
+
+
+class NoiseThresholds(Part):
+    """What the noise is like, and the p-values below which effects are detected and named."""
+
+    covariance_ratio: Shown | None = None
+    serial_correlation: Shown | None = None
+    detect_p: Shown | None = None
+    name_p: Shown | None = None
+
+
+class LocalisedResidual(Part):
+    """The residuals of one group of rows over what noise gives there, without and with effects."""
+
+    by: Text = ""
+    value: Text = ""
+    rms_ratio: Shown | None = None
+    p_value: Shown | None = None
+    rms_ratio_after: Shown | None = None
+
+    @classmethod
+    def of(cls, p: Place) -> LocalisedResidual:
+        """Return one group."""
+        return cls(by=p.by, value=p.value, rms_ratio=p.rms_ratio, p_value=p.p_value,
+                   rms_ratio_after=p.rms_ratio_after)
+
+
+class UntestableKind(Part):
+    """A kind of effect that the data cannot test, and the columns that they lack."""
+
+    kind: Text = ""
+    missing: tuple[Text, ...] = ()
+    reason: Text = ""
+
+
+class SwallowedError(Part):
+    """The error of a parameter that had imitated an effect, without and with it, in ``unit``."""
+
+    name: Text = ""
+    before: Shown | None = None
+    after: Shown | None = None
+    tolerance: Shown | None = None
+    unit: Text = ""
+
+    @classmethod
+    def of(cls, s: Swallowed, units: Units) -> SwallowedError:
+        """Return one parameter in file units."""
+        f = units.factor(s.quantity)
+        return cls(name=s.name, before=s.before / f, after=s.after / f, tolerance=s.tolerance / f,
+                   unit=units.name(s.quantity))
+
+
+class NextMeasurements(Part):
+    """What to measure next; ``rows`` of them in ``file``, with the rivals' odds before and after.
+
+    Without a file the reason says what to do instead.
+    """
+
+    reason: Text = ""
+    file: Text | None = None
+    rows: Whole = 0
+    odds_before: Shown | None = None
+    odds_after: Shown | None = None
+
+
+class UnfittedRow(Part):
+    """An input row that the fit has left out."""
+
+    dataset: Text = ""
+    row: Whole = 0
+    reason: Text = ""
+
+
+def _gap(gap: Gap | None) -> dict[str, Any]:
+    """Return the fields of a gap; those of one that could not be measured are null."""
+    if gap is None:
+        return {"noise": 1.0, "before": None, "after": None, "closed": None, "rms_closed": None,
+                "interval": None, "poses": 0}
+    return {"noise": 1.0, "before": gap.before, "after": gap.after, "closed": gap.closed,
+            "rms_closed": 1.0 - gap.after / gap.before if gap.before else None,
+            "interval": gap.interval, "poses": gap.poses}
+
+
+def _parameters(result: Diagnosis, effect: NamedEffect) -> dict[str, EffectValue]:
+    """Return the parameters of one named effect, file units; of geometry by their full names."""
+    units = result.identification.mechanism.units
+    values = {e.name: e for e in result.identification.estimates}
+    out = {}
+    for name in effect.parameters:
+        e = values[name]
+        f = units.factor(e.quantity)
+        geometry = effect.kind == GEOMETRY
+        known = e.sigma is not None and np.isfinite(e.sigma)
+        out[name if geometry else name.rsplit(".", 1)[1]] = EffectValue(
+            value=(e.error if geometry else e.value) / f,
+            sigma=(e.sigma or 0.0) / f if known else None, unit=units.name(e.quantity))
+    return out
+
+
+def _derived(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
+    """Return what follows from an effect's parameters and where mid-stroke is, file units.
+
+    Empty for kinds of which the parameters say all.
+    """
+    found = derived(result.identification, effect.parameters)
+    if found is None:
+        return {}
+    units = result.identification.mechanism.units
+
+    def value(size: float, quantity: str) -> dict[str, Any]:
+        return {"value": size / units.factor(quantity), "unit": units.name(quantity)}
+
+    return {"mid_stroke": EffectValue(**value(found.middle, found.quantity)), "derived": {
+        f.name: EffectValue(**value(f.value, f.quantity), sigma=None if f.sigma is None else
+                            f.sigma / units.factor(f.quantity)) for f in found.all}}

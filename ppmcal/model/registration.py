@@ -1,0 +1,48 @@
+"""Where an instrument stands: measured = frame o pose o target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.linalg import Array
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Where the instrument of one data set stands, SI; the default sees the platform in the base.
+
+    Attributes:
+        frame: motor of the base in the measuring frame (8,).
+        target: the measured point in platform axes (3,).
+        target_rotation: rotation vector of the measured body against the platform (3,).
+        homing: shift of the joint values of this file (k,), unit of q; 0 () where there is none.
+            Of one session, so that model files do not keep it.
+
+    Several machines that are registered together have frames (M, 8) and targets (M, 3).
+    """
+
+    frame: Array = field(default_factory=cga.identity_motor)
+    target: Array = field(default_factory=lambda: np.zeros(3))
+    target_rotation: Array = field(default_factory=lambda: np.zeros(3))
+    homing: Array = field(default_factory=lambda: np.zeros(()))
+
+    @classmethod
+    def of_pose(cls, frame: Array, target: Array | None = None,
+                target_rotation: Array | None = None) -> Registration:
+        """Return the registration of a frame as files have it: x, y, z, rotation vector (6,)."""
+        made = cls(cga.motor_from_rotation_vector(frame[3:], frame[:3]),
+                   np.zeros(3) if target is None else target,
+                   np.zeros(3) if target_rotation is None else target_rotation)
+        # kept, so that a file that is read and written again is equal to the last bit
+        made.__dict__["frame_pose"] = frame
+        return made
+
+    @cached_property
+    def frame_pose(self) -> Array:
+        """The base's pose in the measuring frame, x, y, z, rotation vector (6,), m and rad."""
+        return np.concatenate([cga.translation(self.frame), cga.rotation_vector(self.frame)],
+                              axis=-1)
