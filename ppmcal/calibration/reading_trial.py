@@ -112,7 +112,7 @@ Found = tuple[FileReading | None, tuple[Mistake, ...], Trial]
 Way = tuple[FileReading | None, tuple[Mistake, ...], Problem]
 
 
-def _cost(found: Found) -> tuple[int, float]:
+def _cost(found: Found) -> tuple[float, float]:
     reading, what, trial = found
     return (reading.parts if reading is not None else len(what)), trial.after
 

@@ -56,10 +56,10 @@ class JointReading:
         return np.asarray(raw[:, list(self.order)] * declared * np.array(factors))
 
     @property
-    def parts(self) -> int:
-        """How many columns are read in another way."""
-        return (sum(i != o for i, o in enumerate(self.order)) + _minority(self.signs, 1)
-                + _minority(self.units, ""))
+    def parts(self) -> float:
+        """How many things are read in another way; an order is one, and a little by column."""
+        moved = sum(i != o for i, o in enumerate(self.order))
+        return (moved > 0) + 0.1 * moved + _minority(self.signs, 1) + _minority(self.units, "")
 
 
 def _minority(values: Sequence[object], usual: object) -> int:
@@ -146,7 +146,7 @@ class FileReading:
     shift: int = 0
 
     @property
-    def parts(self) -> int:
+    def parts(self) -> float:
         """How many things are read in another way."""
         return self.joints.parts + self.pose.parts + (self.shift != 0)
 

@@ -1,20 +1,21 @@
-"""Files that are read wrongly are named with the line that mends them; the mend is tried."""
+"""Files that are read wrongly are named, with the line that mends them; the mend is tried."""
 
 from __future__ import annotations
 
-import csv
 import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from calibration.test_gross_errors import (
+from helpers.commands import ppmcal
+from helpers.mistakes import (
     MACHINE,
     MISTAKES,
-    SAMPLE,
     Row,
     inverse,
     scaled,
@@ -22,9 +23,319 @@ from calibration.test_gross_errors import (
     swapped,
     turned,
 )
-from helpers.commands import ppmcal
 from scipy.spatial.transform import Rotation
 
-from ppmcal.api import load, read_data
+from ppmcal.api.inputs import load, read_data, shipped
 from ppmcal.calibration.misreading import Misread, misfit, refuse_misread
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.readings import (
+    FileReading,
+    JointReading,
+    PoseReading,
+    understood,
+    written,
+)
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.rotations import ORDERS
+from ppmcal.kinematics.tables import inverse_table
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+
+LEGS = tuple(f"q_leg{i}" for i in range(1, 7))
+Change = Callable[[list[Row]], None]
+
+
+def both(*changes: Change) -> Change:
+    def change(rows: list[Row]) -> None:
+        for one in changes:
+            one(rows)
+    return change
+
+
+def permuted(rows: list[Row]) -> None:
+    """Each leg in the column of the next one."""
+    for row in rows:
+        old = [row[n] for n in LEGS]
+        row.update(zip(LEGS, [*old[1:], old[0]], strict=True))
+
+
+def late(rows: list[Row]) -> None:
+    """The instrument's columns come two rows late."""
+    names = ("x", "y", "z", "rx", "ry", "rz")
+    old = [[row[n] for n in names] for row in rows]
+    for row, values in zip(rows[2:], old, strict=False):
+        row.update(zip(names, values, strict=True))
+
+
+def exchanged(rows: list[Row]) -> None:
+    for row in rows:
+        row["x"], row["y"] = row["y"], row["x"]
+
+
+def euler(order: str) -> Change:
+    return lambda rows: turned(rows, lambda r: r.as_euler(order, degrees=True))
+
+
+WRONG: dict[str, tuple[Change, set[str]]] = {
+    **{name: (change, {kind}) for (name, change), kind in zip(MISTAKES.items(), (
+        "permuted", "unit", "sign", "rotation", "unit", "inverse", "mirrored", "rotation"),
+        strict=True)},
+    "every leg in the next one's column": (permuted, {"permuted"}),
+    "moving Euler angles": (euler("ZYX"), {"rotation"}),
+    "inches in one column": (scaled(("q_leg4",), 1.0 / 25.4), {"unit"}),
+    "metres in all joint columns": (scaled(LEGS, 1e-3), {"unit"}),
+    "rows late": (late, {"shifted"}),
+    "x and y exchanged": (exchanged, {"exchanged"}),
+    "inverse rotations only": (lambda rows: turned(
+        rows, lambda r: r.inv().as_rotvec(degrees=True)), {"rotation"}),
+    "swapped, and Euler angles": (both(swapped, euler("xyz")), {"permuted", "rotation"}),
+    "swapped, and one in inches": (both(swapped, scaled(("q_leg5",), 1.0 / 25.4)),
+                                   {"permuted", "unit"}),
+    "inverse, then metres": (both(inverse, scaled(("x", "y", "z"), 1e-3)), {"inverse", "unit"}),
+    "a sign, metres and swapped": (both(scaled(("ry",), -1.0), scaled(("x", "y", "z"), 1e-3),
+                                        swapped), {"sign", "unit", "permuted"}),
+}
+QUICK = {"legs swapped", "Euler angles", "swapped, and one in inches"}
+
+
+def problem_of(path: Path) -> Problem:
+    machine = load(MACHINE)
+    return Problem(machine, read_data(machine, path), machine.free)
+
+
+def mended(path: Path, block: object) -> None:
+    """Write the block that was proposed into the sidecar."""
+    sidecar = path.with_suffix(".yaml")
+    text = yaml.safe_load(sidecar.read_text(encoding="utf-8"))
+    sidecar.write_text(yaml.safe_dump({**text, "read": block}), encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow)
+                                  for n in WRONG])
+def test_a_mistake_is_named_and_its_mend_mends(tmp_path: Path, name: str) -> None:
+    change, kinds = WRONG[name]
+    path = session(tmp_path, change)
+    with pytest.raises(Misread) as refused:
+        refuse_misread(problem_of(path))
+    (found,) = refused.value.found
+    assert {m.kind for m in found.mistakes} == kinds
+    mended(path, found.block)
+    after = misfit(problem_of(path))
+    assert not after.misread and after.times < 1.0
+
+
+def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
+    path = session(tmp_path, both(swapped, euler("xyz")))
+    with pytest.raises(Misread) as refused:
+        refuse_misread(problem_of(path))
+    line = re.search(r"`read: (.*)`", refused.value.mend)
+    assert line is not None
+    mended(path, yaml.safe_load(line[1]))
+    assert misfit(problem_of(path)).times < 1.0
+
+
+def test_a_second_mistake_is_added_to_what_the_sidecar_says_already(tmp_path: Path) -> None:
+    path = session(tmp_path, both(swapped, scaled(("x", "y", "z"), 1e-3)))
+    mended(path, {"units": {"x": "m", "y": "m", "z": "m"}})
+    with pytest.raises(Misread) as refused:
+        refuse_misread(problem_of(path))
+    block = refused.value.found[0].block
+    assert block == {"columns": {"q_leg2": "q_leg3", "q_leg3": "q_leg2"},
+                     "units": {"x": "m", "y": "m", "z": "m"}}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scale", "end", "word"), [(0.5, "platform", "diameter"),
+                                                    (2.0, "base", "radius")])
+def test_a_radius_for_a_diameter(tmp_path: Path, scale: float, end: str, word: str) -> None:
+    """The machine's file is wrong by a factor 2, not the measurements."""
+    content = yaml.safe_load(MACHINE.read_text(encoding="utf-8"))
+    for limb in content["limbs"]:
+        limb[end]["point"]["radius"] /= scale
+    content["home"].pop("q", None)
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(yaml.safe_dump(content), encoding="utf-8")
+    machine = load(wrong)
+    path = session(tmp_path / "data")
+    with pytest.raises(Misread) as refused:
+        refuse_misread(Problem(machine, read_data(machine, path), machine.free))
+    (found,) = refused.value.found
+    assert found.mistakes[0].kind == "radius" and found.block is None
+    assert word in str(refused.value)
+
+
+@pytest.mark.slow
+def test_another_machines_file_has_no_winner_and_nothing_is_written(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+
+    def another(rows: list[Row]) -> None:
+        for row in rows:
+            row.update({n: float(v) for n, v in zip(
+                ("x", "y", "z"), rng.uniform(-60.0, 60.0, 3), strict=True)})
+
+    done = ppmcal("identify", MACHINE, session(tmp_path, another), "--out", tmp_path / "o",
+                  "--json", expect=3)
+    assert json.loads(done.out) == {"format": "ppmcal/misread/1", "misreadings": []}
+    assert "do not fit this machine" in done.err
+    assert not (tmp_path / "o").exists()
+
+
+# --- what the commands say ------------------------------------------------------------------------
+
+def test_commands_tell_the_mistakes(tmp_path: Path) -> None:
+    path = session(tmp_path, both(swapped, scaled(("x", "y", "z"), 1e-3)))
+    checked = json.loads(ppmcal("check", MACHINE, path, "--json", expect=1).out)
+    identified = ppmcal("identify", MACHINE, path, "--out", tmp_path / "i", "--json", expect=3)
+    diagnosed = ppmcal("diagnose", MACHINE, path, "--out", tmp_path / "d", expect=3)
+    assert not (tmp_path / "i").exists()
+    assert [p.name for p in (tmp_path / "d").glob("*.*") if not p.name.startswith(".")] == [
+        "diagnosis.json"]
+    record = json.loads((tmp_path / "d" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert record["verdict"] == "misread" and record["effects"] == []
+    entries = record["misreadings"]
+    assert entries == checked["misreadings"] == json.loads(identified.out)["misreadings"]
+    assert [e["kind"] for e in entries] == ["permuted", "unit"]
+    for entry in entries:
+        assert entry["read"] == {"columns": {"q_leg2": "q_leg3", "q_leg3": "q_leg2"},
+                                 "units": {"x": "m", "y": "m", "z": "m"}}
+        assert entry["residual"]["after"] < 0.02 * entry["residual"]["before"]
+        assert entry["residual"]["unit"] == "mm" and entry["rows"] is None
+    assert "`read: {columns: {q_leg2: q_leg3" in identified.err
+    assert "q_leg2 and q_leg3 are exchanged" in diagnosed.err
+
+
+def test_stale_rows_are_left_out_and_told(tmp_path: Path) -> None:
+    def repeated(rows: list[Row]) -> None:
+        for i in (10, 31):
+            rows[i].update({k: rows[i - 1][k] for k in ("x", "y", "z", "rx", "ry", "rz")})
+        rows[44].update({k: rows[43][k] for k in LEGS})
+
+    path = session(tmp_path, repeated)
+    entries = json.loads(ppmcal("check", MACHINE, path, "--json").out)["misreadings"]
+    assert [(e["kind"], e["rows"], e["read"]) for e in entries] == [
+        ("stale", [11, 32], None), ("stale", [45], None)]
+    done = ppmcal("identify", MACHINE, path, "--out", tmp_path / "o", expect=1)
+    assert "rows 11, 32; left out" in " ".join(done.out.split())
+
+
+# --- small mistakes, and none ---------------------------------------------------------------------
+
+@pytest.mark.slow
+@pytest.mark.parametrize("half", [0.5, 2.0])
+def test_a_small_mistake_is_found_in_what_the_fit_leaves(tmp_path: Path, half: float) -> None:
+    """Turns of half a degree: what Euler angles change is within the tolerances."""
+    path = simulated(tmp_path, half)
+    rows = read_rows(path)
+    turned(rows, lambda r: r.as_euler("xyz", degrees=True))
+    write_rows(path, rows)
+    done = ppmcal("identify", MACHINE, path, "--out", tmp_path / "o", expect=3)
+    assert "`read: {rotation: euler-xyz}`" in done.err
+
+
+@pytest.mark.slow
+def test_effects_are_no_mistakes(tmp_path: Path) -> None:
+    """Backlash of eight times the noise: no other reading explains it."""
+    path = simulated(tmp_path, 2.0, [{"kind": "backlash", "on": ["leg1", "leg2"],
+                                      "parameters": {"width": 0.2}}])
+    done = ppmcal("identify", MACHINE, path, "--out", tmp_path / "o")
+    assert done.code in (0, 1), done.err
+    assert json.loads(ppmcal("check", MACHINE, path, "--json").out)["misreadings"] == []
+
+
+def simulated(folder: Path, half: float, effects: list[dict[str, Any]] | None = None) -> Path:
+    """Simulate 80 poses of the sample's machine, turned by up to ``half`` degrees."""
+    scenario = yaml.safe_load((MACHINE.parent / "scenario.yaml").read_text(encoding="utf-8"))
+    center = scenario["poses"]["random"]["center"]
+    scenario["poses"] = {"random": {"center": center, "count": 80, "half_range": {
+        "x": 20, "y": 20, "z": 15, "rx": half, "ry": half, "rz": half}}}
+    scenario |= {"noise": {}, "repeats": 1, "effects": effects or [],
+                 "approach": "both" if effects else "one"}
+    path = folder / "scenario.yaml"
+    path.write_text(yaml.safe_dump(scenario), encoding="utf-8")
+    ppmcal("simulate", MACHINE, path, "--out", folder / "sim", expect=0)
+    return folder / "sim" / "measurements.csv"
+
+
+def read_rows(path: Path) -> list[Row]:
+    header, *lines = path.read_text(encoding="utf-8").splitlines()
+    return [dict(zip(header.split(","), line.split(","), strict=True)) for line in lines]
+
+
+def write_rows(path: Path, rows: list[Row]) -> None:
+    lines = [",".join(rows[0]), *(",".join(str(v) for v in row.values()) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+# --- columns of the environment -----------------------------------------------------------------
+
+PAYLOADS = {"conditions": {"payload": [0, 20]}}
+WARM = {"conditions": {"temperature": {"mean": 22, "swing": 6}}}
+COMPLIANCE = {"kind": "compliance", "parameters": {"stiffness": 800}}
+BACKLASH = {"kind": "backlash", "parameters": {"width": 0.05}}
+HEAT = {"kind": "leg_thermal", "parameters": {"expansion": 12e-6}}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("effect", "more", "column", "factor", "plus", "line"), [
+    (COMPLIANCE, PAYLOADS, "payload", 1000.0, 0.0, "{units: {payload: g}}"),
+    (BACKLASH, {"approach": "both"}, "dir_", -1.0, 0.0, "{signs: {dir_leg1: -1"),
+    (HEAT, WARM, "temperature", 1.8, 32.0, "{units: {temperature: F}}"),
+    (HEAT, WARM, "temperature", 1.0, 273.15, "{units: {temperature: K}}")])
+def test_columns_of_another_unit(tmp_path: Path, effect: dict[str, Any], more: dict[str, Any],
+                                 column: str, factor: float, plus: float, line: str) -> None:
+    scenario = yaml.safe_load((MACHINE.parent / "scenario.yaml").read_text(encoding="utf-8"))
+    scenario |= {"noise": {}, "repeats": 1, "effects": [effect], **more}
+    path = tmp_path / "scenario.yaml"
+    path.write_text(yaml.safe_dump(scenario), encoding="utf-8")
+    ppmcal("simulate", MACHINE, path, "--out", tmp_path / "sim", expect=0)
+    data = tmp_path / "sim" / "measurements.csv"
+    right = ppmcal("diagnose", MACHINE, data, "--out", tmp_path / "right", "--draws", "300")
+    assert right.code in (0, 1), right.err
+    rows = read_rows(data)
+    for row in rows:
+        row.update({k: factor * float(v) + plus for k, v in row.items() if k.startswith(column)})
+    write_rows(data, rows)
+    done = ppmcal("diagnose", MACHINE, data, "--out", tmp_path / "wrong", "--draws", "300",
+                  expect=3)
+    assert f"`read: {line}" in done.err
+
+
+# --- the arithmetic -------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("convention", ["rotvec", "quat-xyzw", "quat-wxyz",
+                                        *(f"euler-{o}" for o in ORDERS)])
+def test_conventions_come_back(convention: str) -> None:
+    vectors = Rotation.random(20, random_state=3).as_rotvec()
+    again = understood(written(vectors, convention), convention)
+    np.testing.assert_allclose(Rotation.from_rotvec(again).as_matrix(),
+                               Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12)
+
+
+def test_matrices_are_understood() -> None:
+    turns = Rotation.random(20, random_state=4)
+    raw = turns.as_matrix().reshape(20, 9)
+    np.testing.assert_allclose(Rotation.from_rotvec(understood(raw, "matrix")).as_matrix(),
+                               turns.as_matrix(), atol=1e-12)
+
+
+def test_a_planar_machine_is_searched_too() -> None:
+    """Two columns exchanged and the other sign of rz, in the plane."""
+    machine = load(shipped("3-RPR"))
+    pose = np.random.default_rng(2).uniform(-1.0, 1.0, (40, 3)) * [60.0, 60.0, 0.3]
+    data = _planar_data(machine, pose)
+    wrong = FileReading(JointReading((1, 0, 2), (1, 1, 1), ("", "", "")),
+                        PoseReading(turn_signs=(1, 1, -1)))
+    read_so = wrong.of(data, machine.joint_factors(data.units), True)
+    with pytest.raises(Misread) as refused:
+        refuse_misread(Problem(machine, (read_so,), machine.free))
+    assert {m.kind for m in refused.value.found[0].mistakes} == {"permuted", "sign"}
+
+
+def _planar_data(machine: Mechanism, pose: Array) -> Dataset:
+    full = np.tile(machine.home_pose, (len(pose), 1))
+    full[:, [0, 1, 5]] += pose * [1e-3, 1e-3, 1.0]
+    table = inverse_table(Model(machine), full)
+    good = np.array([s == "ok" for s in table.status])
+    data = Dataset.of_poses("made", table.q[good], full[good], (1e-5, 1e-5), fitted=True)
+    return replace(data, units=machine.units)
