@@ -19,12 +19,12 @@ from ppmcal.io.results.identification_parts import Combination, NoiseCheck, Para
 from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.io.results.record import Provenance, UnitNames
 from ppmcal.io.results.simulation import TruthRecord
+from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
 from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.records import Identified, Simulated
 from ppmcal.report.residuals import envelope, evenly_spread
-from ppmcal.report.svg import Axis, span
 from ppmcal.report.truth import compare
 
 
