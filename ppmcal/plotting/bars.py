@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from ppmcal.linalg import Array
-from ppmcal.plotting.canvas import EDGE, NAME, WIDTH, Canvas, Picture, width
+from ppmcal.plotting.canvas import EDGE, NAME, WIDTH, Canvas, Drawing, width
 from ppmcal.plotting.style import AFTER, BEFORE, INK, OUT, SOFT, number_words, round_numbers, tame
 
 THICK = {"explained": 5.0, "other": 2.5}
@@ -68,10 +68,10 @@ class Chart:
     legend: Sequence[tuple[str, str]] = ()
     beside: bool = False
 
-    def picture(self, title: str, caption: str, description: str, note: str = "",
-                key: tuple[tuple[str, str], ...] = ()) -> Picture:
-        """Return the chart as a picture."""
-        return Picture(title, caption, description, self.draw, self._tops()[-1] + FOOT, key, note)
+    def drawing(self, title: str, caption: str, description: str, note: str = "",
+                key: tuple[tuple[str, str], ...] = ()) -> Drawing:
+        """Return the chart with the words around it."""
+        return Drawing(title, caption, description, self.draw, self._tops()[-1] + FOOT, key, note)
 
     def draw(self, canvas: Canvas) -> None:
         """Draw it."""
@@ -81,13 +81,18 @@ class Chart:
             axes.set_xscale("function", functions=(_root, np.square))
         else:
             axes.set_xscale(self.scale)
-        axes.set(xlim=(self.low, self.high), ylim=(tops[-1], 0.0))
+        axes.set(xlim=(self.low, self.high), ylim=(tops[-1], 0.0), yticks=[])
         for (kind, words), (x, y) in zip(self.legend, self._places(), strict=True):
-            _swatch(canvas, kind, x, y)
+            thick = THICK.get(kind, 8.0)
+            canvas.add(_line(x + 0.5 * SWATCH, y - 10.0, y + 2.0, kind) if kind in LIMITS else
+                       _bar(x, y - 4.0 - 0.5 * thick, SWATCH, thick, kind))
             canvas.text(x + SWATCH + 5.0, y, words, SOFT)
         for row, top in zip(self.rows, tops, strict=False):
             self._row(canvas, axes, row, top + 14.0)
-        self._axis(canvas, axes, tops[-1])
+        self._ticks(axes, left, right)
+        middle = 0.5 * (left + right)
+        canvas.text(middle, tops[-1] + 31.0, self.axis, ha="center", size=NAME,
+                    room=2.0 * min(middle, WIDTH - middle) - EDGE)
 
     def _places(self) -> list[tuple[float, float]]:
         """Return where the entries of the legend begin."""
@@ -105,7 +110,7 @@ class Chart:
         out = [self._places()[-1][1] + 5.0 if self.legend else 0.0]
         for row in self.rows:
             out.append(out[-1] + (STEP if row.bars else 19.0))
-        return out[:-1] + [out[-1] + 2.0]
+        return [*out[:-1], out[-1] + 2.0]
 
     def _ends(self) -> tuple[float, float]:
         """Return where the bars begin and where the longest ends."""
@@ -126,63 +131,48 @@ class Chart:
         canvas.text(EDGE, y, row.label, bold=row.strong, room=room)
         canvas.text(WIDTH - EDGE, y, row.words, bold=self.beside or row.strong, ha="right",
                     room=VALUES)
+        below, step = (-4.0 - 4.5 * (len(row.bars) - 1), 9.0) if self.beside else (9.5, 0.0)
         for i, (value, kind) in enumerate(row.bars):
             thick = 7.0 if self.beside else THICK.get(kind, 8.0)
-            middle = y + 9.5 if not self.beside else y - 4.0 + 9.0 * (i - 0.5 * (len(row.bars) - 1))
-            least = self.low if self.low > 0.0 else 0.0
-            end = max(float(np.clip(tame(np.array(value)), self.low, self.high)), least)
-            axes.add_patch(Rectangle((self.low, middle - 0.5 * thick), end - self.low, thick,
-                                     clip_on=False, **{"linewidth": 0.0, **LOOKS[kind]}))
+            axes.add_patch(_bar(self.low, y + below + step * i - 0.5 * thick,
+                                self._inside(value) - self.low, thick, kind))
         for value, kind in row.limits:
             top = y - 14.0 if self.beside else y + 4.0
-            place = float(np.clip(tame(np.array(value)), self.low, self.high))
-            axes.add_line(Line2D([place, place], [top, top + (20.0 if self.beside else 11.0)],
-                                 color=INK, linewidth=1.2, linestyle=LIMITS[kind], clip_on=False,
-                                 solid_capstyle="butt"))
+            axes.add_line(_line(self._inside(value), top, top + (20.0 if self.beside else 11.0),
+                                kind))
 
-    def _axis(self, canvas: Canvas, axes: Axes, floor: float) -> None:
-        """Draw the axis with those of its ticks whose labels have room, and its name below."""
-        ticks = list(self.ticks)
-        if not ticks:
-            round_ = round_numbers(self.low, self.high, self.scale == "log", 5, (1, 2, 5, 10))
-            ticks = list(zip(round_.tolist(), number_words(round_), strict=True))
-        shown, free = [], 0.0
-        for value, words in sorted(ticks):
+    def _inside(self, value: float) -> float:
+        return float(np.clip(tame(np.array(value)), self.low, self.high))
+
+    def _ticks(self, axes: Axes, left: float, right: float) -> None:
+        """Set those of the ticks whose labels have room."""
+        found, free = list(self.ticks), 0.0
+        if not found:
+            places = round_numbers(self.low, self.high, False, 5, (1, 2, 5, 10))
+            found = list(zip(places.tolist(), number_words(places), strict=True))
+        shown = []
+        across = axes.transScale + axes.transLimits
+        for value, words in found:
             half = 0.5 * width(words)
-            x = self.place(value)
+            x = left + (right - left) * float(across.transform((value, 0.0))[0])
             if free <= x - half and x + half <= WIDTH:
                 shown.append((value, words))
                 free = x + half + 4.0
         axes.set_xticks([v for v, _ in shown], labels=[w for _, w in shown])
         axes.set_xticks([], minor=True)
-        axes.set_yticks([])
-        axes.tick_params("x", length=4.0, pad=1.5)
-        middle = 0.5 * sum(self._ends())
-        canvas.text(middle, floor + 31.0, self.axis, ha="center", size=NAME,
-                    room=2.0 * min(middle, WIDTH - middle) - EDGE)
 
-    def place(self, value: float) -> float:
-        """Return how far to the right a value is, points."""
-        left, right = self._ends()
-        ends: Array = np.array([self.low, value, self.high])
-        low, at, high = (np.log(ends) if self.scale == "log" else np.sqrt(ends)
-                         if self.scale == "root" else ends)
-        return left + (right - left) * float((at - low) / (high - low))
+
+def _bar(left: float, top: float, wide: float, thick: float, kind: str) -> Rectangle:
+    return Rectangle((left, top), wide, thick, clip_on=False, **{"linewidth": 0.0, **LOOKS[kind]})
+
+
+def _line(x: float, top: float, low: float, kind: str) -> Line2D:
+    return Line2D([x, x], [top, low], color=INK, linewidth=1.2, linestyle=LIMITS[kind],
+                  clip_on=False, solid_capstyle="butt")
 
 
 def _root(values: Array) -> Array:
     return np.sqrt(np.maximum(values, 0.0))
-
-
-def _swatch(canvas: Canvas, kind: str, x: float, y: float) -> None:
-    """Draw an entry of the legend."""
-    if kind in LIMITS:
-        canvas.add(Line2D([x + 0.5 * SWATCH] * 2, [y - 10.0, y + 2.0], color=INK, linewidth=1.2,
-                          linestyle=LIMITS[kind], solid_capstyle="butt"))
-        return
-    thick = THICK.get(kind, 8.0)
-    canvas.add(Rectangle((x, y - 4.0 - 0.5 * thick), SWATCH, thick,
-                         **{"linewidth": 0.0, **LOOKS[kind]}))
 
 
 def ratio_ticks(high: float) -> list[tuple[float, str]]:

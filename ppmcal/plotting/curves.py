@@ -157,7 +157,7 @@ def _mark(axes: Axes, x: float, text: str, up: float) -> None:
     axes.axvline(x, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     place = axes.transAxes.inverted().transform(axes.transData.transform((x, 1.0)))[0]
     side = 1.0 if place < 0.55 else -1.0
-    axes.annotate(lines_of(text.replace(r"\$", "$"), 2.2, BODY, 3), (x, up),
+    axes.annotate(lines_of(text, 2.2, BODY, 3), (x, up),
                   xycoords=("data", "axes fraction"), textcoords="offset points",
                   xytext=(4.0 * side, 0.0), ha="left" if side > 0 else "right", va="top",
                   size=BODY, path_effects=outline(2.5))

@@ -1,4 +1,4 @@
-"""A plot over two axes, made of layers: dots, strokes, lines, crosses, arrows, bars, bands.
+"""A plot over two axes, made of layers: dots, strokes, lines, markers, arrows, bars, bands.
 
 A layer is a function that draws on axes. Values beyond an axis are drawn at its edge.
 """
@@ -8,34 +8,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
-from matplotlib.transforms import ScaledTranslation
 from numpy.typing import ArrayLike
 
 from ppmcal.linalg import Array
-from ppmcal.plotting.canvas import HEIGHT, LETTERS, NAME, SMALL, WIDTH, Canvas, fitted
-from ppmcal.plotting.style import (
-    AFTER,
-    BEFORE,
-    CARD,
-    INK,
-    LINE,
-    OUT,
-    SMALLEST,
-    SOFT,
-    number_words,
-    round_numbers,
-    tame,
-)
-from ppmcal.plotting.svg import one_line
+from ppmcal.plotting import style
+from ppmcal.plotting.canvas import HEIGHT, LETTERS, NAME, SMALL, WIDTH, Canvas, Drawing, fitted
+from ppmcal.plotting.style import AFTER, SMALLEST, SOFT, number_words, plain, tame
 
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 12.0, 40.0
-COLOURS = {"before": BEFORE, "after": AFTER, "out": OUT, "ink": INK}
+COLOURS = {"before": style.BEFORE, "after": AFTER, "out": style.OUT, "ink": style.INK}
 Layer = Callable[[Axes], object]
 
 
@@ -49,7 +37,7 @@ class Axis:
 
     def ticks(self) -> Array:
         """Return round values within the axis."""
-        return round_numbers(self.low, self.high, self.log, steps=(1, 2, 5, 10))
+        return style.round_numbers(self.low, self.high, self.log, steps=(1, 2, 5, 10))
 
 
 def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float = 0.05) -> Axis:
@@ -66,23 +54,28 @@ def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float
             return Axis(0.1, 1.0, True)
         top = math.ceil(math.log10(float(v.max())) + 1e-9)
         least = max(float(np.quantile(v, 0.005)), 1e-12 * 10.0**top)
-        foot = min(math.floor(math.log10(least)), top - 1)
-        return Axis(10.0**foot, 10.0**top, True)
+        return Axis(10.0 ** min(math.floor(math.log10(least)), top - 1), 10.0**top, True)
     low, high = (float(v.min()), float(v.max())) if v.size else (0.0, 1.0)
-    if zero:
-        high = max(abs(low), abs(high))
-        low = -high
     largest = max(abs(low), abs(high))
+    if zero:
+        low, high = -largest, largest
     if not high - low > 1e-12 * largest:
         low, high = low - (largest or 1.0), high + (largest or 1.0)
     pad = margin * (high - low)
     return Axis(low - pad, high + pad)
 
 
+def plotted(title: str, caption: str, description: str, x: Axis, y: Axis, names: tuple[str, str],
+            layers: Sequence[Layer], key: tuple[tuple[str, str], ...] = ()) -> Drawing:
+    """Return a plot with the words around it."""
+    return Drawing(title, caption.strip(), description,
+                   partial(plot, x=x, y=y, names=names, layers=layers), key=key)
+
+
 def plot(canvas: Canvas, x: Axis, y: Axis, names: tuple[str, str], layers: Sequence[Layer],
          left: float = LEFT, height: float = HEIGHT, x_ticks: bool = True, y_ticks: bool = True
-         ) -> Axes:
-    """Draw layers over two axes that have their names beside them; return the axes."""
+         ) -> None:
+    """Draw layers over two axes that have their names beside them."""
     floor, right = height - BOTTOM, WIDTH - RIGHT
     axes = canvas.axes(left, TOP, right, floor)
     axes.set_yscale("log" if y.log else "linear")
@@ -92,29 +85,24 @@ def plot(canvas: Canvas, x: Axis, y: Axis, names: tuple[str, str], layers: Seque
         ticks = ends.ticks() if shown else np.zeros(0)
         axis.set_ticks(ticks.tolist(), labels=number_words(ticks))
         axis.set_ticks([], minor=True)
-    axes.tick_params("x", length=4.0, pad=1.5)
     axes.tick_params("y", length=0.0, pad=5.0)
-    if y_ticks:
-        ticks = y.ticks()
-        _lines(axes, [x.low, x.high, np.nan] * len(ticks), np.repeat(ticks, 3), LINE, 1.0)
-        axes.lines[0].set_zorder(0.5)
+    across = np.tile([x.low, x.high, np.nan], len(ticks))
+    _put(axes, across, np.repeat(ticks, 3), color=style.LINE, linewidth=1.0, zorder=0.5)
     for layer in layers:
         layer(axes)
-    middle = (TOP + floor) / 2.0
     canvas.text((left + right) / 2.0, height - 6.0, names[0], ha="center", room=right - left,
                 size=NAME)
-    canvas.text(11.0, middle, names[1], ha="center", room=2.0 * middle, size=NAME, upright=True)
-    return axes
+    canvas.text(11.0, (TOP + floor) / 2.0, names[1], ha="center", room=TOP + floor, size=NAME,
+                upright=True)
 
 
-def _lines(axes: Axes, x: ArrayLike, y: ArrayLike, colour: str, width: float, alpha: float = 1.0,
-           cap: Literal["butt", "round"] = "butt") -> None:
-    """Draw lines as one path, in pieces where values are not finite."""
-    x, y = (np.where(np.isfinite(v), v, np.nan) for v in (tame(np.asarray(x, dtype=float)),
-                                                         tame(np.asarray(y, dtype=float))))
-    axes.plot(np.clip(x, *axes.get_xlim()), np.clip(y, *axes.get_ylim()), color=colour,
-              linewidth=width, alpha=None if alpha == 1.0 else alpha, solid_capstyle=cap,
-              clip_on=False, scalex=False, scaley=False)
+def _put(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:
+    """Draw one line or markers of one look, with gaps where values are not finite."""
+    ends = []
+    for values, limits in ((x, axes.get_xlim()), (y, axes.get_ylim())):
+        v = tame(np.asarray(values, dtype=float))
+        ends.append(np.clip(np.where(np.isfinite(v), v, np.nan), *limits))
+    axes.plot(*ends, clip_on=False, scalex=False, scaley=False, **look)
 
 
 def _apart(*columns: ArrayLike) -> Array:
@@ -123,68 +111,57 @@ def _apart(*columns: ArrayLike) -> Array:
     return out
 
 
+def _per(axes: Axes) -> tuple[float, float]:
+    """Return how much of each linear axis one point is."""
+    (a, b), (c, d), dots_ = axes.get_xlim(), axes.get_ylim(), axes.figure.dpi / 72.0
+    return (b - a) * dots_ / axes.bbox.width, (d - c) * dots_ / axes.bbox.height
+
+
 def dots(x: ArrayLike, y: ArrayLike, kind: str, size: float = 4.0) -> Layer:
     """Draw dots as one path of lines next to no length: thousands stay small."""
     def draw(axes: Axes) -> None:
         low, high = axes.get_xlim()
         at = np.clip(tame(np.asarray(x, dtype=float)), low, high)
-        _lines(axes, _apart(at, at + 1e-5 * (high - low)), _apart(y, y), COLOURS[kind], size,
-               cap="round")
+        _put(axes, _apart(at, at + 1e-5 * (high - low)), _apart(y, y), color=COLOURS[kind],
+             linewidth=size, solid_capstyle="round")
     return draw
 
 
 def strokes(x: ArrayLike, low: ArrayLike, high: ArrayLike, kind: str, width: float = 1.5,
-            alpha: float = 1.0, flat: bool = False) -> Layer:
+            alpha: float | None = None, flat: bool = False) -> Layer:
     """Draw strokes from ``low`` to ``high`` at ``x``, upright, or ``flat`` along x."""
-    def draw(axes: Axes) -> None:
-        ends = _apart(x, x), _apart(low, high)
-        _lines(axes, *(ends[::-1] if flat else ends), COLOURS[kind], width, alpha)
-    return draw
+    ends = (_apart(x, x), _apart(low, high))[::-1 if flat else 1]
+    return lambda axes: _put(axes, *ends, color=COLOURS[kind], linewidth=width, alpha=alpha,
+                             solid_capstyle="butt")
 
 
-def line(x: ArrayLike, y: ArrayLike, kind: str = "ink") -> Layer:
+def line(x: ArrayLike, y: ArrayLike) -> Layer:
     """Draw a line through points."""
-    return lambda axes: _lines(axes, x, y, COLOURS[kind], 1.2)
+    return lambda axes: _put(axes, x, y, color=style.INK, linewidth=1.2)
 
 
 def zero(upright: bool = False) -> Layer:
     """Draw the line of zero."""
     def draw(axes: Axes) -> None:
-        ends, none = (axes.get_ylim() if upright else axes.get_xlim()), (0.0, 0.0)
-        _lines(axes, *((none, ends) if upright else (ends, none)), SOFT, 1.2, 0.5)
+        ends = [axes.get_xlim(), (0.0, 0.0)] if not upright else [(0.0, 0.0), axes.get_ylim()]
+        _put(axes, *ends, color=SOFT, linewidth=1.2, alpha=0.5)
     return draw
 
 
-def marks(x: ArrayLike, y: ArrayLike, kind: str, marker: str, size: float = 6.4,
-          aside: float = 0.0) -> Layer:
-    """Draw markers, filled if ``kind`` is not ``before``, some points aside of their places."""
+def marks(x: ArrayLike, y: ArrayLike, kind: str, marker: str, size: float = 6.4) -> Layer:
+    """Draw markers, open ones if ``kind`` is ``before``."""
+    fill = style.CARD if kind == "before" else COLOURS[kind]
+    return lambda axes: _put(axes, x, y, linestyle="none", marker=marker, markersize=size,
+                             color=COLOURS[kind], markeredgewidth=1.5, markerfacecolor=fill)
+
+
+def intervals(x: Array, mean: Array, half: Array, kind: str, aside: float = 0.0) -> Layer:
+    """Draw means with their intervals, some points aside: rings before, discs after."""
     def draw(axes: Axes) -> None:
-        ends = [(tame(np.asarray(v, dtype=float)), lim) for v, lim in (
-            (x, axes.get_xlim()), (y, axes.get_ylim()))]
-        good = np.isfinite(ends[0][0]) & np.isfinite(ends[1][0])
-        across, up = (np.clip(v[good], *lim) for v, lim in ends)
-        axes.plot(across, up, linestyle="none", marker=marker, markersize=size,
-                  color=COLOURS[kind], markeredgewidth=1.6 if marker == "x" else 1.4,
-                  markerfacecolor=CARD if kind == "before" else COLOURS[kind], clip_on=False,
-                  transform=axes.transData + _shift(axes, aside), scalex=False, scaley=False)
+        at, middle = x + aside * _per(axes)[0], np.where(np.isfinite(half), mean, np.nan)
+        strokes(at, middle - half, middle + half, kind)(axes)
+        marks(at, middle, kind, "o")(axes)
     return draw
-
-
-def intervals(x: ArrayLike, mean: Array, half: Array, kind: str, aside: float = 0.0) -> Layer:
-    """Draw means with their intervals: rings before, discs after."""
-    def draw(axes: Axes) -> None:
-        good = np.isfinite(mean) & np.isfinite(half)
-        middle, wide = np.where(good, mean, np.nan), np.where(good, half, np.nan)
-        strokes(x, middle - wide, middle + wide, kind)(axes)
-        axes.lines[-1].set_transform(axes.transData + _shift(axes, aside))
-        marks(x, middle, kind, "o", aside=aside)(axes)
-    return draw
-
-
-def _shift(axes: Axes, aside: float) -> ScaledTranslation:
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    return ScaledTranslation(aside / 72.0, 0.0, figure.dpi_scale_trans)
 
 
 def band(low: float, high: float) -> Layer:
@@ -195,59 +172,42 @@ def band(low: float, high: float) -> Layer:
 
 def columns(edges: Array, tops: Array) -> Layer:
     """Draw the bars of a histogram as one path."""
-    def draw(axes: Axes) -> None:
-        gap = 0.06 * np.diff(edges)
-        left, right = edges[:-1] + gap, edges[1:] - gap
-        corners = np.stack([np.stack([left, left, right, right], axis=-1),
-                            np.stack([0.0 * tops, tops, tops, 0.0 * tops], axis=-1)], axis=-1)
-        axes.add_patch(PathPatch(Path.make_compound_path_from_polys(corners[tops > 0.0]),
-                                 facecolor=AFTER, alpha=0.75, linewidth=0.0, clip_on=False))
-    return draw
+    left, right = edges[:-1] + 0.06 * np.diff(edges), edges[1:] - 0.06 * np.diff(edges)
+    corners = np.stack([np.stack([left, left, right, right], axis=-1),
+                        np.stack([0.0 * tops, tops, tops, 0.0 * tops], axis=-1)], axis=-1)
+    path = Path.make_compound_path_from_polys(corners[tops > 0.0])
+    return lambda axes: axes.add_patch(PathPatch(path, facecolor=AFTER, alpha=0.75, linewidth=0.0,
+                                                 clip_on=False))
 
 
 def starts(places: Sequence[tuple[float, str]]) -> Layer:
     """Draw where parts begin: a dashed line with as much of the part's name as has room."""
     def draw(axes: Axes) -> None:
-        (low, high), wide = axes.get_xlim(), 72.0 * _inches(axes)[0]
         for x, name in places:
-            axes.axvline(x, color=SOFT, alpha=0.7, linewidth=1.0, dashes=(3.0, 3.0),
-                         clip_on=False)
-            shown = fitted(name, min(90.0, wide * (high - x) / (high - low)), size=SMALL)
+            shown = fitted(name, min(90.0, (axes.get_xlim()[1] - x) / _per(axes)[0]), size=SMALL)
+            axes.axvline(x, color=SOFT, alpha=0.7, linewidth=1.0, dashes=(3.0, 3.0), clip_on=False)
             axes.annotate(shown, (x, 1.0), (3.0, -8.0), xycoords=axes.get_xaxis_transform(),
-                          textcoords="offset points", size=SMALL, color=SOFT, parse_math=False)
+                          textcoords="offset points", size=SMALL, color=SOFT)
     return draw
 
 
 def arrows(x: Array, y: Array, dx: Array, dy: Array, kind: str) -> Layer:
     """Draw arrows as one path, from places in data by ``dx`` to the right and ``dy`` up, points."""
+    size = np.hypot(dx, dy)
+    head = np.where(size > 4.0, -3.0 / np.maximum(size, 4.0), np.nan)
+    u, v, nil = head * dx, head * dy, 0.0 * dx
+    px = _apart(nil, dx, dx + 0.87 * u - 0.5 * v, dx, dx + 0.87 * u + 0.5 * v)
+    py = _apart(nil, dy, dy + 0.5 * u + 0.87 * v, dy, dy - 0.5 * u + 0.87 * v)
+
     def draw(axes: Axes) -> None:
-        size = np.hypot(dx, dy)
-        head = np.where(size > 4.0, -3.0 / np.maximum(size, 4.0), np.nan)
-        u, v = head * dx, head * dy
-        there, up = _apart(x, x, x, x, x), _apart(y, y, y, y, y)
-        px = np.stack([0.0 * dx, dx, dx + 0.87 * u - 0.5 * v, dx, dx + 0.87 * u + 0.5 * v,
-                       0.0 * dx], axis=-1).ravel()
-        py = np.stack([0.0 * dy, dy, dy + 0.5 * u + 0.87 * v, dy, dy - 0.5 * u + 0.87 * v,
-                       0.0 * dy], axis=-1).ravel()
-        per = [(lim[1] - lim[0]) / (72.0 * extent) for lim, extent in zip(
-            (axes.get_xlim(), axes.get_ylim()), _inches(axes), strict=True)]
-        axes.plot(there + per[0] * px, up + per[1] * py, color=COLOURS[kind], linewidth=1.2,
-                  clip_on=False, scalex=False, scaley=False)
+        wide, high = _per(axes)
+        axes.plot(np.repeat(x, 6) + wide * px, np.repeat(y, 6) + high * py, color=COLOURS[kind],
+                  linewidth=1.2, clip_on=False, scalex=False, scaley=False)
     return draw
-
-
-def _inches(axes: Axes) -> tuple[float, float]:
-    """Return width and height of axes."""
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    wide, high = figure.get_size_inches()
-    place = axes.get_position()
-    return float(place.width * wide), float(place.height * high)
 
 
 def words_at(x: float, y: float, text: str) -> Layer:
     """Write words that end at a place, points from the upper right corner."""
     return lambda axes: axes.annotate(
-        one_line(text), (1.0, 1.0), (-x, -y), xycoords="axes fraction", textcoords="offset points",
-        ha="right", size=LETTERS, color=SOFT, parse_math=False)
-
+        plain(text), (1.0, 1.0), (-x, -y), xycoords="axes fraction", textcoords="offset points",
+        ha="right", size=LETTERS, color=SOFT)

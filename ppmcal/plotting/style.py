@@ -46,7 +46,7 @@ _LOOK: dict[Any, Any] = {
     "axes.labelcolor": INK, "text.color": INK, "xtick.color": SOFT, "ytick.color": SOFT,
     "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.axisbelow": True,
     "hatch.linewidth": 0.7, "legend.frameon": False, "path.simplify": False,
-    "svg.fonttype": "none", "svg.hashsalt": "ppmcal"}
+    "svg.fonttype": "none", "svg.hashsalt": "ppmcal", "text.parse_math": False}
 
 
 @contextmanager
@@ -102,9 +102,8 @@ def draw_legend(drawn: Figure, entries: Mapping[str, Any]) -> float:
 
 
 def plain(text: object) -> str:
-    """Return text on one line that matplotlib takes as it is, dollar signs too."""
-    shown = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
-    return shown.replace("$", r"\$")
+    """Return text on one line, without letters that cannot be drawn."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
 
 
 def lines_of(text: str, inches: float, size: float, most: int = 4) -> str:

@@ -39,22 +39,17 @@ def svg(drawn: Figure, title: str, description: str = "", page: bool = False) ->
     root = Element("svg", {"role": "img", "viewBox": f"0 0 {width} {height}",
                            "font-size": "11px"})
     if page:
-        root.attrib |= {"class": "plot", "aria-label": one_line(title)}
+        root.attrib |= {"class": "plot", "aria-label": plain(title)}
     else:
         root.attrib |= {"xmlns": "http://www.w3.org/2000/svg", "font-family": FONTS,
                         "width": short(SCALE * float(width)),
                         "height": short(SCALE * float(height))}
-    SubElement(root, "title").text = one_line(title)
-    SubElement(root, "desc").text = one_line(description)
+    SubElement(root, "title").text = plain(title)
+    SubElement(root, "desc").text = plain(description)
     marks = {f"#{m.get('id')}": m.get("d", "") for m in source.iter() if m.get("id")}
     done: dict[tuple[str, str], Element] = {}
     root.extend(list(_shapes(source, marks, done, page)))
     return ElementTree.tostring(root, encoding="unicode") + ("" if page else "\n")
-
-
-def one_line(words: str) -> str:
-    """Return words on one line, without the control letters that XML forbids."""
-    return plain(words).replace(r"\$", "$")
 
 
 def short(value: float) -> str:
@@ -114,17 +109,12 @@ def _colour(value: str) -> str:
 
 def _text(node: Element, style: str) -> Element:
     """Return words at their place, with a rotation where they have one."""
-    out = Element("text", style=style)
+    place = _NUMBER.sub(lambda m: short(float(m[0])), node.get("transform", ""))
+    turned = "rotate(" in place and "rotate(0 " not in place
+    out = Element("text", {"style": style} | ({"transform": place} if turned else {}))
+    if not (turned and "translate" in place):
+        out.attrib |= zip("xy", _NUMBER.findall(place)[-2:], strict=True)
     out.text = node.text
-    transform = node.get("transform", "")
-    numbers = [float(n) for n in _NUMBER.findall(transform)]
-    if "rotate(-0 " in transform or "rotate" not in transform:
-        out.attrib |= {"x": short(numbers[-2]), "y": short(numbers[-1])}
-    elif "x" in node.attrib:
-        out.attrib |= {k: short(float(node.attrib[k])) for k in "xy"}
-        out.set("transform", _NUMBER.sub(lambda m: short(float(m[0])), transform))
-    else:
-        out.set("transform", _NUMBER.sub(lambda m: short(float(m[0])), transform))
     return out
 
 

@@ -14,7 +14,7 @@ from ppmcal.io.results.comparison import (
     remainder_sentence,
     verdict_sentence,
 )
-from ppmcal.plotting.canvas import SMALL, Canvas, Picture
+from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
 from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes, zero
 from ppmcal.report.format import count, listed, number, probability, sig, to_sigma, typeset
 from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, words
@@ -94,7 +94,7 @@ def _row(p: ParameterDifference) -> list[Cell]:
                   "warn" if p.status == "changed" else "")]
 
 
-def differences(rows: Sequence[ParameterDifference]) -> Picture | None:
+def differences(rows: Sequence[ParameterDifference]) -> Drawing | None:
     """Return new minus old of each parameter over its sigma, largest first."""
     seen = [(z, p) for p in rows if (z := _ratio(p)) is not None]
     if not seen:
@@ -102,7 +102,7 @@ def differences(rows: Sequence[ParameterDifference]) -> Picture | None:
     seen.sort(key=lambda s: (s[1].status not in STYLES, -abs(s[0])))
     shown = sorted(seen[:DRAWN], key=lambda s: -abs(s[0]))
     less = f" The {len(shown)} largest of {len(seen)}." if len(shown) < len(seen) else ""
-    return Picture(
+    return Drawing(
         "New minus old in units of sigma",
         "With 95 % bars, sorted by size; diamonds and bold names: changed. Sigma is what noise "
         "and tolerances make, so that parameters that trade with each other differ little "

@@ -6,7 +6,7 @@ from typing import Any
 
 from ppmcal.io.results.export import DECIMALS, CommandErrors, ExportRecord, RotationErrors
 from ppmcal.plotting.bars import Chart, Row
-from ppmcal.plotting.canvas import Picture
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.format import count, number, sig
 from ppmcal.report.html import (
@@ -87,7 +87,7 @@ def _gain(r: ExportRecord) -> str:
             + figures([_bars(r, k) for k in ("position", "rotation")]))
 
 
-def _bars(r: ExportRecord, kind: str) -> Picture | None:
+def _bars(r: ExportRecord, kind: str) -> Drawing | None:
     """Return a picture of one kind of error, old and new."""
     parts = {s: _errors(r, s, kind) for s, _ in STAGES}
     known = {(s, k): number(getattr(parts[s], k)) for s in parts for k, _ in ERRORS}
@@ -99,7 +99,7 @@ def _bars(r: ExportRecord, kind: str) -> Picture | None:
     rows = [Row(f"{key}, {name}", ((values[stage, key], KINDS[stage]),),
                 f"{fixed(values[stage, key], DECIMALS.get(unit, 4))} {unit}".strip())
             for key, _ in ERRORS for stage, name in STAGES]
-    return Chart(rows, "linear", 0.0, top, unit, beside=True).picture(
+    return Chart(rows, "linear", 0.0, top, unit, beside=True).drawing(
         f"Predicted error of {kind}", "Rms and largest.",
         f"Rms and largest error, old and new, in {unit or 'its unit'}.",
         key=(("before", "old"), ("after", "new")))

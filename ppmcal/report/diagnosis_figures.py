@@ -1,6 +1,6 @@
 """A diagnosis in pictures, drawn from diagnosis.json alone.
 
-Every function takes the record and returns a :class:`Picture`, or None where the record (of an
+Every function takes the record and returns a :class:`Drawing`, or None where the record (of an
 older version, or cut down) does not hold what it shows.
 """
 
@@ -19,7 +19,7 @@ from ppmcal.io.results.diagnosis_wording import (
     worst_block,
 )
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
-from ppmcal.plotting.canvas import Picture
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.diagnosis_format import finer, left_out, odds_to
 from ppmcal.report.diagnosis_inputs import input_pictures
@@ -31,9 +31,9 @@ LONG_ODDS = 150.0
 """Beyond these an alternative is in the set only for what it can imitate."""
 
 
-def pictures(record: DiagnosisRecord) -> dict[str, list[Picture]]:
+def pictures(record: DiagnosisRecord) -> dict[str, list[Drawing]]:
     """Return file name without ending -> pictures on that sheet."""
-    found: dict[str, Sequence[Picture | None]] = {
+    found: dict[str, Sequence[Drawing | None]] = {
         "gap": [gap(record)], "actuators": [by_actuator(record)],
         "inputs": input_pictures(record), "ranking": [ranking(record)],
         "alternatives": [confusion(record)]}
@@ -41,7 +41,7 @@ def pictures(record: DiagnosisRecord) -> dict[str, list[Picture]]:
     return {name: some for name, some in drawn.items() if some}
 
 
-def gap(record: DiagnosisRecord) -> Picture | None:
+def gap(record: DiagnosisRecord) -> Drawing | None:
     """Return the residuals of one model after the other, down to the noise."""
     steps = [(s, value) for s in record.plot_data.steps
              if (value := number(s.rms_ratio)) is not None]
@@ -60,7 +60,7 @@ def gap(record: DiagnosisRecord) -> Picture | None:
         if record.effects:
             rows.append(_gap_row("geometry and what is named", ends[1] or 0.0, "after"))
     ticks = [(v, "1 (noise)" if v == 1.0 else words) for v, words in ratio_ticks(high)]
-    return Chart(rows, "log", 0.5, high, "rms of the residuals over the noise", ticks).picture(
+    return Chart(rows, "log", 0.5, high, "rms of the residuals over the noise", ticks).drawing(
         "How the gap closes",
         "Upper bars: the rows that effects were searched in; each bar adds one thing to the "
         "model. The upright line is the noise alone: where nothing is missing, bars end there.",
@@ -85,7 +85,7 @@ def _step_name(record: DiagnosisRecord, step: PlottedStep) -> str:
     return "+ " + name_of(record, step.kind, step.on)
 
 
-def by_actuator(record: DiagnosisRecord) -> Picture | None:
+def by_actuator(record: DiagnosisRecord) -> Drawing | None:
     """Return the rms error of each joint before and after, beside what noise gives."""
     rows = [a for a in record.plot_data.actuators if number(a.rms_before) is not None]
     if not rows:
@@ -106,7 +106,7 @@ def by_actuator(record: DiagnosisRecord) -> Picture | None:
                if after else "What is missing shows where a bar passes its line.")
     high = 1.06 * max([*(max(v) for _, v in table), SMALLEST])
     return Chart(bars, "linear", 0.0, high, shown, legend=[*legend, ("limit", "noise")],
-                 beside=True).picture(
+                 beside=True).drawing(
         "Where it is: the error of each joint",
         "Joint errors that would explain the residuals, row by row; the upright lines are what "
         f"noise alone gives. {reading} {left_out(record)}".rstrip(),
@@ -126,7 +126,7 @@ def _scaled(a: PlottedActuator, factor: float, one: bool) -> tuple[float, float,
     return before * scale, after * scale, noise * scale
 
 
-def confusion(record: DiagnosisRecord) -> Picture | None:
+def confusion(record: DiagnosisRecord) -> Drawing | None:
     """Return for each named effect what could take its place, and how likely that is."""
     groups = []
     for group in together(record):
@@ -146,7 +146,7 @@ def confusion(record: DiagnosisRecord) -> Picture | None:
     high = max([LONG_ODDS] + [min(o, 1e6) for o in all_odds])
     file, long = record.next_measurements.file, max(all_odds) > LONG_ODDS
     return Chart(rows, "log", 0.5, high, "odds for the named effect against the alternative",
-                 ratio_ticks(high)).picture(
+                 ratio_ticks(high)).drawing(
         "What these data cannot tell apart",
         "Odds from the fit and the number of parameters; a short bar: the data hardly prefer the "
         "named effect." + long * (" A long one: the alternative fits as well and has more "

@@ -11,7 +11,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_plots import PlottedSeries
 from ppmcal.io.results.diagnosis_wording import actuators, effect_name
 from ppmcal.linalg import Array
-from ppmcal.plotting.canvas import HEIGHT, NAME, WIDTH, Canvas, Picture, width
+from ppmcal.plotting.canvas import HEIGHT, NAME, WIDTH, Canvas, Drawing, width
 from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, intervals, plot, span, zero
 from ppmcal.plotting.style import SOFT
 from ppmcal.report.diagnosis_format import INPUTS, finer, left_out
@@ -24,7 +24,7 @@ CLASS_ROOM = 12.0
 """Further height below the axis for the names of classes."""
 
 
-def input_pictures(record: DiagnosisRecord) -> list[Picture]:
+def input_pictures(record: DiagnosisRecord) -> list[Drawing]:
     """Return one panel for each series of the plot data."""
     out = [_panel(record, s) for s in record.plot_data.series]
     return [p for p in out if p is not None]
@@ -44,7 +44,7 @@ def _values(s: PlottedSeries) -> tuple[Array, Array] | None:
     return (x, table) if size > 1 and np.isfinite(x).all() and all(seen) else None
 
 
-def _panel(record: DiagnosisRecord, series: PlottedSeries) -> Picture | None:
+def _panel(record: DiagnosisRecord, series: PlottedSeries) -> Drawing | None:
     """Return one panel, None where there is too little to draw."""
     found = _values(series)
     if found is None:
@@ -64,7 +64,7 @@ def _panel(record: DiagnosisRecord, series: PlottedSeries) -> Picture | None:
     x_name = _input_name(series, x_unit)
     tail = f"; one period is {_period(series)}" if number(series.period) else ""
     subject = f"measured {series.coordinate}" if series.coordinate else "the joint"
-    return Picture(
+    return Drawing(
         _title(record, series, what),
         f"Means of {size} {'classes' if classes else 'bins'} with 95 % bars; positive: {subject} "
         f"is further than the model says{tail}. {left_out(record)}".rstrip(),

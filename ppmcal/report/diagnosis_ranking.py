@@ -8,7 +8,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_plots import PlottedHypothesis
 from ppmcal.io.results.diagnosis_wording import name_of
 from ppmcal.plotting.bars import Chart, Row
-from ppmcal.plotting.canvas import Picture
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.diagnosis_format import chance, power, scientific
 from ppmcal.report.format import number
 
@@ -21,7 +21,7 @@ LEGEND = (("named", "named"), ("more", "with the other named ones in the model")
 TICKS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 150.0, 200.0, 300.0)
 
 
-def ranking(record: DiagnosisRecord) -> Picture | None:
+def ranking(record: DiagnosisRecord) -> Drawing | None:
     """Return how unlikely noise alone would show each hypothesis as strongly as the data do."""
     rows = [(r, -value) for r in record.plot_data.ranking if (value := number(
         r.log10_p if r.log10_p_alone is None else r.log10_p_alone)) is not None]
@@ -35,7 +35,7 @@ def ranking(record: DiagnosisRecord) -> Picture | None:
     return Chart(bars, "root", 0.0, high, "p-value before anything was named (stronger: right)",
                  [(v, power(-v)) for v in TICKS if v <= high],
                  [*(e for e in LEGEND if e[0] in there), *((k, words) for words, _, k in limits)]
-                 ).picture(
+                 ).drawing(
         "What could be missing, by strength of evidence", _caption(record, rows, limits),
         f"The {len(rows)} strongest hypotheses; first: {best}.")
 

@@ -12,7 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from ppmcal.plotting.canvas import Picture
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.format import exact, number, sig
 
 MAX_ROWS = 200
@@ -78,7 +78,7 @@ def paragraph(text: str, kind: str = "") -> str:
     return part("paragraph", text, kind) if text else ""
 
 
-def figures(pictures: Sequence[Picture | None], kind: str = "plots") -> str:
+def figures(pictures: Sequence[Drawing | None], kind: str = "plots") -> str:
     """Return pictures with their captions, nothing for none."""
     drawn = [(p, p.inline()) for p in pictures if p is not None]
     return part("figures", drawn, kind) if drawn else ""

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
-
 import numpy as np
 
 from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array, Bools
-from ppmcal.plotting.canvas import HEIGHT, WIDTH, Picture
+from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
 from ppmcal.plotting.plot import (
     BOTTOM,
     LEFT,
@@ -23,7 +20,7 @@ from ppmcal.plotting.plot import (
     dots,
     line,
     marks,
-    plot,
+    plotted,
     span,
     starts,
     strokes,
@@ -50,7 +47,6 @@ CROSSES = 100
 """At most so many of the rows left out are drawn."""
 ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
-LEFT_OUT = ("out", "left out")
 
 
 def with_label(name: str, unit: str) -> str:
@@ -59,7 +55,7 @@ def with_label(name: str, unit: str) -> str:
 
 
 def residual_figures(table: Columns | None, units: UnitNames, positions: Array | None = None
-                     ) -> list[Picture]:
+                     ) -> list[Drawing]:
     """Return all pictures of residuals.csv; ``positions``: measured x, y (N, 2) of its rows."""
     if table is None or not table.size:
         return []
@@ -72,7 +68,7 @@ def residual_figures(table: Columns | None, units: UnitNames, positions: Array |
     return [p for p in out if p is not None]
 
 
-def histogram(values: Array) -> Picture | None:
+def histogram(values: Array) -> Drawing | None:
     """Return white residuals with the normal curve that they should follow."""
     if values.size < 4:
         return None
@@ -84,36 +80,31 @@ def histogram(values: Array) -> Picture | None:
     outside = int(np.sum(np.abs(values) > 5.0))
     rms = float(np.sqrt(np.mean(values**2)))
     far = f" {count(outside, 'value')} beyond 5 sigma in the outer bars." if outside else ""
-    return Picture(
+    return plotted(
         "Residuals over their stated noise, after",
         f"{count(values.size, 'value')}, rms {sig(rms)}; line: what pure noise gives "
-        f"(rms 1).{far}",
-        f"Histogram of {values.size} values with the standard normal curve; their rms is "
-        f"{rms:.2f}.",
-        partial(plot, x=Axis(-5.0, 5.0), y=Axis(0.0, 1.08 * max(float(density.max()), 0.42)),
-                names=("residual / sigma", "density"),
-                layers=[columns(edges, density), line(curve, normal)]))
+        f"(rms 1).{far}", f"Histogram of {values.size} values with the standard normal curve; "
+        f"their rms is {rms:.2f}.", Axis(-5.0, 5.0),
+        Axis(0.0, 1.08 * max(float(density.max()), 0.42)), ("residual / sigma", "density"),
+        [columns(edges, density), line(curve, normal)])
 
 
-def by_row(table: Columns, group: LimbResiduals, unit: str) -> Picture | None:
+def by_row(table: Columns, group: LimbResiduals, unit: str) -> Drawing | None:
     """Return the norm of the error by row before and after, on a logarithmic scale."""
     keep = used(table)
-    positive = [np.where(v > 0.0, v, np.nan) for v in (group.before, group.after)]
-    if not np.isfinite(positive[1]).any():
+    before, after = (np.where(v > 0.0, v, np.nan) for v in (group.before, group.after))
+    if not np.isfinite(after).any():
         return None
-    layers = [_starts(table)]
-    for values, kind in zip(positive, ("before", "after"), strict=True):
-        layers += series(np.where(keep, values, np.nan), kind)
-    return Picture(
-        f"Error of {group.name} by row, before and after",
-        (subsampled(table.size) + few(keep)).lstrip(), f"{table.size} rows on a logarithmic scale.",
-        partial(plot, x=Axis(0.0, table.size + 1.0), y=span(positive, log=True),
-                names=(ROWS, with_label(group.name, unit)),
-                layers=[*layers, _left_out(positive[1], keep)]),
-        key=BEFORE_AFTER if keep.all() else (*BEFORE_AFTER, LEFT_OUT))
+    return plotted(
+        f"Error of {group.name} by row, before and after", subsampled(table.size) + few(keep),
+        f"{table.size} rows on a logarithmic scale.", Axis(0.0, table.size + 1.0),
+        span([before, after], log=True), (ROWS, with_label(group.name, unit)),
+        [_starts(table), *series(np.where(keep, before, np.nan), "before"),
+         *series(np.where(keep, after, np.nan), "after"), _left_out(after, keep)],
+        BEFORE_AFTER if keep.all() else (*BEFORE_AFTER, ("out", "left out")))
 
 
-def coordinate(table: Columns, name: str, unit: str) -> Picture | None:
+def coordinate(table: Columns, name: str, unit: str) -> Drawing | None:
     """Return one coordinate's residual after the fit by row, with two sigma."""
     keep, values = used(table), table.number(f"after_{name}")
     inside = np.where(keep, values, np.nan)
@@ -123,16 +114,13 @@ def coordinate(table: Columns, name: str, unit: str) -> Picture | None:
     sigma = sigma[np.isfinite(sigma)]
     two = 2.0 * float(np.median(sigma)) if sigma.size else 0.0
     caption = f"Band: ±2 sigma of the stated noise ({with_unit(two, unit)})." if two else ""
-    return Picture(
-        f"Residual of {name} by row, after",
-        f"{caption}{subsampled(table.size)}{few(keep)}".lstrip(),
+    return plotted(
+        f"Residual of {name} by row, after", f"{caption}{subsampled(table.size)}{few(keep)}",
         f"{table.size} rows; rms {with_unit(float(np.sqrt(np.nanmean(inside**2))), unit)}.",
-        partial(plot, x=Axis(0.0, table.size + 1.0), y=span(np.append(inside, two), zero=True),
-                names=(ROWS, with_label(name, unit)),
-                layers=[band(-two, two), _starts(table), *series(inside, "after"),
-                        _left_out(values, keep)]),
-        key=() if keep.all() else (("after", "after"),
-                                   ("out", "left out (at the edge: beyond it)")))
+        Axis(0.0, table.size + 1.0), span(np.append(inside, two), zero=True),
+        (ROWS, with_label(name, unit)),
+        [band(-two, two), _starts(table), *series(inside, "after"), _left_out(values, keep)],
+        () if keep.all() else (("after", "after"), ("out", "left out (at the edge: beyond it)")))
 
 
 def series(values: Array, kind: str) -> list[Layer]:
@@ -169,7 +157,7 @@ def _left_out(values: Array, keep: Bools) -> Layer:
     return marks(rows + 1.0, values[rows], "out", "x")
 
 
-def plane(table: Columns, unit: str, positions: Array | None) -> list[Picture | None]:
+def plane(table: Columns, unit: str, positions: Array | None) -> list[Drawing | None]:
     """Return error vectors where they were measured, or their scatter where that is unknown."""
     keep = used(table)
     out = []
@@ -194,7 +182,7 @@ def square(x: Array, y: Array) -> tuple[Axis, Axis]:
     return Axis(cx - half * wide, cx + half * wide), Axis(cy - half, cy + half)
 
 
-def error_vectors(places: Array, vector: Array, stage: str, unit: str) -> Picture | None:
+def error_vectors(places: Array, vector: Array, stage: str, unit: str) -> Drawing | None:
     """Return error vectors at the measured places, enlarged, with their scale."""
     size = np.hypot(vector[:, 0], vector[:, 1])
     rows = evenly_spread(places, size)
@@ -211,19 +199,18 @@ def error_vectors(places: Array, vector: Array, stage: str, unit: str) -> Pictur
     total = int(np.sum(np.isfinite(size)))
     note = (f" Thinned: the largest of each cell, {rows.size} of {whole(total)} rows."
             if rows.size < total else "")
-    return Picture(
+    return plotted(
         f"Error vectors in the plane, {stage}",
         f"Each plot has its own scale (arrow at the top right).{note}",
-        f"{rows.size} vectors; the longest is {with_unit(largest, unit)}.",
-        partial(plot, x=x, y=y, names=("measured x", "measured y"),
-                layers=[arrows(at[:, 0], at[:, 1], dx, dy, stage),
-                        arrows(x.high - per * (10.0 + length), np.array([y.high - 10.0 * per]),
-                               length, 0.0 * length, "ink"),
-                        words_at(14.0 + float(length[0]), 14.0, with_unit(step, unit, 1))]),
-        key=((stage, stage),))
+        f"{rows.size} vectors; the longest is {with_unit(largest, unit)}.", x, y,
+        ("measured x", "measured y"),
+        [arrows(at[:, 0], at[:, 1], dx, dy, stage),
+         arrows(x.high - per * (10.0 + length), np.array([y.high - 10.0 * per]), length,
+                0.0 * length, "ink"),
+         words_at(14.0 + float(length[0]), 14.0, with_unit(step, unit, 1))], ((stage, stage),))
 
 
-def scatter(vector: Array, unit: str) -> Picture:
+def scatter(vector: Array, unit: str) -> Drawing:
     """Return residuals in x and y against each other."""
     rows = np.flatnonzero(np.isfinite(vector).all(axis=1))
     total = rows.size
@@ -234,14 +221,14 @@ def scatter(vector: Array, unit: str) -> Picture:
     x, y = square(v[:, 0], v[:, 1])
     note = (f" Thinned: {whole(rows.size)} of {whole(total)} rows, with the 200 largest."
             if rows.size < total else "")
-    return Picture(
+    return plotted(
         "Residuals in the plane, after", f"A round cloud about 0 is what noise gives.{note}",
-        f"Residual in y against residual in x of {total} rows.",
-        partial(plot, x=x, y=y, names=(with_label("x", unit), with_label("y", unit)),
-                layers=[zero(upright=True), zero(), dots(v[:, 0], v[:, 1], "after")]))
+        f"Residual in y against residual in x of {total} rows.", x, y,
+        (with_label("x", unit), with_label("y", unit)),
+        [zero(upright=True), zero(), dots(v[:, 0], v[:, 1], "after")])
 
 
-def command_figure(rows: ResidualRows, kind: str, unit: str) -> Picture | None:
+def command_figure(rows: ResidualRows, kind: str, unit: str) -> Drawing | None:
     """Return the predicted error of the commands, before and after compensation."""
     table = rows.table
     if table is None or f"error_{kind}_after" not in table.numbers:
@@ -250,16 +237,14 @@ def command_figure(rows: ResidualRows, kind: str, unit: str) -> Picture | None:
               (table.number(f"error_{kind}_before"), table.number(f"error_{kind}_after"))]
     if not np.isfinite(values).any():
         return None
-    return Picture(
-        f"Predicted error of {kind} by target", subsampled(table.size).lstrip(),
-        f"{table.size} targets on a logarithmic scale.",
-        partial(plot, x=Axis(0.0, table.size + 1.0), y=span(values, log=True),
-                names=("target, in the order of the file", with_label(kind, unit)),
-                layers=[*series(values[0], "before"), *series(values[1], "after")]),
-        key=BEFORE_AFTER)
+    return plotted(
+        f"Predicted error of {kind} by target", subsampled(table.size),
+        f"{table.size} targets on a logarithmic scale.", Axis(0.0, table.size + 1.0),
+        span(values, log=True), ("target, in the order of the file", with_label(kind, unit)),
+        [*series(values[0], "before"), *series(values[1], "after")], BEFORE_AFTER)
 
 
-def truth_figures(c: ComparedMachines) -> list[Picture]:
+def truth_figures(c: ComparedMachines) -> list[Drawing]:
     """Return found against true errors for each unit, and z by parameter."""
     out = []
     for unit in dict.fromkeys(r.unit for r in c.rows):
@@ -268,26 +253,20 @@ def truth_figures(c: ComparedMachines) -> list[Picture]:
         two = np.array([1.96 * (r.sigma or 0.0) for r in rows])
         x, y = span(true), span(np.concatenate([true, found - two, found + two]))
         ends = [max(x.low, y.low), min(x.high, y.high)]
-        out.append(Picture(
+        out.append(plotted(
             "Error found against the true one" + (f", in {unit}" if unit else ""),
             "Line: found = true; bars: 95 % interval.",
-            f"{len(rows)} parameters with 95 % intervals.",
-            partial(plot, x=x, y=y, names=(with_label("true error", unit),
-                                           with_label("found", unit)),
-                    layers=[line(ends, ends), strokes(true, found - two, found + two, "after", 1.0),
-                            dots(true, found, "after")])))
-    return [*out, *_z_figure([r.z for r in c.rows])]
-
-
-def _z_figure(z: Sequence[float | None]) -> list[Picture]:
-    values = np.array([np.nan if v is None else v for v in z])
-    if not np.isfinite(values).any():
-        return []
-    x = np.arange(values.size) + 1.0
-    return [Picture(
-        "Deviation from the truth in standard deviations", "Band: ±2, where 95 % should lie.",
-        f"z of {values.size} parameters.",
-        partial(plot, x=Axis(0.0, values.size + 1.0), y=span([*values, 3.0], zero=True),
-                names=("parameter, in the order of the table", "z"),
-                layers=[band(-2.0, 2.0), strokes(x, 0.0 * values, values, "after", 1.0),
-                        dots(x, values, "after")]))]
+            f"{len(rows)} parameters with 95 % intervals.", x, y,
+            (with_label("true error", unit), with_label("found", unit)),
+            [line(ends, ends), strokes(true, found - two, found + two, "after", 1.0),
+             dots(true, found, "after")]))
+    z = np.array([np.nan if r.z is None else r.z for r in c.rows])
+    if np.isfinite(z).any():
+        at = np.arange(z.size) + 1.0
+        out.append(plotted(
+            "Deviation from the truth in standard deviations",
+            "Band: ±2, where 95 % should lie.", f"z of {z.size} parameters.",
+            Axis(0.0, z.size + 1.0), span([*z, 3.0], zero=True),
+            ("parameter, in the order of the table", "z"),
+            [band(-2.0, 2.0), strokes(at, 0.0 * z, z, "after", 1.0), dots(at, z, "after")]))
+    return out

@@ -12,7 +12,7 @@ from helpers.drawings import bars, bold, boxes, lines, parsed, pieces, shapes, s
 from matplotlib import image
 
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
-from ppmcal.plotting.canvas import WIDTH, Picture, broken, fitted, sheet, width
+from ppmcal.plotting.canvas import WIDTH, Drawing, broken, fitted, sheet, width
 from ppmcal.plotting.plot import (
     Axis,
     arrows,
@@ -48,7 +48,7 @@ X, Y = Axis(0.0, 10.0), Axis(-1.0, 1.0)
 
 
 def picture(*layers, x=X, y=Y, names=("row", "error (mm)"), **more):
-    return Picture("Title", "Caption.", "Description.",
+    return Drawing("Title", "Caption.", "Description.",
                    partial(plot, x=x, y=y, names=names, layers=layers, **more))
 
 
@@ -68,7 +68,7 @@ def everything(n=5):
 def test_bars_are_in_proportion(scale, beside):
     low = 0.5 if scale == "log" else 0.0
     drawn = parsed(chart(scale=scale, low=low, beside=beside)
-                   .picture("Title", "Caption.", "Description.").inline()
+                   .drawing("Title", "Caption.", "Description.").inline()
                    .replace("var(--before)", BEFORE).replace("var(--after)", AFTER)
                    .replace("var(--ink)", "#1c2227"))
     size = {"log": lambda v: np.log(v / 0.5), "linear": float, "root": np.sqrt}[scale]
@@ -87,7 +87,7 @@ def test_bars_are_in_proportion(scale, beside):
 
 def test_bars_beyond_the_scale_end_at_it():
     rows = [Row("a", ((v, "after"),)) for v in (1e300, 16.0, 0.0, -1.0, 0.5)]
-    drawn = parsed(Chart(rows, "log", 0.5, 16.0, "").picture("", "", "").inline()
+    drawn = parsed(Chart(rows, "log", 0.5, 16.0, "").drawing("", "", "").inline()
                    .replace("var(--after)", AFTER))
     wide = [max(x for x, _ in b) - min(x for x, _ in b) for b in shapes(drawn, "after")]
     assert wide[0] == wide[1] > 300.0 and wide[2:] == [0.0, 0.0, 0.0]
@@ -100,7 +100,7 @@ def test_no_words_break_a_drawing(label, beside):
     shown = " ".join("".join(c if c.isprintable() else " " for c in label).split())
     legend = [("before", label), ("limit", label)]
     found = [chart(label, label, beside=beside, axis=label, legend=legend)
-             .picture(label, label, label),
+             .drawing(label, label, label),
              picture(starts([(2.0, label), (9.0, label)]), words_at(20.0, 14.0, label[:14]),
                      names=(label, label))]
     for one in found:
