@@ -19,7 +19,7 @@ THICK = {"explained": 5.0, "other": 2.5}
 """Thickness of bars that count less, of 8, where labels are above."""
 LOOKS: dict[str, dict[str, Any]] = {
     "before": {"fill": False, "edgecolor": BEFORE, "linewidth": 1.4},
-    "after": {"facecolor": AFTER}, "named": {"facecolor": AFTER},
+    "after": {"facecolor": AFTER}, "named": {"facecolor": AFTER}, "new": {"facecolor": AFTER},
     "more": {"fill": False, "edgecolor": AFTER, "linewidth": 1.4},
     "alternative": {"fill": False, "edgecolor": OUT, "linewidth": 1.4, "linestyle": (0, (4, 2))},
     "explained": {"facecolor": BEFORE, "alpha": 0.65}, "old": {"facecolor": BEFORE, "alpha": 0.65},

@@ -17,7 +17,7 @@ from matplotlib.textpath import text_to_path
 from matplotlib.transforms import Affine2D
 
 from ppmcal.plotting.style import INK, SOFT, figure, look, plain
-from ppmcal.plotting.svg import svg
+from ppmcal.plotting.svg import TOLD, svg
 
 WIDTH, HEIGHT, EDGE = 400.0, 250.0, 8.0
 """Size of a drawing, such that its letters stay readable on a 400 px screen; its margin."""
@@ -90,9 +90,10 @@ class Canvas:
              size: float = LETTERS, upright: bool = False) -> None:
         """Write words at a place; those that are cut to their room are told on hovering."""
         shown = fitted(words, WIDTH - x - EDGE if room is None else room, bold, size)
-        self.add(Text(x, y, shown, ha=ha, color=colour, size=size,
+        gid = None if shown == plain(words) else TOLD + plain(words)
+        self.add(Text(x, y, shown, ha=ha, color=colour, size=size, gid=gid,
                       weight="bold" if bold else "normal", rotation=90.0 if upright else 0.0,
-                      rotation_mode="anchor", gid=None if shown == plain(words) else plain(words)))
+                      rotation_mode="anchor"))
 
 
 @dataclass(frozen=True, eq=False)

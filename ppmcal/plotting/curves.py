@@ -113,11 +113,7 @@ def _points(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
 
 def _drawable(x: Array, y: Array, log_x: bool, log_y: bool) -> tuple[Array, Array]:
     """Return points with a gap where an axis cannot show them."""
-    bad = np.isnan(x) | np.isnan(y)
-    if log_x:
-        bad |= ~(x > 0.0)
-    if log_y:
-        bad |= ~(y > 0.0)
+    bad = np.isnan(x) | np.isnan(y) | (log_x & ~(x > 0.0)) | (log_y & ~(y > 0.0))
     return np.where(bad, np.nan, x), np.where(bad, np.nan, y)
 
 

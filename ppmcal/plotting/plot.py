@@ -117,22 +117,20 @@ def _per(axes: Axes) -> tuple[float, float]:
     return (b - a) * dots_ / axes.bbox.width, (d - c) * dots_ / axes.bbox.height
 
 
-def dots(x: ArrayLike, y: ArrayLike, kind: str, size: float = 4.0) -> Layer:
-    """Draw dots as one path of lines next to no length: thousands stay small."""
-    def draw(axes: Axes) -> None:
-        low, high = axes.get_xlim()
-        at = np.clip(tame(np.asarray(x, dtype=float)), low, high)
-        _put(axes, _apart(at, at + 1e-5 * (high - low)), _apart(y, y), color=COLOURS[kind],
-             linewidth=size, solid_capstyle="round")
-    return draw
-
-
 def strokes(x: ArrayLike, low: ArrayLike, high: ArrayLike, kind: str, width: float = 1.5,
-            alpha: float | None = None, flat: bool = False) -> Layer:
+            alpha: float | None = None, flat: bool = False, cap: Any = "butt") -> Layer:
     """Draw strokes from ``low`` to ``high`` at ``x``, upright, or ``flat`` along x."""
     ends = (_apart(x, x), _apart(low, high))[::-1 if flat else 1]
     return lambda axes: _put(axes, *ends, color=COLOURS[kind], linewidth=width, alpha=alpha,
-                             solid_capstyle="butt")
+                             solid_capstyle=cap)
+
+
+def dots(x: ArrayLike, y: ArrayLike, kind: str, size: float = 4.0) -> Layer:
+    """Draw dots as one path of round strokes of next to no length: thousands stay small."""
+    def draw(axes: Axes) -> None:
+        at, half = np.asarray(x, dtype=float), 1e-5 * float(np.ptp(axes.get_xlim()))
+        strokes(y, at - half, at + half, kind, size, flat=True, cap="round")(axes)
+    return draw
 
 
 def line(x: ArrayLike, y: ArrayLike) -> Layer:

@@ -23,7 +23,6 @@ from ppmcal.report.html import (
 from ppmcal.report.records import ControllerExport
 
 STAGES = (("before", "old"), ("after", "new"))
-KINDS = {"before": "old", "after": "after"}
 ERRORS = (("rms", "rms"), ("max", "at most"))
 """Keys, and their names in a sentence."""
 
@@ -96,7 +95,7 @@ def _bars(r: ExportRecord, kind: str) -> Drawing | None:
     if not top > SMALLEST or None in known.values():
         return None
     unit = parts["after"].unit
-    rows = [Row(f"{key}, {name}", ((values[stage, key], KINDS[stage]),),
+    rows = [Row(f"{key}, {name}", ((values[stage, key], name),),
                 f"{fixed(values[stage, key], DECIMALS.get(unit, 4))} {unit}".strip())
             for key, _ in ERRORS for stage, name in STAGES]
     return Chart(rows, "linear", 0.0, top, unit, beside=True).drawing(

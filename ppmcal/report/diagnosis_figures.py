@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_plots import PlottedActuator, PlottedStep
+from ppmcal.io.results.diagnosis_plots import PlottedStep
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
     gap_closed,
@@ -92,8 +92,10 @@ def by_actuator(record: DiagnosisRecord) -> Drawing | None:
         return None
     units = {a.unit for a in rows}
     one, after = len(units) == 1, bool(record.effects)
-    factor, unit = finer(units.pop(), max(_parts(a)[0] for a in rows)) if one else (1.0, "")
-    table = [(a.name or "?", _scaled(a, factor, one)) for a in rows]
+    parts = [[number(v) or 0.0 for v in (a.rms_before, a.rms_after, a.noise)] for a in rows]
+    factor, unit = finer(units.pop(), max(p[0] for p in parts)) if one else (1.0, "")
+    table = [(a.name or "?", [v * (factor if one else 1.0 / max(p[2], SMALLEST)) for v in p])
+             for a, p in zip(rows, parts, strict=True)]
     bars = []
     for name, (before, now, noise) in table:
         amount = f"{sig(before)} → {sig(now)}" if after else sig(before)
@@ -112,18 +114,6 @@ def by_actuator(record: DiagnosisRecord) -> Drawing | None:
         f"noise alone gives. {reading} {left_out(record)}".rstrip(),
         "; ".join(f"{name}: {sig(v[0])} before, {sig(v[1])} after, noise {sig(v[2])} "
                   f"{unit}".rstrip() for name, v in table) + ".")
-
-
-def _parts(a: PlottedActuator) -> tuple[float, float, float]:
-    before, after, noise = (number(v) or 0.0 for v in (a.rms_before, a.rms_after, a.noise))
-    return before, after, noise
-
-
-def _scaled(a: PlottedActuator, factor: float, one: bool) -> tuple[float, float, float]:
-    """Return before, after, noise in the unit shown; over the noise where units differ."""
-    before, after, noise = _parts(a)
-    scale = factor if one else 1.0 / max(noise, SMALLEST)
-    return before * scale, after * scale, noise * scale
 
 
 def confusion(record: DiagnosisRecord) -> Drawing | None:

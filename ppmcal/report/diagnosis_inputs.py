@@ -12,10 +12,10 @@ from ppmcal.io.results.diagnosis_plots import PlottedSeries
 from ppmcal.io.results.diagnosis_wording import actuators, effect_name
 from ppmcal.linalg import Array
 from ppmcal.plotting.canvas import HEIGHT, NAME, WIDTH, Canvas, Drawing, width
-from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, intervals, plot, span, zero
+from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, Axis, intervals, plot, span, zero
 from ppmcal.plotting.style import SOFT
 from ppmcal.report.diagnosis_format import INPUTS, finer, left_out
-from ppmcal.report.format import number
+from ppmcal.report.format import number, with_label
 from ppmcal.wording import where
 
 APART = 2.5
@@ -30,14 +30,10 @@ def input_pictures(record: DiagnosisRecord) -> list[Drawing]:
     return [p for p in out if p is not None]
 
 
-def _column(values: Sequence[float | None]) -> Array:
-    known = [number(v) for v in values]
-    return np.array([np.nan if v is None else v for v in known])
-
-
 def _values(s: PlottedSeries) -> tuple[Array, Array] | None:
     """Return input (B,) and means and half intervals before and after (4, B), if drawable."""
-    columns = [_column(v) for v in (s.x, s.before, s.before_95, s.after, s.after_95)]
+    columns = [np.array([np.nan if (n := number(v)) is None else n for v in some])
+               for some in (s.x, s.before, s.before_95, s.after, s.after_95)]
     size = min(map(len, columns))
     x, table = columns[0][:size], np.stack([c[:size] for c in columns[1:]])
     seen = [np.isfinite(mean + half).any() for mean, half in (table[:2], table[2:])]
@@ -54,15 +50,15 @@ def _panel(record: DiagnosisRecord, series: PlottedSeries) -> Drawing | None:
     both = bool(record.effects)
     if not both:
         table[:2] = table[2:]
-    ends = np.concatenate([table[0] - table[1], table[0] + table[1], table[2] - table[3],
-                           table[2] + table[3]])
+    ends = np.append(table[::2] - table[1::2], table[::2] + table[1::2])
     factor, unit = finer(series.unit, float(np.nanmax(np.abs(ends))))
     table *= factor
     per, x_unit = finer(series.input_unit, _largest(series, x))
     what = _what(series, actuators(record))
     classes = series.names if len(series.names) == size else ()
     x_name = _input_name(series, x_unit)
-    tail = f"; one period is {_period(series)}" if number(series.period) else ""
+    period = number(series.period)
+    tail = "" if not period else f"; one period is {period:.4g} {series.input_unit}".rstrip()
     subject = f"measured {series.coordinate}" if series.coordinate else "the joint"
     return Drawing(
         _title(record, series, what),
@@ -71,25 +67,22 @@ def _panel(record: DiagnosisRecord, series: PlottedSeries) -> Drawing | None:
         f"Mean error of {what} in {size} bins of {x_name}; largest "
         f"{np.nanmax(np.abs(table[0])):.3g} {unit} before and "
         f"{np.nanmax(np.abs(table[2])):.3g} {unit} after.",
-        partial(_draw, x=x * per, table=table, both=both, classes=classes,
-                names=(x_name, _with(f"error of {what}", unit))),
+        partial(_draw, x=x * per, up=span(np.append(factor * ends, 0.0)), table=table, both=both,
+                classes=classes, names=(x_name, with_label(f"error of {what}", unit))),
         HEIGHT + (CLASS_ROOM if classes else 0.0),
         (("ring", "geometry alone"), ("after", "with what is named")) if both else
         (("after", "geometry alone"),),
         "○ geometry alone, ● with what is named." if both else "● geometry alone.")
 
 
-def _draw(canvas: Canvas, x: Array, table: Array, both: bool, classes: Sequence[str],
+def _draw(canvas: Canvas, x: Array, up: Axis, table: Array, both: bool, classes: Sequence[str],
           names: tuple[str, str]) -> None:
     """Draw means with their intervals; below the axis the names of classes."""
     across = span(x, margin=0.06)
-    up = span([table[0] - table[1], table[0] + table[1], table[2] - table[3],
-               table[2] + table[3], 0.0 * x])
     layers = [zero(), intervals(x, table[2], table[3], "after", APART if both else 0.0)]
     if both:
         layers.insert(1, intervals(x, table[0], table[1], "before", -APART))
-    plot(canvas, across, up, ("" if classes else names[0], names[1]), layers,
-         x_ticks=not classes)
+    plot(canvas, across, up, ("" if classes else names[0], names[1]), layers, x_ticks=not classes)
     if not classes:
         return
     places = LEFT + (x - across.low) / (across.high - across.low) * (WIDTH - LEFT - RIGHT)
@@ -132,12 +125,4 @@ def _title(record: DiagnosisRecord, series: PlottedSeries, what: str) -> str:
 
 def _input_name(series: PlottedSeries, unit: str) -> str:
     name = INPUTS.get(series.input, series.input or "input")
-    return _with(f"{name} {series.which}".strip(), unit)
-
-
-def _with(name: str, unit: str) -> str:
-    return f"{name} ({unit})" if unit else name
-
-
-def _period(series: PlottedSeries) -> str:
-    return f"{series.period:.4g} {series.input_unit}".rstrip()
+    return with_label(f"{name} {series.which}".strip(), unit)

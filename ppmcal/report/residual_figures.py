@@ -6,28 +6,10 @@ import numpy as np
 
 from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array, Bools
+from ppmcal.plotting import plot
 from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
-from ppmcal.plotting.plot import (
-    BOTTOM,
-    LEFT,
-    RIGHT,
-    TOP,
-    Axis,
-    Layer,
-    arrows,
-    band,
-    columns,
-    dots,
-    line,
-    marks,
-    plotted,
-    span,
-    starts,
-    strokes,
-    words_at,
-    zero,
-)
-from ppmcal.report.format import count, sig, whole, with_unit
+from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Layer, plotted, span
+from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.records import Columns, ComparedMachines, ResidualRows
 from ppmcal.report.residuals import (
     BINS,
@@ -47,11 +29,6 @@ CROSSES = 100
 """At most so many of the rows left out are drawn."""
 ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
-
-
-def with_label(name: str, unit: str) -> str:
-    """Return ``x (mm)``."""
-    return f"{name} ({unit})" if unit else name
 
 
 def residual_figures(table: Columns | None, units: UnitNames, positions: Array | None = None
@@ -86,7 +63,7 @@ def histogram(values: Array) -> Drawing | None:
         f"(rms 1).{far}", f"Histogram of {values.size} values with the standard normal curve; "
         f"their rms is {rms:.2f}.", Axis(-5.0, 5.0),
         Axis(0.0, 1.08 * max(float(density.max()), 0.42)), ("residual / sigma", "density"),
-        [columns(edges, density), line(curve, normal)])
+        [plot.columns(edges, density), plot.line(curve, normal)])
 
 
 def by_row(table: Columns, group: LimbResiduals, unit: str) -> Drawing | None:
@@ -119,16 +96,18 @@ def coordinate(table: Columns, name: str, unit: str) -> Drawing | None:
         f"{table.size} rows; rms {with_unit(float(np.sqrt(np.nanmean(inside**2))), unit)}.",
         Axis(0.0, table.size + 1.0), span(np.append(inside, two), zero=True),
         (ROWS, with_label(name, unit)),
-        [band(-two, two), _starts(table), *series(inside, "after"), _left_out(values, keep)],
+        [plot.band(-two, two), _starts(table), *series(inside, "after"), _left_out(values, keep)],
         () if keep.all() else (("after", "after"), ("out", "left out (at the edge: beyond it)")))
 
 
 def series(values: Array, kind: str) -> list[Layer]:
     """Return dots, or strokes from lowest to highest where there are too many."""
     if values.size <= POINTS:
-        return [dots(np.arange(values.size) + 1.0, values, kind, 3.4 if kind == "before" else 4.0)]
+        rows = np.arange(values.size) + 1.0
+        return [plot.dots(rows, values, kind, 3.4 if kind == "before" else 4.0)]
     x, low, below, above, high = envelope(values)
-    return [strokes(x + 1.0, low, high, kind, alpha=0.35), strokes(x + 1.0, below, above, kind)]
+    return [plot.strokes(x + 1.0, low, high, kind, alpha=0.35),
+            plot.strokes(x + 1.0, below, above, kind)]
 
 
 def subsampled(size: int) -> str:
@@ -142,7 +121,7 @@ def subsampled(size: int) -> str:
 def _starts(table: Columns) -> Layer:
     """Draw a mark where each further data set begins (of up to twelve)."""
     found = boundaries(table)
-    return starts([(i + 0.5, name) for i, name in found] if 1 < len(found) <= 12 else [])
+    return plot.starts([(i + 0.5, name) for i, name in found] if 1 < len(found) <= 12 else [])
 
 
 def few(keep: Bools) -> str:
@@ -154,7 +133,7 @@ def _left_out(values: Array, keep: Bools) -> Layer:
     rows = np.flatnonzero(~keep & np.isfinite(values))
     if rows.size > CROSSES:
         rows = rows[np.linspace(0, rows.size - 1, CROSSES).astype(int)]
-    return marks(rows + 1.0, values[rows], "out", "x")
+    return plot.marks(rows + 1.0, values[rows], "out", "x")
 
 
 def plane(table: Columns, unit: str, positions: Array | None) -> list[Drawing | None]:
@@ -204,10 +183,10 @@ def error_vectors(places: Array, vector: Array, stage: str, unit: str) -> Drawin
         f"Each plot has its own scale (arrow at the top right).{note}",
         f"{rows.size} vectors; the longest is {with_unit(largest, unit)}.", x, y,
         ("measured x", "measured y"),
-        [arrows(at[:, 0], at[:, 1], dx, dy, stage),
-         arrows(x.high - per * (10.0 + length), np.array([y.high - 10.0 * per]), length,
+        [plot.arrows(at[:, 0], at[:, 1], dx, dy, stage),
+         plot.arrows(x.high - per * (10.0 + length), np.array([y.high - 10.0 * per]), length,
                 0.0 * length, "ink"),
-         words_at(14.0 + float(length[0]), 14.0, with_unit(step, unit, 1))], ((stage, stage),))
+         plot.words_at(14.0 + float(length[0]), 14.0, with_unit(step, unit, 1))], ((stage, stage),))
 
 
 def scatter(vector: Array, unit: str) -> Drawing:
@@ -225,7 +204,7 @@ def scatter(vector: Array, unit: str) -> Drawing:
         "Residuals in the plane, after", f"A round cloud about 0 is what noise gives.{note}",
         f"Residual in y against residual in x of {total} rows.", x, y,
         (with_label("x", unit), with_label("y", unit)),
-        [zero(upright=True), zero(), dots(v[:, 0], v[:, 1], "after")])
+        [plot.zero(upright=True), plot.zero(), plot.dots(v[:, 0], v[:, 1], "after")])
 
 
 def command_figure(rows: ResidualRows, kind: str, unit: str) -> Drawing | None:
@@ -258,8 +237,8 @@ def truth_figures(c: ComparedMachines) -> list[Drawing]:
             "Line: found = true; bars: 95 % interval.",
             f"{len(rows)} parameters with 95 % intervals.", x, y,
             (with_label("true error", unit), with_label("found", unit)),
-            [line(ends, ends), strokes(true, found - two, found + two, "after", 1.0),
-             dots(true, found, "after")]))
+            [plot.line(ends, ends), plot.strokes(true, found - two, found + two, "after", 1.0),
+             plot.dots(true, found, "after")]))
     z = np.array([np.nan if r.z is None else r.z for r in c.rows])
     if np.isfinite(z).any():
         at = np.arange(z.size) + 1.0
@@ -268,5 +247,6 @@ def truth_figures(c: ComparedMachines) -> list[Drawing]:
             "Band: ±2, where 95 % should lie.", f"z of {z.size} parameters.",
             Axis(0.0, z.size + 1.0), span([*z, 3.0], zero=True),
             ("parameter, in the order of the table", "z"),
-            [band(-2.0, 2.0), strokes(at, 0.0 * z, z, "after", 1.0), dots(at, z, "after")]))
+            [plot.band(-2.0, 2.0), plot.strokes(at, 0.0 * z, z, "after", 1.0),
+             plot.dots(at, z, "after")]))
     return out

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.drawings import bars, bold, boxes, lines, parsed, pieces, shapes, style, texts
 from matplotlib import image
+from matplotlib.patches import Rectangle
 
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
 from ppmcal.plotting.canvas import WIDTH, Drawing, broken, fitted, sheet, width
@@ -183,8 +184,12 @@ def test_no_numbers_break_a_drawing(values, log):
 def test_what_an_inline_drawing_cannot_hold_is_refused():
     drawn = figure(4.0, 2.0)
     drawn.add_axes((0.1, 0.1, 0.8, 0.8)).plot([1, 2], [3, 4])
-    with pytest.raises(ValueError, match="may not hold"):
+    with pytest.raises(ValueError, match="nothing clipped"):
         svg(drawn, "clipped")
+    drawn = figure(4.0, 2.0)
+    drawn.add_artist(Rectangle((0.1, 0.1), 0.5, 0.5, hatch="//"))
+    with pytest.raises(ValueError, match="hatched"):
+        svg(drawn, "hatched")
 
 
 def test_words_are_cut_and_broken_to_their_room():
@@ -196,3 +201,11 @@ def test_words_are_cut_and_broken_to_their_room():
     assert max(map(width, lines_)) <= 80.0
     assert [w for _, w in ratio_ticks(20.0)] == ["1", "2", "5", "10", "20"]
     assert [w for _, w in ratio_ticks(1e4)] == ["1", "10", "100", "1000", "10000"]
+
+
+def test_long_words_are_told_in_full_on_hovering():
+    root = parsed(chart("leg1 leg2 leg_3 " * 10 + "axes_1").drawing("", "", "").inline())
+    (cut,) = (t for t in root.iter("text") if len(t))
+    assert (cut.text or "").endswith("…")
+    assert cut.findtext("title") == "leg1 leg2 leg_3 " * 10 + "axes_1"
+    assert cut.text.removesuffix("…") in cut.findtext("title")
