@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from ppmcal.linalg import Array
-from ppmcal.plotting.canvas import EDGE, NAME, WIDTH, Canvas, Drawing, width
+from ppmcal.plotting.canvas import EDGE, WIDTH, Canvas, Drawing, width
 from ppmcal.plotting.style import AFTER, BEFORE, INK, OUT, SOFT, number_words, round_numbers, tame
 
 THICK = {"explained": 5.0, "other": 2.5}
@@ -26,8 +26,8 @@ LOOKS: dict[str, dict[str, Any]] = {
     "other": {"facecolor": SOFT, "alpha": 0.6}}
 LIMITS: dict[str, Any] = {"limit": "-", "dotted": (0, (2, 2))}
 SWATCH, LEGEND, STEP, FOOT = 22.0, 15.0, 31.0, 38.0
-LABELS, VALUES = 110.0, 180.0
-"""Most room for labels beside bars, and for words at the end."""
+LABELS, VALUES, LEAST = 110.0, 180.0, 0.8
+"""Most room for labels beside bars and for words at the end; length of bars of nothing."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,8 @@ class Chart:
             self._row(canvas, axes, row, top + 14.0)
         self._ticks(axes, left, right)
         middle = 0.5 * (left + right)
-        canvas.text(middle, tops[-1] + 31.0, self.axis, ha="center", size=NAME,
-                    room=2.0 * min(middle, WIDTH - middle) - EDGE)
+        room = 2.0 * min(middle, WIDTH - middle) - EDGE
+        canvas.name(middle, tops[-1] + 31.0, self.axis, room)
 
     def _places(self) -> list[tuple[float, float]]:
         """Return where the entries of the legend begin."""
@@ -107,7 +107,7 @@ class Chart:
 
     def _tops(self) -> list[float]:
         """Return where each row begins, and where the axis is."""
-        out = [self._places()[-1][1] + 5.0 if self.legend else 0.0]
+        out = [self._places()[-1][1] + 8.0 if self.legend else 0.0]
         for row in self.rows:
             out.append(out[-1] + (STEP if row.bars else 19.0))
         return [*out[:-1], out[-1] + 2.0]
@@ -132,10 +132,14 @@ class Chart:
         canvas.text(WIDTH - EDGE, y, row.words, bold=self.beside or row.strong, ha="right",
                     room=VALUES)
         below, step = (-4.0 - 4.5 * (len(row.bars) - 1), 9.0) if self.beside else (9.5, 0.0)
+        left, right = self._ends()
+        across = (axes.transScale + axes.transLimits).inverted()
+        least = float(across.transform((LEAST / (right - left), 0.0))[0])
         for i, (value, kind) in enumerate(row.bars):
             thick = 7.0 if self.beside else THICK.get(kind, 8.0)
-            axes.add_patch(_bar(self.low, y + below + step * i - 0.5 * thick,
-                                self._inside(value) - self.low, thick, kind))
+            end = max(self._inside(value), least)
+            axes.add_patch(_bar(self.low, y + below + step * i - 0.5 * thick, end - self.low, thick,
+                                kind))
         for value, kind in row.limits:
             top = y - 14.0 if self.beside else y + 4.0
             axes.add_line(_line(self._inside(value), top, top + (20.0 if self.beside else 11.0),

@@ -95,6 +95,10 @@ class Canvas:
                       weight="bold" if bold else "normal", rotation=90.0 if upright else 0.0,
                       rotation_mode="anchor"))
 
+    def name(self, x: float, y: float, words: str, room: float, upright: bool = False) -> None:
+        """Write the name of an axis about a place."""
+        self.text(x, y, words, ha="center", room=room, size=NAME, upright=upright)
+
 
 @dataclass(frozen=True, eq=False)
 class Drawing:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from ppmcal.linalg import Array
 from ppmcal.plotting import style
-from ppmcal.plotting.canvas import HEIGHT, LETTERS, NAME, SMALL, WIDTH, Canvas, Drawing, fitted
+from ppmcal.plotting.canvas import HEIGHT, LETTERS, SMALL, WIDTH, Canvas, Drawing, fitted, width
 from ppmcal.plotting.style import AFTER, SMALLEST, SOFT, number_words, plain, tame
 
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 12.0, 40.0
@@ -36,8 +36,10 @@ class Axis:
     log: bool = False
 
     def ticks(self) -> Array:
-        """Return round values within the axis."""
-        return style.round_numbers(self.low, self.high, self.log, steps=(1, 2, 5, 10))
+        """Return round values within the axis, powers of ten alone where there are three."""
+        found = style.round_numbers(self.low, self.high, self.log, steps=(1, 2, 5, 10))
+        tens = found[found == 10.0 ** np.round(np.log10(found))] if self.log else found
+        return tens if len(tens) > 2 else found
 
 
 def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float = 0.05) -> Axis:
@@ -85,15 +87,14 @@ def plot(canvas: Canvas, x: Axis, y: Axis, names: tuple[str, str], layers: Seque
         ticks = ends.ticks() if shown else np.zeros(0)
         axis.set_ticks(ticks.tolist(), labels=number_words(ticks))
         axis.set_ticks([], minor=True)
-    axes.tick_params("y", length=0.0, pad=5.0)
+    widest = max([width(words) for words in number_words(ticks)], default=1.0)
+    axes.tick_params("y", length=0.0, pad=5.0, labelsize=LETTERS * min(1.0, (left - 20.0) / widest))
     across = np.tile([x.low, x.high, np.nan], len(ticks))
     _put(axes, across, np.repeat(ticks, 3), color=style.LINE, linewidth=1.0, zorder=0.5)
     for layer in layers:
         layer(axes)
-    canvas.text((left + right) / 2.0, height - 6.0, names[0], ha="center", room=right - left,
-                size=NAME)
-    canvas.text(11.0, (TOP + floor) / 2.0, names[1], ha="center", room=TOP + floor, size=NAME,
-                upright=True)
+    canvas.name((left + right) / 2.0, height - 6.0, names[0], right - left)
+    canvas.name(11.0, (TOP + floor) / 2.0, names[1], TOP + floor, upright=True)
 
 
 def _put(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:
@@ -117,11 +118,11 @@ def _per(axes: Axes) -> tuple[float, float]:
     return (b - a) * dots_ / axes.bbox.width, (d - c) * dots_ / axes.bbox.height
 
 
-def strokes(x: ArrayLike, low: ArrayLike, high: ArrayLike, kind: str, width: float = 1.5,
+def strokes(x: ArrayLike, low: ArrayLike, high: ArrayLike, kind: str, size: float = 1.5,
             alpha: float | None = None, flat: bool = False, cap: Any = "butt") -> Layer:
     """Draw strokes from ``low`` to ``high`` at ``x``, upright, or ``flat`` along x."""
     ends = (_apart(x, x), _apart(low, high))[::-1 if flat else 1]
-    return lambda axes: _put(axes, *ends, color=COLOURS[kind], linewidth=width, alpha=alpha,
+    return lambda axes: _put(axes, *ends, color=COLOURS[kind], linewidth=size, alpha=alpha,
                              solid_capstyle=cap)
 
 

@@ -9,17 +9,7 @@ from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.format import count, number, sig
-from ppmcal.report.html import (
-    MAX_ROWS,
-    Cell,
-    amount,
-    bullets,
-    dotted,
-    figures,
-    paragraph,
-    table,
-    words,
-)
+from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, figures, paragraph, table, words
 from ppmcal.report.records import ControllerExport
 
 STAGES = (("before", "old"), ("after", "new"))
@@ -68,7 +58,7 @@ def _numbers(r: ExportRecord) -> str:
 
 def _gain(r: ExportRecord) -> str:
     """Return the errors predicted with the old numbers and with the new ones."""
-    rows: list[list[Cell]] = []
+    rows = []
     for kind in ("position", "rotation"):
         for stage, name in STAGES:
             part = _errors(r, stage, kind)

@@ -11,7 +11,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_plots import PlottedSeries
 from ppmcal.io.results.diagnosis_wording import actuators, effect_name
 from ppmcal.linalg import Array
-from ppmcal.plotting.canvas import HEIGHT, NAME, WIDTH, Canvas, Drawing, width
+from ppmcal.plotting.canvas import HEIGHT, WIDTH, Canvas, Drawing, width
 from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, Axis, intervals, plot, span, zero
 from ppmcal.plotting.style import SOFT
 from ppmcal.report.diagnosis_format import INPUTS, finer, left_out
@@ -96,8 +96,7 @@ def _draw(canvas: Canvas, x: Array, up: Axis, table: Array, both: bool, classes:
         if room > width("leg…"):
             canvas.text(sum(mine) / len(mine), HEIGHT - BOTTOM + 25.0, owner, SOFT, ha="center",
                         room=room)
-    canvas.text((LEFT + WIDTH - RIGHT) / 2.0, HEIGHT - 6.0 + CLASS_ROOM, names[0], ha="center",
-                room=WIDTH - LEFT, size=NAME)
+    canvas.name((LEFT + WIDTH - RIGHT) / 2.0, HEIGHT - 6.0 + CLASS_ROOM, names[0], WIDTH - LEFT)
 
 
 def _largest(series: PlottedSeries, x: Array) -> float:
