@@ -87,6 +87,9 @@ def plot(canvas: Canvas, x: Axis, y: Axis, names: tuple[str, str], layers: Seque
         ticks = ends.ticks() if shown else np.zeros(0)
         axis.set_ticks(ticks.tolist(), labels=number_words(ticks))
         axis.set_ticks([], minor=True)
+    for label in axes.get_xticklabels():
+        part = (label.get_position()[0] - x.low) / (x.high - x.low)
+        label.set_visible(left + part * (right - left) + 0.5 * width(label.get_text()) <= WIDTH)
     widest = max([width(words) for words in number_words(ticks)], default=1.0)
     axes.tick_params("y", length=0.0, pad=5.0, labelsize=LETTERS * min(1.0, (left - 20.0) / widest))
     across = np.tile([x.low, x.high, np.nan], len(ticks))

@@ -162,10 +162,11 @@ def test_layers_are_where_their_numbers_are():
 @pytest.mark.parametrize("ends", [(1e-5, 1e-2, True), (0.01, 0.1, True), (1e-4, 1e-3, True),
                                   (-0.0004, 0.0007, False), (-12345.6, 12346.1, False)])
 def test_axes_leave_room_for_their_names(ends):
-    root = parsed(picture(y=Axis(*ends)).inline())
+    root = parsed(picture(x=Axis(1790.0, 1950.1), y=Axis(*ends)).inline())
     found = boxes(root)
-    assert len(found) > 4
+    assert len(found) > 4 and "1900" in texts(root)
     for n, box in enumerate(found):
+        assert 0.0 <= box.left <= box.right <= WIDTH, box
         assert not [other for other in found[:n] if box.meets(other)], box
 
 

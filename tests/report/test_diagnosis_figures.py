@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -21,6 +22,8 @@ from numpy.typing import NDArray
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
+from ppmcal.api.diagnose import DiagnosisResult
+from ppmcal.api.inputs import source_of
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
@@ -549,3 +552,13 @@ def test_png(cases: Callable[[str], Case]) -> None:
                                              for v in zip(*bar, strict=True))
                 colours = np.ptp(shot[int(0.5 * (top + low)), int(left):int(right) + 1], axis=-1)
                 assert np.median(colours) > 0.2, (name, bar)
+
+
+def test_png_is_written_where_it_is_asked_for(cases: Callable[[str], Case], tmp_path: Path) -> None:
+    found = cases("none").result
+    for png in (False, True):
+        result = DiagnosisResult(source_of("diagnose", [], 0), (), found, png)
+        names = {p.name for p in result.save(tmp_path / str(png))}
+        assert {"gap.svg", "ranking.svg"} <= names
+        assert {n for n in names if n.endswith(".png")} == (
+            {n.replace(".svg", ".png") for n in names if n.endswith(".svg")} if png else set())
