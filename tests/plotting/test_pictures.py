@@ -34,7 +34,7 @@ from ppmcal.plotting.style import AFTER, BEFORE, OUT, PAGE, figure, look, png
 from ppmcal.plotting.svg import svg
 from ppmcal.report.html import CSS
 
-HOSTILE = ("<b>&$_^{x}", "$\\frac{$", "a\x00b\ud800\nc", "Ω" * 300, "leg" * 200, "\\$x$", "")
+HOSTILE = ("<b>&$_^{x}", "$\\frac{$", "a\x00b\ud800\nc", "Ω" * 120, "leg" * 80, "\\$x$", "")
 
 
 def chart(label="leg1", words="3 mm", **more):
