@@ -35,7 +35,6 @@ from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.io.results.record import Provenance, UnitNames
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.report.figure_files import diagnosis_files, need_png
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,6 +81,8 @@ class DiagnosisResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return model.yaml, effects.csv, residuals.csv, diagnosis.json, ... and pictures."""
+        from ppmcal.report.figure_files import diagnosis_files
+
         return {**files(self.diagnosis, self.provenance, self.record),
                 **diagnosis_files(self.record, self.png)}
 
@@ -103,7 +104,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         holdout: part of the poses that no fit sees, on which the gap is measured.
         draws: simulated campaigns of noise behind the thresholds.
         seed: of everything drawn at random.
-        png: save the pictures as PNG too (needs the extra ``plots``).
+        png: save the pictures as PNG too.
         progress: called with a line of text now and then.
 
     Raises:
@@ -115,8 +116,6 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
             raise unknown("effect", kind, [*effect_kinds(), GEOMETRY], "--kind")
     if not 0.0 <= holdout <= 0.9:
         raise BadInput(f"{holdout:g} is no part of the poses", "--holdout", "Give 0 to 0.9")
-    if png:
-        need_png()
     machine, datasets = prepared(mechanism, data, free)
     problem = Problem(machine, datasets, machine.free)
     with with_unit_findings(machine, datasets) as units:

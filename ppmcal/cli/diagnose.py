@@ -41,8 +41,7 @@ if TYPE_CHECKING:
               help="Part of the poses that no fit sees, on which the gap is measured.")
 @click.option("--draws", type=click.IntRange(200, 100000), default=2000, show_default=True,
               help="Simulated campaigns of noise behind the thresholds.")
-@click.option("--png", is_flag=True,
-              help="Write the pictures as PNG too (needs the extra 'plots').")
+@click.option("--png", is_flag=True, help="Write the pictures as PNG too.")
 @seed_option
 @quiet_option
 @json_option

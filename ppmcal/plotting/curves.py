@@ -113,11 +113,7 @@ def _points(x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
 
 def _drawable(x: Array, y: Array, log_x: bool, log_y: bool) -> tuple[Array, Array]:
     """Return points with a gap where an axis cannot show them."""
-    bad = np.isnan(x) | np.isnan(y)
-    if log_x:
-        bad |= ~(x > 0.0)
-    if log_y:
-        bad |= ~(y > 0.0)
+    bad = np.isnan(x) | np.isnan(y) | (log_x & ~(x > 0.0)) | (log_y & ~(y > 0.0))
     return np.where(bad, np.nan, x), np.where(bad, np.nan, y)
 
 
@@ -157,7 +153,7 @@ def _mark(axes: Axes, x: float, text: str, up: float) -> None:
     axes.axvline(x, color=INK, linewidth=1.0, linestyle=(0, (4, 3)))
     place = axes.transAxes.inverted().transform(axes.transData.transform((x, 1.0)))[0]
     side = 1.0 if place < 0.55 else -1.0
-    axes.annotate(lines_of(text.replace(r"\$", "$"), 2.2, BODY, 3), (x, up),
+    axes.annotate(lines_of(text, 2.2, BODY, 3), (x, up),
                   xycoords=("data", "axes fraction"), textcoords="offset points",
                   xytext=(4.0 * side, 0.0), ha="left" if side > 0 else "right", va="top",
                   size=BODY, path_effects=outline(2.5))

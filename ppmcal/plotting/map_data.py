@@ -26,9 +26,26 @@ class Map:
     values: Array
     log: bool = False
 
-
-
     @classmethod
     def of(cls, units: Units, name: str, title: str, quantity: str, values: Array) -> Self:
         """Return the map of SI values of a quantity such as ``angle/length``."""
         return cls(name, title, units.name(quantity), values / units.factor(quantity))
+
+
+@dataclass(frozen=True, eq=False)
+class MapView:
+    """What is drawn, in file units.
+
+    Attributes:
+        coordinates: at most three indices into the full pose; levels: of each.
+        values, determinant: shape of the levels; ``determinant`` None where not given.
+        names: axes with units; home: home's place (c,); held: the other coordinates in words.
+    """
+
+    coordinates: tuple[int, ...]
+    levels: tuple[Array, ...]
+    values: Array
+    determinant: Array | None
+    names: tuple[str, ...]
+    home: Array
+    held: str

@@ -188,6 +188,3 @@ def _edges(levels: Array) -> Array:
     out: Array = np.concatenate([[2.0 * levels[0] - middle[0]], middle,
                                  [2.0 * levels[-1] - middle[-1]]])
     return out
-
-
-__all__ = ["NO_POSE", "NO_VALUE", "SINGULAR_CURVE", "ColourScale", "draw_panel"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ppmcal.linalg import Array
-from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_data import Map, MapView
 from ppmcal.plotting.map_panel import NO_POSE, NO_VALUE, SINGULAR_CURVE, ColourScale
 from ppmcal.plotting.style import (
     BODY,
@@ -36,31 +36,7 @@ WIDTH, HEIGHT, LEFT = 6.4, 3.4, 0.95
 BEYOND = "value beyond the axis"
 
 
-class Profile(Protocol):
-    """What a curve needs of a view, in file units."""
-
-    @property
-    def levels(self) -> tuple[Array, ...]:
-        """Levels (n,) of the one coordinate."""
-
-    @property
-    def values(self) -> Array:
-        """Values (n,), nan where there is none."""
-
-    @property
-    def determinant(self) -> Array | None:
-        """Determinant (n,), or None."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The axis with its unit."""
-
-    @property
-    def home(self) -> Array:
-        """Home's place (1,)."""
-
-
-def draw_profile(view: Profile, shown: Map, head: str, below: str) -> bytes:
+def draw_profile(view: MapView, shown: Map, head: str, below: str) -> bytes:
     """Draw a quantity along one coordinate, as PNG."""
     title = lines_of(head, WIDTH - 2 * EDGE, TITLE, 3)
     notes = lines_of(below, WIDTH - 2 * EDGE, BODY, 4)

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from ppmcal.kinematics.region import Grid, placed
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.plotting.map_data import Map
+from ppmcal.plotting.map_data import Map, MapView
 from ppmcal.plotting.map_panel import ColourScale, draw_panel
 from ppmcal.plotting.map_profile import draw_profile
 from ppmcal.plotting.style import (
@@ -44,25 +44,6 @@ OWN_SCALES = "axes not to one scale"
 THINNEST = 5.0
 """Lengths longer than this times the other are drawn to another scale."""
 PANELS = 9
-
-
-@dataclass(frozen=True, eq=False)
-class MapView:
-    """What is drawn, in file units.
-
-    Attributes:
-        coordinates: at most three indices into the full pose; levels: of each.
-        values, determinant: shape of the levels; ``determinant`` None where not given.
-        names: axes with units; home: home's place (c,); held: the other coordinates in words.
-    """
-
-    coordinates: tuple[int, ...]
-    levels: tuple[Array, ...]
-    values: Array
-    determinant: Array | None
-    names: tuple[str, ...]
-    home: Array
-    held: str
 
 
 def draw_map(mechanism: Mechanism, grid: Grid, shown: Map,

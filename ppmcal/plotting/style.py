@@ -27,7 +27,11 @@ from ppmcal.linalg import Array
 
 DPI = 150
 INK, SOFT, GROUND, HATCH = "#1c2227", "#5a6670", "#e6e8ea", "#aab1b7"
-SINGULAR = "#d01c4b"
+LINE, BEFORE, AFTER, OUT = "#dde2e6", "#b3692a", "#1f62a6", "#c2293a"
+CARD, SINGULAR = "#ffffff", "#d01c4b"
+PAGE = {INK: "ink", SOFT: "soft", LINE: "line", BEFORE: "before", AFTER: "after", OUT: "out",
+        CARD: "card"}
+"""Colours that the page has by name, as they are by day."""
 TITLE, BODY = 12.0, 9.5
 """Font sizes, points."""
 EDGE, LABELS, LEGEND, FOOT = 0.2, 0.52, 0.23, 1.1
@@ -41,7 +45,8 @@ _LOOK: dict[Any, Any] = {
     "font.family": ["DejaVu Sans"], "font.size": BODY, "axes.edgecolor": SOFT,
     "axes.labelcolor": INK, "text.color": INK, "xtick.color": SOFT, "ytick.color": SOFT,
     "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.axisbelow": True,
-    "hatch.linewidth": 0.7, "legend.frameon": False}
+    "hatch.linewidth": 0.7, "legend.frameon": False, "path.simplify": False,
+    "svg.fonttype": "none", "svg.hashsalt": "ppmcal", "text.parse_math": False}
 
 
 @contextmanager
@@ -59,16 +64,16 @@ def look() -> Iterator[None]:
 
 def figure(width: float, height: float) -> Figure:
     """Return an empty figure, inches."""
-    out = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+    out = Figure(figsize=(width, height), dpi=DPI, facecolor=CARD)
     FigureCanvasAgg(out)
     return out
 
 
-def png(drawn: Figure, cut: float = 0.0) -> bytes:
+def png(drawn: Figure, cut: float = 0.0, dpi: float | None = None) -> bytes:
     """Return a figure as PNG, less ``cut`` inches at its foot, without date or version in it."""
     stream = io.BytesIO()
     width, height = drawn.get_size_inches()
-    drawn.savefig(stream, format="png", dpi=DPI, metadata={"Software": None},
+    drawn.savefig(stream, format="png", dpi=dpi or DPI, metadata={"Software": None},
                   bbox_inches=Bbox([[0.0, cut], [width, height]]))
     return stream.getvalue()
 
@@ -97,9 +102,8 @@ def draw_legend(drawn: Figure, entries: Mapping[str, Any]) -> float:
 
 
 def plain(text: object) -> str:
-    """Return text on one line that matplotlib takes as it is, dollar signs too."""
-    shown = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
-    return shown.replace("$", r"\$")
+    """Return text on one line, without letters that cannot be drawn."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
 
 
 def lines_of(text: str, inches: float, size: float, most: int = 4) -> str:
@@ -151,7 +155,8 @@ def robust_range(values: Array, log: bool) -> tuple[float, float, bool]:
     return float(low), float(high), log
 
 
-def round_numbers(low: float, high: float, log: bool, most: int = 6) -> Array:
+def round_numbers(low: float, high: float, log: bool, most: int = 6,
+                  steps: Sequence[float] = (1, 2, 2.5, 5, 10)) -> Array:
     """Return round numbers from ``low`` to ``high``, for ticks and contour lines."""
     if log and high > 8.0 * low:
         powers = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1.0)
@@ -160,7 +165,7 @@ def round_numbers(low: float, high: float, log: bool, most: int = 6) -> Array:
         if len(powers) > 10:
             ticks = ticks[::len(powers) // 8 + 1]
     else:
-        ticks = np.asarray(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+        ticks = np.asarray(MaxNLocator(most, steps=steps).tick_values(low, high))
         ticks[np.abs(ticks) < 1e-9 * (high - low)] = 0.0
     out: Array = ticks[(ticks >= low) & (ticks <= high)]
     return out

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
 
 from ppmcal.io.results.comparison import (
     ComparisonRecord,
@@ -11,17 +14,16 @@ from ppmcal.io.results.comparison import (
     remainder_sentence,
     verdict_sentence,
 )
-from ppmcal.report import svg
+from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
+from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes, zero
 from ppmcal.report.format import count, listed, number, probability, sig, to_sigma, typeset
-from ppmcal.report.html import Cell, amount, dotted, paragraph, table, words
+from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, words
 from ppmcal.report.records import ComparedCalibrations
-from ppmcal.report.residual_figures import figure
-from ppmcal.report.svg_bars import fitting
 
 Z95 = 1.96
 SHOWN, PLOTTED = 12, 40
-ROW, NAMES, SMALL = 15.0, 150.0, 11.0 / 9.5
-"""Height of a line, room for names, and how much more of the small letters goes in."""
+ROW, NAMES = 15.0, 150.0
+"""Height of a line and room for names, points."""
 STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
 
@@ -29,11 +31,10 @@ KEYS = {"changed": "changed", "possible": "possible instead"}
 def comparison_section(one: ComparedCalibrations) -> str:
     """Return everything about one comparison."""
     r = one.record
-    drawing = differences(r.parameters)
     return "".join([
         "<h2>Comparison of two calibrations</h2>", paragraph(f"From {one.folder}.", "note"),
         paragraph(verdict(r), "big"), paragraph(typeset(platform_sentence(r))), _changes(r),
-        f'<div class="plots">{drawing}</div>' if drawing else "", _likeliest(r.parameters)])
+        figures([differences(r.parameters)]), _likeliest(r.parameters)])
 
 
 def verdict(r: ComparisonRecord) -> str:
@@ -93,57 +94,45 @@ def _row(p: ParameterDifference) -> list[Cell]:
                   "warn" if p.status == "changed" else "")]
 
 
-def differences(rows: Sequence[ParameterDifference]) -> str:
-    """Return new minus old of each parameter over its sigma, largest first, as a figure."""
+def differences(rows: Sequence[ParameterDifference]) -> Drawing | None:
+    """Return new minus old of each parameter over its sigma, largest first."""
     seen = [(z, p) for p in rows if (z := _ratio(p)) is not None]
     if not seen:
-        return ""
+        return None
     seen.sort(key=lambda s: (s[1].status not in STYLES, -abs(s[0])))
     shown = sorted(seen[:PLOTTED], key=lambda s: -abs(s[0]))
-    height = svg.TOP + ROW * len(shown) + svg.BOTTOM
-    ends = [e for z, _ in shown for e in (z - Z95, z + Z95)]
-    frame = svg.Frame(svg.span([*ends, 0.0]), svg.Axis(0.0, float(len(shown))), left=NAMES,
-                      height=height)
-    parts = [svg.axes(frame, "(new − old) / sigma", "", y_ticks=False), _upright(frame)]
-    for i, (z, p) in enumerate(shown):
-        parts += _mark(frame, z, float(frame.py(len(shown) - i - 0.5)), p)
-    title = "New minus old in units of sigma"
-    drawing = svg.document(title, f"{len(shown)} parameters with 95 % bars.", parts,
-                           height=height)
     less = f" The {len(shown)} largest of {len(seen)}." if len(shown) < len(seen) else ""
-    return figure(drawing, f"{title}, with 95 % bars, sorted by size; diamonds and bold names: "
-                  "changed. Sigma is what noise and tolerances make, so that parameters that "
-                  f"trade with each other differ little each.{less}",
-                  _key(shown))
+    return Drawing(
+        "New minus old in units of sigma",
+        "With 95 % bars, sorted by size; diamonds and bold names: changed. Sigma is what noise "
+        "and tolerances make, so that parameters that trade with each other differ little "
+        f"each.{less}", f"{len(shown)} parameters with 95 % bars.", partial(_draw, shown=shown),
+        TOP + ROW * len(shown) + BOTTOM, _key(shown))
 
 
-def _key(shown: Sequence[tuple[float, ParameterDifference]]) -> str:
+def _key(shown: Sequence[tuple[float, ParameterDifference]]) -> tuple[tuple[str, str], ...]:
     """Return what the colours mean that are there."""
     there = {p.status for _, p in shown}
     keys = [(STYLES[s], name) for s, name in KEYS.items() if s in there]
-    keys += [("after", "unchanged")] if there - set(STYLES) else []
-    return " ".join(f'<i class="key {kind}"></i>{name}' for kind, name in keys)
+    return (*keys, *([("after", "unchanged")] if there - set(STYLES) else []))
 
 
-def _mark(frame: svg.Frame, z: float, y: float, p: ParameterDifference) -> list[str]:
-    """Return name, bar and mark of one parameter at the height ``y``."""
-    status = p.status
-    kind = STYLES.get(status, "after")
-    low, middle, high = (float(frame.px(v)) for v in (z - Z95, z, z + Z95))
-    bold = "small strong" if status == "changed" else "small"
-    name = fitting(frame.left - 6.0, y + 3.5, p.name or "?", (frame.left - 8.0) * SMALL,
-                   "end", bold)
-    bar = f'<path class="stroke {kind}" d="M{svg.num(low)} {svg.num(y)}H{svg.num(high)}"/>'
-    if status == "changed":
-        return [name, bar, f'<path class="r-changed" d="M{svg.num(middle - 4.5)} {svg.num(y)}'
-                           'l4.5-4.5 4.5 4.5-4.5 4.5z"/>']
-    return [name, bar, f'<path class="dot {kind}" d="M{svg.num(middle)} {svg.num(y)}h0"/>']
-
-
-def _upright(frame: svg.Frame) -> str:
-    """Return the line of no difference."""
-    return (f'<path class="mark" d="M{svg.num(float(frame.px(0.0)))} {svg.num(svg.TOP)}'
-            f'V{svg.num(frame.height - svg.BOTTOM)}"/>')
+def _draw(canvas: Canvas, shown: Sequence[tuple[float, ParameterDifference]]) -> None:
+    """Draw a name, a bar and a mark for each parameter, from the top down."""
+    count, layers = len(shown), [zero(upright=True)]
+    for kind in ("after", "before", "out"):
+        mine = [(z, count - i - 0.5) for i, (z, p) in enumerate(shown)
+                if STYLES.get(p.status, "after") == kind]
+        if mine:
+            z, y = np.array(mine).T
+            layers += [strokes(y, z - Z95, z + Z95, kind, flat=True),
+                       marks(z, y, "out", "D", 5.6) if kind == "out" else dots(z, y, kind)]
+    for i, (_, p) in enumerate(shown):
+        canvas.text(NAMES - 6.0, TOP + ROW * (i + 0.5) + 3.5, p.name or "?", room=NAMES - 8.0,
+                    bold=p.status == "changed", ha="right", size=SMALL)
+    x = span([e for z, _ in shown for e in (z - Z95, z + Z95, 0.0)])
+    plot(canvas, x, Axis(0.0, float(count)), ("(new − old) / sigma", ""), layers, NAMES,
+         TOP + ROW * count + BOTTOM, y_ticks=False)
 
 
 def _ratio(p: ParameterDifference) -> float | None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from ppmcal.io.results.export import DECIMALS, CommandErrors, ExportRecord, RotationErrors
-from ppmcal.report import svg
+from ppmcal.plotting.bars import Chart, Row
+from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.format import count, number, sig
-from ppmcal.report.html import MAX_ROWS, Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, figures, paragraph, table, words
 from ppmcal.report.records import ControllerExport
-from ppmcal.report.residual_figures import figure
-from ppmcal.report.svg_bars import EDGE, Bars, linear_scale
 
-STAGES = (("before", "old", "r-explained"), ("after", "new", "r-after"))
+STAGES = (("before", "old"), ("after", "new"))
 ERRORS = (("rms", "rms"), ("max", "at most"))
 """Keys, and their names in a sentence."""
 
@@ -58,9 +58,9 @@ def _numbers(r: ExportRecord) -> str:
 
 def _gain(r: ExportRecord) -> str:
     """Return the errors predicted with the old numbers and with the new ones."""
-    rows: list[list[Cell]] = []
+    rows = []
     for kind in ("position", "rotation"):
-        for stage, name, _ in STAGES:
+        for stage, name in STAGES:
             part = _errors(r, stage, kind)
             values = [getattr(part, key) for key, _ in ERRORS]
             if any(number(v) is not None for v in values):
@@ -69,39 +69,29 @@ def _gain(r: ExportRecord) -> str:
     if not rows:
         return ""
     over = f", over {r.over.rstrip('.')}" if r.over else ""
-    drawings = "".join(_bars(r, k) for k in ("position", "rotation"))
     return ("<h3>Error predicted with the old and with the new numbers</h3>"
             + paragraph(f"The machine driven through the controller's arithmetic{over}, if the "
                         "model is exact.", "note") + paragraph(r.predicted.sentence())
             + table("", ["error", "unit", "rms", "max"], rows)
-            + (f'<div class="plots">{drawings}</div>' if drawings else ""))
+            + figures([_bars(r, k) for k in ("position", "rotation")]))
 
 
-def _bars(r: ExportRecord, kind: str) -> str:
-    """Return a drawing of one kind of error, old and new."""
-    parts = {s: _errors(r, s, kind) for s, _, _ in STAGES}
+def _bars(r: ExportRecord, kind: str) -> Drawing | None:
+    """Return a picture of one kind of error, old and new."""
+    parts = {s: _errors(r, s, kind) for s, _ in STAGES}
     known = {(s, k): number(getattr(parts[s], k)) for s in parts for k, _ in ERRORS}
     values = {at: max(v or 0.0, 0.0) for at, v in known.items()}
     top = max(values.values())
-    if not top > svg.LEAST or None in known.values():
-        return ""
+    if not top > SMALLEST or None in known.values():
+        return None
     unit = parts["after"].unit
-    left, right = 78.0, svg.WIDTH - 86.0
-    bars = Bars(linear_scale(top, left, right), left, right, 18.0)
-    for key, _ in ERRORS:
-        for stage, name, style in STAGES:
-            value = values[stage, key]
-            bars.text(f"{key}, {name}", room=left - EDGE)
-            bars.bar(value, style, bars.y - 10.0, 12.0)
-            bars.text(f"{fixed(value, DECIMALS.get(unit, 4))} {unit}".strip(),
-                      x=bars.at(value) + 5.0)
-            bars.y += 20.0
-        bars.y += 6.0
-    title = f"Predicted error of {kind}"
-    drawing = svg.document(title, f"Rms and largest error, old and new, in {unit or 'its unit'}.",
-                           bars.parts, height=bars.y - 8.0)
-    return figure(drawing, f"{title}, rms and largest.", '<i class="key before"></i>old '
-                  '<i class="key after"></i>new')
+    rows = [Row(f"{key}, {name}", ((values[stage, key], name),),
+                f"{fixed(values[stage, key], DECIMALS.get(unit, 4))} {unit}".strip())
+            for key, _ in ERRORS for stage, name in STAGES]
+    return Chart(rows, "linear", 0.0, top, unit, beside=True).drawing(
+        f"Predicted error of {kind}", "Rms and largest.",
+        f"Rms and largest error, old and new, in {unit or 'its unit'}.",
+        key=(("before", "old"), ("after", "new")))
 
 
 def _not_expressed(r: ExportRecord) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
-
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
@@ -19,10 +17,9 @@ from ppmcal.io.results.diagnosis_wording import (
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
 from ppmcal.report.format import number, probability, sig
-from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.html import Cell, amount, bullets, dotted, figures, paragraph, table, words
 from ppmcal.report.records import Diagnosed
 from ppmcal.report.residual_figures import residual_figures
-from ppmcal.report.svg_bars import BarPicture
 from ppmcal.wording import where
 
 
@@ -31,22 +28,12 @@ def diagnosis_section(d: Diagnosed) -> str:
     r = d.record
     out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r), _pictures(r),
            _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
-    if d.residuals is not None:
-        drawings = residual_figures(d.residuals, r.units)
-        out.append(f'<div class="plots">{"".join(drawings)}</div>' if drawings else "")
-    return "".join(out)
+    return "".join(out) + figures(residual_figures(d.residuals, r.units))
 
 
 def _pictures(r: DiagnosisRecord) -> str:
     """Return the pictures, in columns."""
-    drawings = "".join(_figure(p) for some in pictures(r).values() for p in some)
-    return f'<div class="diagnosis">{drawings}</div>' if drawings else ""
-
-
-def _figure(picture: BarPicture) -> str:
-    key = f' <span class="legend">{picture.key}</span>.' if picture.key else ""
-    return (f"<figure>{picture.document()}<figcaption><b>{escape(picture.title)}.</b>{key} "
-            f"{escape(picture.caption)}</figcaption></figure>")
+    return figures([p for some in pictures(r).values() for p in some], "diagnosis")
 
 
 def _lead(r: DiagnosisRecord) -> str:

@@ -58,6 +58,11 @@ def with_unit(value: Any, unit: str, digits: int = 3) -> str:
     return f"{text}{NBSP}{unit}" if unit and text != "–" else text
 
 
+def with_label(name: str, unit: str) -> str:
+    """Return ``x (mm)``."""
+    return f"{name} ({unit})" if unit else name
+
+
 def probability(p: Any) -> str:
     """Return ``p = 0.4`` or ``p < 0.001``."""
     x = number(p)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -13,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.format import exact, number, sig
 
 MAX_ROWS = 200
@@ -78,6 +78,12 @@ def paragraph(text: str, kind: str = "") -> str:
     return part("paragraph", text, kind) if text else ""
 
 
+def figures(pictures: Sequence[Drawing | None], kind: str = "plots") -> str:
+    """Return pictures with their captions, nothing for none."""
+    drawn = [(p, p.inline()) for p in pictures if p is not None]
+    return part("figures", drawn, kind) if drawn else ""
+
+
 def error_bar(error: float | None, tolerance: float | None, sigma: float | None) -> str:
     """Return a small bar: the error against its tolerance, with the 95 % interval.
 
@@ -116,9 +122,5 @@ def _file(name: str) -> str:
     return (files("ppmcal.report") / "templates" / name).read_text("utf-8")
 
 
-DRAWINGS = _file("drawings.css")
-"""The look of drawings, in the page and outside of it; colours by name, see :data:`LIGHT`."""
-CSS = _file("page.css") + DRAWINGS + _file("page_end.css")
-LIGHT = dict(re.findall(r"--(\w+):([^;}]+)", CSS.partition("}")[0]))
-"""Colour names and values of the page by day."""
+CSS = _file("page.css") + _file("page_end.css")
 SCRIPT = _file("page.js")

@@ -27,6 +27,7 @@ from ppmcal.report.html import (
     definitions,
     dotted,
     error_bar,
+    figures,
     paragraph,
     table,
     words,
@@ -182,7 +183,7 @@ def plots(one: Identified) -> str:
     note = (count(one.residuals.size, "row")
             + ("." if keep.all() else f", {out} of them left out of the fit."))
     return ("<h2>Residuals</h2>" + paragraph(note, "note")
-            + f'<div class="plots">{"".join(drawings)}</div>')
+            + figures(drawings))
 
 
 def excluded(one: Identified) -> str:

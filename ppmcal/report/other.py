@@ -17,6 +17,7 @@ from ppmcal.report.html import (
     amount,
     bullets,
     dotted,
+    figures,
     given,
     paragraph,
     table,
@@ -50,9 +51,8 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> str:
                               amount(float(values.max()))])
     out.append(table("Error predicted by the identified model, accepted targets",
                      ["error", "unit", "mean", "rms", "max"], stats))
-    figures = [command_figure(rows, k, lengths.get(q, ""))
-               for k, q in (("position", "length"), ("rotation", "angle"))]
-    out.append(f'<div class="plots">{"".join(figures)}</div>' if any(figures) else "")
+    out.append(figures([command_figure(rows, k, lengths.get(q, ""))
+                        for k, q in (("position", "length"), ("rotation", "angle"))]))
     return "".join([*out, _commands(t, np.flatnonzero(good)), refused(rows)])
 
 
@@ -163,7 +163,7 @@ def truth_section(c: ComparedMachines) -> str:
     return ("<h2>Simulated truth against identified</h2>" + paragraph(text)
             + paragraph(c.note, "bad")
             + table("z = (found − true) / sigma", heads, body, sort=True)
-            + f'<div class="plots">{"".join(truth_figures(c))}</div>')
+            + figures(truth_figures(c)))
 
 
 def _rms(values: np.ndarray[Any, Any]) -> float:

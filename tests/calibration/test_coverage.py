@@ -79,6 +79,7 @@ def test_fresh_poses_err_as_much_as_promised(machine: str, kind: str) -> None:
     assert p > ALARM, f"rms {np.sqrt(error.mean()):.3f} of what was promised"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", CAMPAIGNS)
 def test_95_percent_intervals_hold_95_percent(machine: str) -> None:
     inside, count = column("inside", machine), column("parameters", machine)

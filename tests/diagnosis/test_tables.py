@@ -230,6 +230,7 @@ def test_amplitude_and_phase_are_those_of_the_wave() -> None:
         assert error == pytest.approx(amplitude * wanted, abs=1e-9 * amplitude)
 
 
+@pytest.mark.slow
 def test_uncertainty_of_amplitude_and_phase() -> None:
     """That of parameters drawn near the fitted ones; at the joint's zero the phase is worse."""
     result, entry = wavy().result, wavy().record["effects"][0]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,12 +16,14 @@ from xml.etree import ElementTree
 import hidden
 import numpy as np
 import pytest
-from helpers.commands import ppmcal
-from helpers.paths import ROOT
+from helpers.drawings import bars, boxes, lines, parsed, pieces, shapes, style, texts
+from matplotlib import image
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
+from ppmcal.api.diagnose import DiagnosisResult
+from ppmcal.api.inputs import source_of
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
@@ -33,18 +35,18 @@ from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.search import DETECT, NAME
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.plotting.canvas import WIDTH
+from ppmcal.plotting.style import BEFORE
+from ppmcal.plotting.svg import SCALE
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import power, scientific
-from ppmcal.report.figure_files import PNG_SCALE, SCALE, diagnosis_files
+from ppmcal.report.figure_files import PNG_SCALE, diagnosis_files
 from ppmcal.report.format import sig
 from ppmcal.report.records import Diagnosed
-from ppmcal.report.svg import WIDTH
-from ppmcal.report.svg_bars import EDGE, width
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
-SVG = "{http://www.w3.org/2000/svg}"
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Case:
     def drawing(self, name: str) -> ElementTree.Element:
         text = self.files[f"{name}.svg"]
         assert isinstance(text, str)
-        return ElementTree.fromstring(text)
+        return parsed(text)
 
     @property
     def plot_data(self) -> Record:
@@ -300,10 +302,6 @@ def test_thresholds(cases: Callable[[str], Case], verdict: str) -> None:
 # --- pictures -------------------------------------------------------------------------------------
 
 
-def texts(root: ElementTree.Element) -> list[str]:
-    return ["".join(t.itertext()) for t in root.iter(f"{SVG}text")]
-
-
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], verdict: str
                                                   ) -> None:
@@ -312,15 +310,18 @@ def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], 
     assert set(case.files) == wanted | ({"alternatives.svg"} if verdict == "named-set" else set())
     for name, text in case.files.items():
         assert isinstance(text, str)
-        root = ElementTree.fromstring(text)
-        assert root.tag == f"{SVG}svg"
-        assert root.find(f"{SVG}title") is not None
+        root = parsed(text)
+        assert root.tag == "svg"
+        assert root.findtext("title") and root.findtext("desc")
         assert not re.search(r"\b(nan|NaN|-?inf|None)\b", text), name
         assert re.findall(r"https?://[^\"]*", text) == ["http://www.w3.org/2000/svg"]
-        assert not re.search(r"href|url\(|@import|<script|<image|var\(", text), name
-        height = float(root.get("viewBox", "").split()[3])
-        for t in root.iter(f"{SVG}text"):
-            assert 0.0 <= float(t.get("y", 0.0)) <= height
+        assert not re.search(r"href|url\(|@import|<script|<image|var\(| id=", text), name
+        wide, high = map(float, root.get("viewBox", "").split()[2:])
+        for box in boxes(root):
+            assert 0.0 <= box.left <= box.right <= wide, box
+            assert 0.0 <= box.top <= box.low <= high, box
+        files = diagnosis_files(case.whole)
+        assert files[name] == text
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -328,28 +329,14 @@ def test_words_have_room(cases: Callable[[str], Case], verdict: str) -> None:
     """No words leave a drawing or lie on other words; only long names are cut short."""
     for drawings in pictures(cases(verdict).whole).values():
         for picture in drawings:
-            boxes: list[tuple[float, float, float, float, str]] = []
-            for found in re.finditer(r'<text x="(\S+)" y="(\S+)" text-anchor="(\w+)"'
-                                     r'(?: class="([\w ]+)")?>([^<]*)', "".join(picture.parts)):
-                x, y, words = float(found[1]), float(found[2]), found[5].replace("&gt;", ">")
-                # the room reckoned with is for wide fonts
-                room = 0.9 * width(words, "strong" in (found[4] or ""))
-                left = x - room * {"start": 0.0, "middle": 0.5, "end": 1.0}[found[3]]
-                boxes.append((left, left + room, y - 8.0, y + 1.5, words))
-                assert -1.0 <= left <= left + room <= WIDTH + 1.0, words
-                assert 0.0 < y < picture.height, words
-                assert not words.endswith("…"), words
-            for n, (a, b, top, low, words) in enumerate(boxes):
-                for c, d, other_top, other_low, other in boxes[:n]:
-                    apart = b <= c or d <= a or low <= other_top or other_low <= top
-                    assert apart, (picture.name, words, other)
-
-
-def bars(root: ElementTree.Element, kinds: tuple[str, ...]) -> list[float]:
-    """Return the lengths of bars from the top down, those of the legend left out."""
-    found = [(float(r.get("y", 0.0)), float(r.get("width", 0.0))) for r in root.iter(f"{SVG}rect")
-             if r.get("class") in kinds and r.get("width") != "22"]
-    return [w for _, w in sorted(found)]
+            found = boxes(parsed(picture.inline()))
+            assert found
+            for n, box in enumerate(found):
+                assert -1.0 <= box.left <= box.right <= WIDTH + 1.0, box
+                assert 0.0 < box.top < box.low < picture.height, box
+                assert not box.words.endswith("…"), box
+                for other in found[:n]:
+                    assert not box.meets(other), (picture.title, box, other)
 
 
 def test_gap_picture(cases: Callable[[str], Case]) -> None:
@@ -359,16 +346,17 @@ def test_gap_picture(cases: Callable[[str], Case]) -> None:
     record = case.record
     values = [*(s["rms_ratio"] for s in case.plot_data["steps"]),
               record["gap"]["before"], record["gap"]["after"]]
-    lengths = bars(root, ("r-before", "r-after"))
+    lengths = bars(root, "before", "after")
     assert len(lengths) == len(values) == 6
     scale = lengths[0] / math.log(values[0] / 0.5)
     for length, value in zip(lengths, values, strict=True):
         assert length == pytest.approx(scale * math.log(value / 0.5), abs=0.3)
-    lines = [p.get("d", "") for p in root.iter(f"{SVG}path") if "limit" in p.get("class", "")]
-    assert len(lines) == 6
-    for line in lines:
-        place = float(re.findall(r"[\d.]+", line)[0])
-        assert place - EDGE == pytest.approx(scale * math.log(2.0), abs=0.3)
+    at_noise = lines(root)
+    assert len(at_noise) == 6
+    left = shapes(root, "before")[0][0][0]
+    for (place, _), (end, _) in at_noise:
+        assert place == end
+        assert place - left == pytest.approx(scale * math.log(2.0), abs=0.3)
     words = texts(root)
     names = [f"+ {s['kind']} on all 3 actuators" for s in case.plot_data["steps"][2:]]
     for text in ("machine as in its file, only frames fitted", "+ geometry identified", *names,
@@ -384,32 +372,30 @@ def test_ranking_picture(cases: Callable[[str], Case]) -> None:
     """Bars grow with the root of -log p; the outline is the p-value given the other effects."""
     case = cases("named")
     root, ranked = case.drawing("ranking"), case.plot_data["ranking"]
-    kinds = ("r-named", "r-explained", "r-alternative", "r-other")
-    lengths = bars(root, kinds)
-    assert len(lengths) == len(ranked)
+    lengths = bars(root, "named", "explained", "alternative", "other")
     scale = lengths[0] / math.sqrt(-ranked[0]["log10_p_alone"])
     for length, r in zip(lengths, ranked, strict=True):
         wanted = max(scale * math.sqrt(-r["log10_p_alone"]), 0.8)
         assert length == pytest.approx(wanted, abs=0.3), r
     later = {e["kind"]: -e["log10_p"] for e in case.record["effects"]}
-    outlines = bars(root, ("r-more",))
+    outlines = bars(root, "more")
     assert outlines == pytest.approx([scale * math.sqrt(later[r["kind"]]) for r in ranked
                                       if r["status"] == "named"], abs=0.3)
     words = texts(root)
-    for text, kind in (("named", "r-named"), ("explained by what is named", "r-explained"),
-                       ("with the other named ones in the model", "r-more")):
+    for text, kind in (("named", "named"), ("explained by what is named", "explained"),
+                       ("with the other named ones in the model", "more")):
         assert text in words
-        assert root.findall(f".//{SVG}rect[@class='{kind}']")
+        assert bars(root, kind)
     for key, text in (("detect_p", "something is missing"), ("name_p", "an effect may be named")):
         assert f"beyond it {text}: p < {scientific(case.record['noise'][key])}" in words
     first = ranked[0]
     assert f"{first['kind']} on all 3 actuators, {first['form']}" in words
     alone = power(first["log10_p_alone"])
     assert f"{power(-later[first['kind']])} ({alone} alone)" in words
-    dotted = [p.get("d", "") for p in root.iter(f"{SVG}path")
-              if p.get("class", "").strip() == "limit dotted"][1:]
+    legend = next(box.low for box in boxes(root) if box.words.startswith("beyond it an effect"))
+    dotted = [line for line in lines(root, dashed=True) if line[0][1] > legend]
     assert len(dotted) == len(ranked)
-    place = float(re.findall(r"[\d.]+", dotted[0])[0]) - EDGE
+    place = dotted[0][0][0] - shapes(root, "named")[-1][0][0]
     assert place == pytest.approx(
         scale * math.sqrt(-math.log10(case.record["noise"]["detect_p"])), abs=0.3)
 
@@ -418,7 +404,7 @@ def test_actuators_picture(cases: Callable[[str], Case]) -> None:
     case = cases("named")
     root, rows = case.drawing("actuators"), case.plot_data["actuators"]
     words = texts(root)
-    lengths = bars(root, ("r-before", "r-after"))
+    lengths = bars(root, "before", "after")
     values = [a[k] for a in rows for k in ("rms_before", "rms_after")]
     assert lengths == pytest.approx(
         [v * lengths[0] / values[0] for v in values], abs=0.3)
@@ -434,8 +420,7 @@ def test_inputs_picture(cases: Callable[[str], Case]) -> None:
     case = cases("named")
     root, series = case.drawing("inputs"), case.plot_data["series"]
     count = sum(len(s["x"]) for s in series)
-    marks = [c.get("class") for c in root.iter(f"{SVG}circle")]
-    assert marks.count("ring") == marks.count("disc") == count
+    assert len(shapes(root, "ring")) == len(shapes(root, "disc")) == count
     words = texts(root)
     for text in ("direction of approach (+: joint increasing)", "temperature (°C)",
                  "error of all 3 actuators (µm)", "backlash on all 3 actuators",
@@ -443,11 +428,11 @@ def test_inputs_picture(cases: Callable[[str], Case]) -> None:
         assert text in words, text
     assert any("○ geometry alone, ● with what is named." in w for w in words)
     # higher on the page is a larger error
-    group = next(g for g in root.iter(f"{SVG}g") if g.findall(f"{SVG}circle"))
-    first = series[0]
-    heights = [-float(c.get("cy", 0.0)) for c in group.iter(f"{SVG}circle")
-               if c.get("class") == "ring"]
-    assert np.corrcoef(heights, first["before"])[0, 1] > 0.9999
+    drawing = parsed(pictures(case.whole)["inputs"][0].inline().replace("var(--before)", BEFORE))
+    rings = [p for p in drawing.iter("path") if style(p).get("stroke") == BEFORE
+             and p.get("d", "").endswith("z")]
+    heights = [-float(np.mean([y for _, y in ring])) for p in rings for ring in pieces(p)]
+    assert np.corrcoef(heights, series[0]["before"])[0, 1] > 0.9999
 
 
 # --- each verdict ---------------------------------------------------------------------------------
@@ -468,10 +453,10 @@ def test_diagnosis_of_nothing(cases: Callable[[str], Case]) -> None:
     # one joint against all that was recorded, by geometry alone
     assert {s["role"] for s in case.plot_data["series"]} == {"recorded"}
     root = case.drawing("inputs")
-    assert not [c for c in root.iter(f"{SVG}circle") if c.get("class") == "ring"]
+    assert not shapes(root, "ring") and shapes(root, "disc")
     assert "with what is named" not in " ".join(texts(root))
-    assert len(bars(case.drawing("gap"), ("r-before", "r-after"))) == 3
-    assert bars(case.drawing("ranking"), ("r-named", "r-alternative", "r-explained")) == []
+    assert len(bars(case.drawing("gap"), "before", "after")) == 3
+    assert bars(case.drawing("ranking"), "named", "alternative", "explained") == []
 
 
 def test_diagnosis_of_something_unknown(cases: Callable[[str], Case]) -> None:
@@ -494,8 +479,8 @@ def test_diagnosis_of_something_unknown(cases: Callable[[str], Case]) -> None:
     assert f"With {out} rows that the fit took for outliers." in text
     assert case.plot_data["series"][0]["on"] == ["leg3"]
     assert case.plot_data["series"][0]["input"] == "travel"
-    assert bars(case.drawing("ranking"), ("r-named", "r-alternative", "r-explained")) == []
-    assert bars(case.drawing("ranking"), ("r-other",))
+    assert bars(case.drawing("ranking"), "named", "alternative", "explained") == []
+    assert bars(case.drawing("ranking"), "other")
 
 
 def test_diagnosis_of_effects_that_look_alike(cases: Callable[[str], Case]) -> None:
@@ -513,12 +498,12 @@ def test_diagnosis_of_effects_that_look_alike(cases: Callable[[str], Case]) -> N
     order = np.argsort(effect["odds"], kind="stable")
     shown = [w.removeprefix("or ") for w in words if w.startswith("or ")]
     assert shown == [others[i] for i in order]
-    lengths = bars(root, ("r-alternative",))
+    lengths = bars(root, "alternative")
     odds = np.minimum(np.sort(effect["odds"]), 1e6)
     for length, value in zip(lengths, odds, strict=True):
         assert length == pytest.approx(
             lengths[0] * math.log(value / 0.5) / math.log(odds[0] / 0.5), abs=0.4)
-    assert len(bars(case.drawing("ranking"), ("r-alternative",))) == len(others)
+    assert len(bars(case.drawing("ranking"), "alternative")) == len(others)
     for other in others:
         assert other in text
 
@@ -550,31 +535,30 @@ def test_records_cut_down_still_draw(cases: Callable[[str], Case]) -> None:
 
 
 def test_png(cases: Callable[[str], Case]) -> None:
-    pytest.importorskip("resvg_py")
+    """The same drawings, point for point."""
     files = diagnosis_files(cases("named-set").whole, png=True)
     assert sorted(n for n in files if n.endswith(".png")) == sorted(
         n.replace(".svg", ".png") for n in files if n.endswith(".svg"))
     for name, drawing in files.items():
         if isinstance(drawing, bytes):
-            assert drawing.startswith(b"\x89PNG\r\n\x1a\n")
-            size = [int.from_bytes(drawing[i:i + 4], "big") for i in (16, 20)]
+            shot = image.imread(io.BytesIO(drawing))[..., :3]
             text = files[name.replace(".png", ".svg")]
             assert isinstance(text, str)
-            wide, high = map(float, re.findall(r'^<svg [^>]*width="([\d.]+)" height="([\d.]+)"',
-                                               text)[0])
-            assert size == pytest.approx([wide * PNG_SCALE / SCALE, high * PNG_SCALE / SCALE],
-                                         abs=2.0)
+            root = parsed(text)
+            size = [float(root.get(k, "nan")) * PNG_SCALE / SCALE for k in ("height", "width")]
+            assert shot.shape[:2] == pytest.approx(size, abs=2.0)
+            for bar in shapes(root, "named", "explained"):
+                (left, right), (top, low) = ((PNG_SCALE * min(v), PNG_SCALE * max(v))
+                                             for v in zip(*bar, strict=True))
+                colours = np.ptp(shot[int(0.5 * (top + low)), int(left):int(right) + 1], axis=-1)
+                assert np.median(colours) > 0.2, (name, bar)
 
 
-def test_png_without_the_extra_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Before any work is done, with the extra to install."""
-    monkeypatch.setitem(sys.modules, "resvg_py", None)
-    data = ROOT / "sample_data"
-    run = ppmcal("diagnose", data / "hexapod.yaml", data / "hidden" / "measurements.csv", "--png",
-                 "--out", "d", cwd=tmp_path)
-    assert run.code == 2
-    message = " ".join(run.err.split())
-    assert "PNG pictures need the package resvg-py of the extra 'plots'" in message
-    assert "pip install 'ppmcal[plots]'" in message
-    assert "--png" in message
-    assert not (tmp_path / "d").exists()
+def test_png_is_written_where_it_is_asked_for(cases: Callable[[str], Case], tmp_path: Path) -> None:
+    found = cases("none").result
+    for png in (False, True):
+        result = DiagnosisResult(source_of("diagnose", [], 0), (), found, png)
+        names = {p.name for p in result.save(tmp_path / str(png))}
+        assert {"gap.svg", "ranking.svg"} <= names
+        assert {n for n in names if n.endswith(".png")} == (
+            {n.replace(".svg", ".png") for n in names if n.endswith(".svg")} if png else set())

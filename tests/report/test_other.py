@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 from helpers.commands import ppmcal
+from helpers.drawings import bold, lines, parsed, pieces, style, texts
 from helpers.paths import ROOT
 from helpers.report_files import cells, read
 
@@ -109,16 +110,21 @@ def test_picture_of_differences(folders: Path) -> None:
     html, _ = page(folders / "cmp")
     drawing = next(d for d in re.findall(r"<svg.*?</svg>", html) if "in units of sigma" in d)
     found = record(folders / "cmp", "comparison.json")["parameters"]
-    names = re.findall(r'class="small(?: strong)?">([^<]*)', drawing)
+    root = parsed(drawing)
     by_size = sorted(found, key=lambda p: -abs(p["difference"] / p["sigma"]))
+    names = [t for t in texts(root) if any(p["name"].startswith(t.rstrip("…")) for p in found)]
     assert [n.removesuffix("…") for n in names] == [
         p["name"][:len(n.removesuffix("…"))] for n, p in zip(names, by_size, strict=True)]
-    assert drawing.count('class="stroke ') == len(found)
-    assert drawing.count("r-changed") == drawing.count("small strong") == 1
-    places = [float(x) for x in re.findall(r'class="stroke \w+" d="M([-\d.]+) ', drawing)]
-    ends = [float(x) for x in re.findall(r'class="stroke \w+" d="M[-\d.]+ [-\d.]+H([-\d.]+)"',
-                                         drawing)]
-    zero = float(re.findall(r'class="mark" d="M([\d.]+)', drawing)[0])
+    strokes = sorted((s for colour in ("after", "before", "out")
+                      for s in lines(root, f"var(--{colour})") if len(s) > 1),
+                     key=lambda s: s[0][1])
+    assert len(strokes) == len(found)
+    (changed,) = bold(root)
+    assert by_size[names.index(changed)]["status"] == "changed"
+    diamonds = [p for p in root.iter("path") if style(p).get("fill") == "var(--out)"]
+    assert sum(len(list(pieces(d))) for d in diamonds) == 1
+    places, ends = ([s[i][0] for s in strokes] for i in (0, 1))
+    zero = next(s[0][0] for s in lines(root, "var(--soft)") if len({x for x, _ in s}) == 1)
     unit = (ends[0] - places[0]) / 3.92
     for p, low in zip(by_size, places, strict=True):
         assert (low - zero) / unit + 1.96 == pytest.approx(p["difference"] / p["sigma"], abs=0.02)
@@ -132,7 +138,8 @@ def test_many_parameters_are_thinned_and_changed_ones_kept(tmp_path: Path) -> No
                                                           "parameters": rows}))
     html, text = page(tmp_path)
     assert "The 40 largest of 60." in text and "48 further parameters" in text
-    assert 'class="small strong">p0<' in html and "No single parameter explains it." in text
+    drawing = next(d for d in re.findall(r"<svg.*?</svg>", html) if "in units of sigma" in d)
+    assert bold(parsed(drawing)) == ["p0"] and "No single parameter explains it." in text
 
 
 def test_csv_alone_is_enough(folders: Path, tmp_path: Path) -> None:

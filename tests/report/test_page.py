@@ -19,12 +19,12 @@ from ppmcal.io.results.identification_parts import Combination, NoiseCheck, Para
 from ppmcal.io.results.identification_wording import combination, noise_verdict
 from ppmcal.io.results.record import Provenance, UnitNames
 from ppmcal.io.results.simulation import TruthRecord
+from ppmcal.plotting.plot import Axis, span
 from ppmcal.report import collect, to_html, to_json
 from ppmcal.report.collect import KNOWN
 from ppmcal.report.format import NBSP, probability, sig, to_sigma, typeset
 from ppmcal.report.records import Identified, Simulated
 from ppmcal.report.residuals import envelope, evenly_spread
-from ppmcal.report.svg import Axis, span
 from ppmcal.report.truth import compare
 
 
@@ -387,6 +387,8 @@ def test_thinning_keeps_the_extremes() -> None:
 def test_axes() -> None:
     assert span([0.002, 0.7], log=True) == Axis(1e-3, 1.0, True)
     assert [round(t, 9) for t in Axis(-0.011, 0.021).ticks()] == [-0.01, 0.0, 0.01, 0.02]
+    assert list(Axis(1e-4, 1e-2, True).ticks()) == pytest.approx([1e-4, 1e-3, 1e-2])
+    assert list(Axis(0.01, 0.1, True).ticks()) == pytest.approx([0.01, 0.02, 0.05, 0.1])
     for values in ([], [3.0], [0.0, 0.0], [np.nan], [1e300, -1e300], [1e-300, 2e-300]):
         for log in (False, True):
             axis = span(values, log=log)
