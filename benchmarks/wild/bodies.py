@@ -58,7 +58,9 @@ def drift(rng, run: Run) -> Effect:
     def apply(state, r, v):
         state.base_step += r.time[:, None] * v["rate"]
 
-    return Effect("drift", (), {"rate": rate / run.time[-1]}, ("rate",), {"rate": "mm/s, rad/s"}, apply)
+    return Effect(
+        "drift", (), {"rate": rate / run.time[-1]}, ("rate",), {"rate": "mm/s, rad/s"}, apply
+    )
 
 
 def sensor_scale(rng, run: Run) -> Effect:

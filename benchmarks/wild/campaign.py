@@ -79,7 +79,9 @@ def commanded(machine: Machine, plan: Plan, rows: int, rng) -> tuple[np.ndarray,
     while len(values) < rows:
         if values and rng.random() < plan.fine:
             step = 10 ** rng.uniform(-3.5, -1.0) * machine.half * rng.normal(size=len(machine.half))
-            pose = np.clip(values[-1] + step, machine.home - machine.half, machine.home + machine.half)
+            pose = np.clip(
+                values[-1] + step, machine.home - machine.half, machine.home + machine.half
+            )
             times = 1
         else:
             pose = machine.home + machine.half * rng.uniform(-1, 1, len(machine.half))
@@ -221,7 +223,11 @@ class Setup:
 
 def setup(machine: Machine, plan: Plan, rng) -> Setup:
     """Draw the instrument's place."""
-    choices = {"planar": ["pose"], "translational": ["position"], "spatial": ["pose"] * 3 + ["position"]}
+    choices = {
+        "planar": ["pose"],
+        "translational": ["position"],
+        "spatial": ["pose"] * 3 + ["position"],
+    }
     kind = rng.choice(choices[machine.motion])
     if plan.instrument != "any" and machine.motion != "translational":
         kind = plan.instrument

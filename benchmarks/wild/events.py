@@ -29,7 +29,9 @@ def homed_again(how: str, low: float = 0.25, high: float = 0.75):
     def make(rng, run):
         legs, row = pick(rng, run, how), onset(rng, run, low, high)
         shift = np.zeros(run.q.shape[1])
-        shift[list(legs)] = tick(run) * rng.uniform(0.4, 1.5, len(legs)) * rng.choice([-1, 1], len(legs))
+        shift[list(legs)] = (
+            tick(run) * rng.uniform(0.4, 1.5, len(legs)) * rng.choice([-1, 1], len(legs))
+        )
         return joint_effect("zero_shift", legs, {"shift": shift}, ("shift",), {"shift": unit(run)},
                             lambda r, v: since(r, row) * v["shift"], row=row)  # fmt: skip
 
@@ -40,25 +42,31 @@ def there_and_back(rng, run: Run) -> Effect:
     """One leg's zero is off between two rows and right again after."""
     row, legs = onset(rng, run, 0.2, 0.45), pick(rng, run, "one")
     end = row + int(0.25 * run.count)
-    return joint_effect("zero_shift", legs, {"shift": tick(run), "until_row": end}, ("shift",),
-                        {"shift": unit(run)}, lambda r, v: (since(r, row) - since(r, end)) * v["shift"],
-                        row=row, note="ends before until_row")  # fmt: skip
+    return joint_effect(
+        "zero_shift", legs, {"shift": tick(run), "until_index": end}, ("shift",),
+        {"shift": unit(run)}, lambda r, v: (since(r, row) - since(r, end)) * v["shift"],
+        row=row, note="ends before until_index",
+    )  # fmt: skip
 
 
 def slipped_turn(rng, run: Run) -> Effect:
     """An encoder loses one turn: 5 mm of screw, or 3.6 deg behind a gear of 100."""
     row, legs = onset(rng, run), pick(rng, run, "one")
     size = (np.radians(3.6) if run.machine.rotary else 5.0) * rng.choice([-1, 1])
-    return joint_effect("zero_shift", legs, {"shift": size}, (), {"shift": unit(run)},
-                        lambda r, v: since(r, row) * v["shift"], row=row, note="one turn")  # fmt: skip
+    return joint_effect(
+        "zero_shift", legs, {"shift": size}, (), {"shift": unit(run)},
+        lambda r, v: since(r, row) * v["shift"], row=row, note="one turn",
+    )  # fmt: skip
 
 
 def slipped_counts(rng, run: Run) -> Effect:
     """An encoder loses a few counts (of 5 µm, or of the like angle)."""
     row, legs = onset(rng, run), pick(rng, run, "one")
     size = tick(run) / 4 * rng.integers(6, 20)
-    return joint_effect("zero_shift", legs, {"shift": size}, (), {"shift": unit(run)},
-                        lambda r, v: since(r, row) * v["shift"], row=row, note="counts")  # fmt: skip
+    return joint_effect(
+        "zero_shift", legs, {"shift": size}, (), {"shift": unit(run)},
+        lambda r, v: since(r, row) * v["shift"], row=row, note="counts",
+    )  # fmt: skip
 
 
 def bumped(what: str, low: float = 0.25, high: float = 0.75):

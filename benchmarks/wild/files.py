@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from .kinematics import COLUMNS
-from .machines import Machine
+from .kinematics import COLUMNS, inverse
+from .machines import Machine, pose_of
 
 NAMES = np.array(["x", "y", "z", "rx", "ry", "rz"])
 IS_ANGLE = np.array([False] * 3 + [True] * 3)
@@ -54,6 +55,14 @@ def yaml_text(record: dict) -> str:
     return "\n".join(lines) + "\n"
 
 
+def wrapped_branch(machine: Machine, leg: int) -> int:
+    """+1 where the home root is the larger of both within (−180, 180] deg, else −1."""
+    geo, at = machine.geometry, pose_of(machine.motion, machine.home[None])
+    roots = [inverse(replace(geo, branch=side * geo.branch), *at)[0, leg] for side in (1, -1)]
+    here, other = (np.arctan2(np.sin(u), np.cos(u)) for u in roots)
+    return 1 if here > other else -1
+
+
 def _limb(machine: Machine, leg: int) -> dict:
     geo, planar = machine.geometry, machine.motion == "planar"
     axes = 2 if planar else 3
@@ -66,7 +75,7 @@ def _limb(machine: Machine, leg: int) -> dict:
     if geo.closure == "crank":
         limb |= {"proximal": geo.proximal[0, leg], "distal": geo.length[0, leg]}
         side = int(geo.branch[0, leg])
-        limb |= {"elbow": -side} if planar else {"branch": side}
+        limb |= {"elbow": -side} if planar else {"branch": wrapped_branch(machine, leg)}
         if not planar:
             base |= {"axis": geo.axis[0, leg].tolist(), "zero": geo.zero[0, leg].tolist()}
     return limb

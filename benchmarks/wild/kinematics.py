@@ -119,7 +119,9 @@ def _first_joints(geo: Geometry, pos: np.ndarray, rot: np.ndarray) -> np.ndarray
     a, b = dot(w, geo.zero), dot(w, np.cross(geo.axis, geo.zero))
     c = (squared + geo.proximal**2 - geo.length**2) / (2 * geo.proximal * np.hypot(a, b))
     start = np.where(geo.axis[..., 2] == 1.0, np.arctan2(-geo.base[..., 1], -geo.base[..., 0]), 0.0)
-    turn = np.mod(np.arctan2(b, a) - start + np.pi, 2 * np.pi) - np.pi  # planar: cut behind the base
+    turn = (
+        np.mod(np.arctan2(b, a) - start + np.pi, 2 * np.pi) - np.pi
+    )  # planar: cut behind the base
     return start + turn + geo.branch * np.arccos(c)
 
 

@@ -135,7 +135,10 @@ def _delta_linear(rng):
 
 def _delta_rotary(rng):
     angles = np.array([-90, 30, 150]) + rng.uniform(-5, 5, 3)
-    base, plat = _ring(120 + rng.uniform(-6, 6, 3), angles), _ring(50 + rng.uniform(-4, 4, 3), angles)
+    base, plat = (
+        _ring(120 + rng.uniform(-6, 6, 3), angles),
+        _ring(50 + rng.uniform(-4, 4, 3), angles),
+    )
     zero = _ring(1.0, angles)
     axis = np.cross(EZ, zero)
     home = np.array([0, 0, -330.0])
@@ -146,7 +149,9 @@ def _delta_rotary(rng):
 
 def _hexapod(rng):
     turn = np.repeat([0, 120, 240], 2)
-    base = _ring(300 + rng.uniform(-15, 15, 6), turn + np.tile([-20, 20], 3) + rng.uniform(-3, 3, 6))
+    base = _ring(
+        300 + rng.uniform(-15, 15, 6), turn + np.tile([-20, 20], 3) + rng.uniform(-3, 3, 6)
+    )
     plat = _ring(180 + rng.uniform(-9, 9, 6), turn + np.tile([-48, 48], 3) + rng.uniform(-3, 3, 6))
     base[:, 2], plat[:, 2] = rng.uniform(-8, 8, 6), rng.uniform(-8, 8, 6)
     home = np.array([0, 0, 400 + 30 * rng.uniform(-1, 1), 0, 0, 0])
@@ -230,4 +235,6 @@ def build(name: str, seed: int) -> Machine:
     margin = 0.05 * np.ptp(joints, axis=0)
     limits = np.stack([joints.min(0) - margin, joints.max(0) + margin], axis=-1)
     tol = {k: float(v) for k, v in tol.items()}
-    return Machine(name, KINDS[name], motion, geo, home, half, tol, _slots(geo, motion, tol), limits)
+    return Machine(
+        name, KINDS[name], motion, geo, home, half, tol, _slots(geo, motion, tol), limits
+    )

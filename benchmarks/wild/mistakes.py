@@ -135,7 +135,9 @@ def condition_unit(column: str, unit: str):
 
     def make(rng, paper):
         paper.table[column] = change(paper.table[column])
-        return Blame("unit", [column], {"units": {column: unit}}, note="a condition, not a measurement")
+        return Blame(
+            "unit", [column], {"units": {column: unit}}, note="a condition, not a measurement"
+        )
 
     return make
 

@@ -104,9 +104,15 @@ def periodic(how: str):
     """Screw or gear error: cosine and sine of the joint."""
 
     def make(rng, run):
-        period = np.radians(rng.choice([7.2, 10.0])) if run.machine.rotary else rng.choice([4.0, 5, 10])
+        period = (
+            np.radians(rng.choice([7.2, 10.0])) if run.machine.rotary else rng.choice([4.0, 5, 10])
+        )
         legs, phase = pick(rng, run, how), rng.uniform(0, 2 * np.pi)
-        values = {"cos": tick(run) * np.cos(phase), "sin": tick(run) * np.sin(phase), "period": period}
+        values = {
+            "cos": tick(run) * np.cos(phase),
+            "sin": tick(run) * np.sin(phase),
+            "period": period,
+        }
         units = dict.fromkeys(values, unit(run))
 
         def shape(r, v):
@@ -158,7 +164,8 @@ def wear(how: str):
         at, wide = rng.uniform(-0.4, 0.4), rng.uniform(0.08, 0.15)
         values = {"depth": tick(run), "at": at, "wide": wide}
         return joint_effect(
-            "learned", pick(rng, run, how), values, ("depth",), {"depth": unit(run), "at": "stroke"},
+            "learned", pick(rng, run, how), values, ("depth",),
+            {"depth": unit(run), "at": "half stroke"},
             lambda r, v: -v["depth"] * np.exp(-(((stroke(r) - v["at"]) / v["wide"]) ** 2)),
         )  # fmt: skip
 
@@ -213,12 +220,14 @@ def gravity_wrong(rng, run: Run) -> Effect:
     spin = Rotation.from_rotvec(np.radians(turn) * np.array(about)).as_matrix()
 
     def shape(r, v):
-        return v["give"] * load_under(r, np.hstack([total_wrench(r)[:, :3] @ spin.T, 0 * r.wrench[:, 3:]]))
+        return v["give"] * load_under(
+            r, np.hstack([total_wrench(r)[:, :3] @ spin.T, 0 * r.wrench[:, 3:]])
+        )
 
     values = {"give": tick(run) / np.abs(run.load).mean(), "gravity": spin @ run.machine.gravity}
     units = {"give": unit(run) + "/N", "gravity": "direction"}
     return joint_effect("compliance", pick(rng, run, "all"), values, ("give",), units, shape,
-                        note="weight acts along gravity, not along the file's direction")  # fmt: skip
+                        note="weight acts along gravity, not as the file says")  # fmt: skip
 
 
 def _level(rng) -> np.ndarray:

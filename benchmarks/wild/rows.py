@@ -56,7 +56,9 @@ def doubled(part: str):
             if len(point) == 3:
                 polar["z"] = float(point[2])
             limb[part]["point"] = polar
-        return Blame("radius", [f"*.{part}.point.radius"], None, note="halve the radii", mends=False)
+        return Blame(
+            "radius", [f"*.{part}.point.radius"], None, note="halve the radii", mends=False
+        )
 
     return make
 
@@ -70,7 +72,9 @@ def shuffled(rng, paper: Paper) -> Blame:
         values = paper.table[name].copy()
         values[rows] = values[order]
         paper.table[name] = values
-    return Blame("shuffled", paper.seen, None, rows.tolist(), mends=False, note="no kind of the list")
+    return Blame(
+        "shuffled", paper.seen, None, rows.tolist(), mends=False, note="no kind of the list"
+    )
 
 
 def reversed_order(rng, paper: Paper) -> Blame:
@@ -122,7 +126,9 @@ def typed_wrong(value: float, rng) -> float:
     if how == "sign":
         return -value
     text = f"{abs(value):.3f}"
-    places = [i for i in range(len(text) - 2) if "." not in text[i : i + 2] and text[i] != text[i + 1]]
+    places = [
+        i for i in range(len(text) - 2) if "." not in text[i : i + 2] and text[i] != text[i + 1]
+    ]
     if not places:
         return value + 1.0
     i = int(rng.choice(places[:2]))

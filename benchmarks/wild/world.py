@@ -74,10 +74,7 @@ def poses(run: Run, effects: list[Effect]) -> tuple[np.ndarray, np.ndarray, Stat
     for effect in effects:
         effect.apply(state, run, effect.values)
     geo, grow = run.geo, 1 + state.stretch
-    if geo.closure == "strut":
-        du = state.du + run.u * state.stretch
-    else:
-        du = state.du
+    du = state.du + (run.u * state.stretch if geo.closure == "strut" else 0.0)
     geo = replace(
         geo, base=geo.base + state.base, platform=geo.platform + state.platform,
         length=geo.length * grow, proximal=geo.proximal * grow, u_gap=geo.u_gap + state.gap,
