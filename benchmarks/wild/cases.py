@@ -17,6 +17,7 @@ from .machines import MACHINES
 PLAIN = Plan()
 PLANAR, SPATIAL = ("3-RRR", "3-RPR"), ("hexapod", "crank-hexapod")
 ROTARY = ("3-RRR", "delta-rotary", "crank-hexapod")
+LINEAR = ("3-RPR", "delta-linear", "hexapod")
 POSED = PLANAR + SPATIAL
 WRENCH, FINE = Plan(loads="wrench"), Plan(approach="sequence", fine=0.6)
 SEQUENCE, BLOCKS = Plan(approach="sequence"), Plan(load_blocks=True)
@@ -191,7 +192,7 @@ def _physics() -> dict[str, Case]:
         "base-heat": cause(bo.thermal("base")),
         "platform-heat": cause(bo.thermal("platform")),
         "drift": cause(bo.drift),
-        "sensor-scale": cause(bo.sensor_scale, accept=("gain",)),
+        "sensor-scale": cause(bo.sensor_scale, LINEAR, accept=("gain",)),
         "tilt": cause(bo.tilt, PLANAR),
         "joint-gap-one": cause(ph.joint_gap("one"), gaps),
         "joint-gap-all": cause(ph.joint_gap("all"), gaps),

@@ -156,7 +156,8 @@ def effect_record(world: World, effect: Effect, names: list[str]) -> dict:
     record = {
         "kind": effect.kind, "on": [names[i] for i in effect.legs],
         "parameters": {k: plain(v) for k, v in effect.values.items()}, "units": effect.units,
-        "eta": sizes[0], "rms_before_projection": sizes[1], "note": effect.note,
+        "eta": sizes[0], "rms_before_projection": sizes[1],
+        "survival": sizes[0] / sizes[1] if sizes[1] else None, "note": effect.note,
     }  # fmt: skip
     if effect.row is not None:
         record |= {"index": effect.row, "row": effect.row + 1}

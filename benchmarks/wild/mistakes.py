@@ -189,7 +189,11 @@ def inverted(rng, paper: Paper) -> Blame:
     spatial = "rx" in paper.table
     zero = np.zeros(paper.rows)
     pos = np.column_stack([paper.table.get(n, zero) for n in "xyz"])
-    turn = _rotvec(paper) if spatial else Rotation.from_euler("z", paper.table["rz"], degrees=True)
+    turn = (
+        _rotvec(paper)
+        if spatial
+        else Rotation.from_rotvec(np.column_stack([zero, zero, paper.table["rz"]]), degrees=True)
+    )
     back = -turn.inv().apply(pos)
     for i, n in enumerate("xyz"):
         if n in paper.table:

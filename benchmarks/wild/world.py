@@ -98,37 +98,44 @@ def whitened(place: Setup, motion: str, a: tuple, b: tuple) -> np.ndarray:
     return both[:, cols].ravel()
 
 
-def _shifted_setup(place: Setup, kind: str, i: int, step: float) -> Setup:
+STEP, TURN = 0.02, 1e-4  # of differences: mm, rad
+
+
+def shifted_setup(place: Setup, kind: str, i: int, step: float) -> Setup:
+    """Setup with its target or its frame a step (mm or rad) aside along coordinate i."""
     if kind == "target":
         return replace(place, target=place.target + step * np.eye(3)[i])
     if i < 3:
         return replace(place, frame_pos=place.frame_pos + step * np.eye(3)[i])
-    turn = Rotation.from_rotvec(step * 1e-3 * np.eye(3)[i - 3]).as_matrix()
+    turn = Rotation.from_rotvec(step * np.eye(3)[i - 3]).as_matrix()
     return replace(place, frame_rot=turn @ place.frame_rot)
+
+
+def open_setup(place: Setup, motion: str) -> list[tuple[str, int]]:
+    """Coordinates of frame and target that a user would have to fit."""
+    if place.known:
+        return []
+    free = COLUMNS[motion] if motion != "translational" else range(6)
+    kinds = [("frame", i) for i in free]
+    return kinds + [("target", i) for i in range(2 if motion == "planar" else 3)]
 
 
 def jacobian(run: Run, place: Setup, errors: np.ndarray) -> np.ndarray:
     """Whitened measurements' derivative by slots, frame and target (entries, parameters)."""
     machine, motion = run.machine, run.machine.motion
-    columns, step = [], 0.02
+    columns = []
     for j, slot in enumerate(machine.slots):
-        ends = []
+        step, ends = TURN if slot.angle else STEP, []
         for sign in (-1, 1):
             shifted = errors.copy()
-            shifted[j] += sign * step * (1e-3 * (5 if slot.angle else 0) or 1.0)
-            geo = with_errors(machine, shifted)
-            at = forward(geo, run.q, run.pos, run.rot, motion)
+            shifted[j] += sign * step
+            at = forward(with_errors(machine, shifted), run.q, run.pos, run.rot, motion)
             ends.append(seen(place, *at))
-        columns.append(whitened(place, motion, *ends))
-    if not place.known:
-        free = COLUMNS[motion] if motion != "translational" else range(6)
-        kinds = [("frame", i) for i in free]
-        kinds += [("target", i) for i in range(2 if motion == "planar" else 3)]
-        for kind, i in kinds:
-            ends = [
-                seen(_shifted_setup(place, kind, i, s * step), run.pos, run.rot) for s in (-1, 1)
-            ]
-            columns.append(whitened(place, motion, *ends))
+        columns.append(whitened(place, motion, *ends) / (2 * step))
+    for kind, i in open_setup(place, motion):
+        step = TURN if kind == "frame" and i > 2 else STEP
+        ends = [seen(shifted_setup(place, kind, i, s * step), run.pos, run.rot) for s in (-1, 1)]
+        columns.append(whitened(place, motion, *ends) / (2 * step))
     return np.column_stack(columns)
 
 
@@ -166,7 +173,7 @@ class Judge:
 
 
 def judge(run: Run, place: Setup, errors: np.ndarray) -> Judge:
-    """Projector of a campaign, rank cut at 1e-7 of the largest scaled singular value."""
+    """Projector of a campaign, rank cut at 1e-6 of the largest scaled singular value."""
     columns = jacobian(run, place, errors)
     norm = np.linalg.norm(columns, axis=0)
     u, s, _ = np.linalg.svd(columns / np.where(norm > 0, norm, 1), full_matrices=False)
