@@ -75,6 +75,8 @@ def _mistakes() -> dict[str, Case]:
     for order in ("xyz", "XYZ", "zyx", "ZYX", "zyz"):
         name = "euler-" + ("fixed-" if order.islower() else "moving-") + order.lower()
         out[name] = mistake(mi.euler(order), machines=SPATIAL, plan=POSE)
+    turned = mi.euler("ZYX", in_order=True)
+    out["euler-moving-zyx-in-order"] = mistake(turned, machines=SPATIAL, plan=POSE)
     for unit in ("F", "K"):
         error = mi.condition_unit("temperature", unit)
         out[f"temperature-{unit}"] = Case("mistake", causes=(bo.thermal("leg"),), errors=(error,))
@@ -86,7 +88,7 @@ def _mistakes() -> dict[str, Case]:
 
 def _pairs_of_mistakes() -> dict[str, Case]:
     return {
-        "swapped-and-sign": mistake(mi.legs_swapped, mi.sign("one")),
+        "swapped-and-sign": mistake(mi.sign("one"), mi.legs_swapped),
         "swapped-and-unit": mistake(mi.legs_swapped, mi.position_unit),
         "unit-and-mirrored": mistake(mi.joint_unit("all"), mi.mirrored),
         "sign-and-shifted": mistake(mi.sign("all"), ro.shifted),

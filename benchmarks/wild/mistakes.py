@@ -158,13 +158,23 @@ def _write_rotation(paper: Paper, values: np.ndarray, names=("rx", "ry", "rz")) 
     paper.table.update(items)
 
 
-def euler(order: str):
-    """Rotation columns hold Euler angles (capitals: moving axes) instead of a vector."""
+def euler(order: str, in_order: bool = False):
+    """Rotation columns hold Euler angles (capitals: moving axes) instead of a vector.
+
+    The angle about an axis stands in that axis's column, or, in order, the first in rx.
+    """
 
     def make(rng, paper):
         angles = _rotvec(paper).as_euler(order, degrees=True)
-        _write_rotation(paper, angles)  # first angle stands in rx whatever its axis
-        return Blame("rotation", ["rx", "ry", "rz"], {"rotation": f"euler-{order}"})
+        placed = not in_order and len(set(order)) == 3
+        if placed:
+            angles = angles[:, [order.lower().index(axis) for axis in "xyz"]]
+        _write_rotation(paper, angles)
+        note = (
+            "the angle about each axis in its column" if placed else "angles in order in rx, ry, rz"
+        )
+        names, read = ["rx", "ry", "rz"], {"rotation": f"euler-{order}"}
+        return Blame("rotation", names, read, accept=["exchanged"] if not placed else [], note=note)
 
     return make
 

@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from wild.campaign import Plan, seen, setup, take
 from wild.cases import CASES
-from wild.catalogue import draw, recorded, table_of, truth_pose, write
+from wild.catalogue import draw, recorded, table_of, truth_of, truth_pose, write
+from wild.files import mechanism_record
 from wild.kinematics import closure, forward, inverse, pose_by_joint
 from wild.machines import MACHINES, build, draw_errors, pose_of, with_errors
 from wild.memory import lagged, play_operator
@@ -199,6 +200,68 @@ def test_shifted_rows_stand_as_far_behind_as_the_mend_says():
         for k in range(max(0, by), min(rows, rows + by)):
             at = int(np.flatnonzero(old["x"] == paper.table["x"][k])[0])
             assert old["q_leg1"][at] == paper.table["q_leg1"][k - by]
+
+
+UNITS = {"m": 1e3, "in": 25.4, "um": 1e-3, "rad": 180 / np.pi, "turn": 360.0}
+UNITS |= {"g": 1e-3, "lb": 0.45359237, "N": 1 / 9.80665}
+
+
+def read_back(table: dict, read: dict) -> dict:
+    """Own reader of the sidecar's ``read``: columns, then units and signs, then the pose."""
+    out = dict(table)
+    for ours, header in read.get("columns", {}).items():
+        out[ours] = table[header]
+    for name, unit in read.get("units", {}).items():
+        if unit in "FK":
+            out[name] = (out[name] - 32) / 1.8 if unit == "F" else out[name] - 273.15
+        else:
+            out[name] = out[name] * UNITS[unit]
+    for name, sign in read.get("signs", {}).items():
+        out[name] = sign * out[name]
+    if "rotation" in read:
+        out |= dict(zip(("rx", "ry", "rz"), rotvec_of(out, read["rotation"]).T, strict=True))
+    paper = Paper(out, {}, {}, False)
+    if "pose" in read:
+        inverted(None, paper)
+    if "mirror" in read:
+        fixed = type("Always", (), {"choice": lambda self, names: read["mirror"]})()
+        mirrored(fixed, paper)
+    return paper.table
+
+
+def rotvec_of(table: dict, way: str) -> np.ndarray:
+    if way == "quat-wxyz":
+        quat = np.column_stack([table.pop(f"quat_{c}") for c in "xyzw"])
+        return Rotation.from_quat(quat[:, [1, 2, 3, 0]]).as_rotvec(degrees=True)
+    order = way.removeprefix("euler-")
+    names = [f"r{a}" for a in order.lower()]
+    if len(set(names)) < 3:
+        names = ["rx", "ry", "rz"]
+    angles = np.column_stack([table[n] for n in names])
+    return Rotation.from_euler(order, angles, degrees=True).as_rotvec(degrees=True)
+
+
+MENDED = [n for n, c in CASES.items() if c.group == "mistake" and "in-order" not in n and "typos" not in n]
+
+
+@pytest.mark.parametrize("case", MENDED)
+def test_the_mend_restores_the_file(case):
+    for seed in (1, 2):
+        world = draw(case, CASES[case].machines[seed % len(CASES[case].machines)], 50, seed, 1.0)
+        clean = table_of(world, seed)
+        paper = Paper({k: v.copy() for k, v in clean.items()}, {},
+                      mechanism_record(world.run.machine), world.run.machine.rotary)  # fmt: skip
+        rng, blames = np.random.default_rng(seed), []
+        for make in world.case.errors:
+            blames.append(make(rng, paper))
+        truth = truth_of(world, blames, {})
+        if truth["mend"] is None or "shift" in truth["mend"]:
+            continue
+        got = read_back(paper.table, truth["mend"])
+        assert set(got) == set(clean)
+        for name, values in clean.items():
+            if name != "pose":
+                np.testing.assert_allclose(got[name], values, atol=1e-7, err_msg=name)
 
 
 def test_typos_change_the_number():
