@@ -160,17 +160,38 @@ def _memory() -> dict[str, Case]:
     }
 
 
-def _physics() -> dict[str, Case]:
-    cause = lambda make, machines=MACHINES, plan=PLAIN, **more: Case(  # noqa: E731
-        "physics", machines, make if isinstance(make, tuple) else (make,), (), plan, **more
-    )
-    gaps = ("hexapod", "delta-linear")
-    loaded = ("compliance", "plate_compliance", "base_compliance")
+def cause(make, machines=MACHINES, plan=PLAIN, **more) -> Case:
+    """A case of one effect without memory, or of several at once."""
+    makers = make if isinstance(make, tuple) else (make,)
+    return Case("physics", machines, makers, (), plan, **more)
+
+
+def _loads() -> dict[str, Case]:
     heat = bo.thermal("leg")
+    return {
+        "windup": cause(ph.windup("all"), plan=WRENCH),
+        "compliance-one": cause(ph.compliance("one"), plan=WRENCH),
+        "compliance-all": cause(ph.compliance("all")),
+        "compliance-wrench": cause(ph.compliance("all"), plan=WRENCH),
+        "hardening": cause(ph.compliance("all", hardening=True), plan=WRENCH),
+        "compliance-by-stroke": cause(ph.compliance("all", by_stroke=True), plan=WRENCH),
+        "base-compliance": cause(bo.base_compliance, plan=WRENCH),
+        "base-plate": cause(bo.plate("base"), plan=WRENCH),
+        "platform-plate": cause(bo.plate("platform"), plan=WRENCH),
+        "clearance-one": cause(ph.clearance("one"), plan=WRENCH),
+        "clearance-all": cause(ph.clearance("all"), plan=WRENCH),
+        "payload-off-centre": cause(ph.off_centre, POSED, accept=("learned",)),
+        "gravity-wrong": cause(ph.gravity_wrong, accept=("learned",)),
+        "compliance-and-periodic": cause((ph.compliance("all"), ph.periodic("one"))),
+        "three": cause((ph.backlash("all"), heat, ph.compliance("all"))),
+    }
+
+
+def _physics() -> dict[str, Case]:
+    gaps, heat = ("hexapod", "delta-linear"), bo.thermal("leg")
     return {
         "backlash-one": cause(ph.backlash("one")),
         "backlash-all": cause(ph.backlash("all")),
-        "windup": cause(ph.windup("all"), plan=WRENCH),
         "gain-one": cause(ph.gain("one")),
         "gain-all": cause(ph.gain("all"), accept=("sensor_scale",)),
         "periodic-one": cause(ph.periodic("one")),
@@ -178,16 +199,6 @@ def _physics() -> dict[str, Case]:
         "eccentricity": cause(ph.eccentricity("one"), ROTARY),
         "curvature-one": cause(ph.curvature("one")),
         "curvature-all": cause(ph.curvature("all")),
-        "compliance-one": cause(ph.compliance("one"), plan=WRENCH),
-        "compliance-all": cause(ph.compliance("all")),
-        "compliance-wrench": cause(ph.compliance("all"), plan=WRENCH),
-        "hardening": cause(ph.compliance("all", hardening=True), plan=WRENCH),
-        "compliance-by-stroke": cause(ph.compliance("all", by_stroke=True), plan=WRENCH),
-        "base-compliance": cause(bo.base_compliance, plan=WRENCH),
-        "base-plate": cause(bo.plate("base"), plan=WRENCH, accept=loaded[1:2]),
-        "platform-plate": cause(bo.plate("platform"), plan=WRENCH, accept=loaded[1:2]),
-        "clearance-one": cause(ph.clearance("one"), plan=WRENCH),
-        "clearance-all": cause(ph.clearance("all"), plan=WRENCH),
         "leg-heat": cause(heat),
         "leg-heat-one": cause(bo.thermal("leg", "one")),
         "leg-heat-by-leg": cause(bo.thermal_by_leg),
@@ -198,18 +209,14 @@ def _physics() -> dict[str, Case]:
         "tilt": cause(bo.tilt, PLANAR),
         "joint-gap-one": cause(ph.joint_gap("one"), gaps),
         "joint-gap-all": cause(ph.joint_gap("all"), gaps),
-        "payload-off-centre": cause(ph.off_centre, POSED, accept=("learned",)),
-        "gravity-wrong": cause(ph.gravity_wrong, accept=("learned",)),
         "wear": cause(ph.wear("one"), accept=("curvature",)),
         "speed-squared": cause(ph.speed_squared("all")),
         "backlash-and-heat": cause((ph.backlash("all"), heat)),
-        "compliance-and-periodic": cause((ph.compliance("all"), ph.periodic("one"))),
         "lag-and-backlash": cause((ph.lag("all"), ph.backlash("one"))),
-        "three": cause((ph.backlash("all"), heat, ph.compliance("all"))),
     }
 
 
-CASES: dict[str, Case] = _quiet() | _mistakes() | _events() | _memory() | _physics()
+CASES: dict[str, Case] = _quiet() | _mistakes() | _events() | _memory() | _loads() | _physics()
 
 
 def fits(case: str, machine: str) -> bool:

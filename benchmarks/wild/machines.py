@@ -18,6 +18,7 @@ KINDS = {
     "hexapod": "U(P)S", "crank-hexapod": "(R)US",
 }  # fmt: skip
 EX, EZ = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+DOWN = np.array([0, 0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Machine:
     @property
     def gravity(self) -> np.ndarray:
         """Direction of weight in base axes (3,)."""
-        return np.array([0, -1.0, 0]) if self.motion == "planar" else -EZ
+        return np.array([0, -1.0, 0]) if self.motion == "planar" else DOWN
 
 
 def pose_of(motion: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

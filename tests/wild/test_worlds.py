@@ -241,7 +241,8 @@ def rotvec_of(table: dict, way: str) -> np.ndarray:
     return Rotation.from_euler(order, angles, degrees=True).as_rotvec(degrees=True)
 
 
-MENDED = [n for n, c in CASES.items() if c.group == "mistake" and "in-order" not in n and "typos" not in n]
+UNREAD = ("euler-moving-zyx-in-order", "swapped-and-typos")
+MENDED = [n for n, c in CASES.items() if c.group == "mistake" and n not in UNREAD]
 
 
 @pytest.mark.parametrize("case", MENDED)
