@@ -31,22 +31,26 @@ def slack(run: Run, width: float, at: np.ndarray) -> np.ndarray:
     return (play_operator(path, width, start) - path)[1::2]
 
 
-def play(how: str):
-    """Output follows the joint only past a half width: lost motion, behind the move."""
+def play(how: str, ahead: bool = False):
+    """Output follows the joint only past a half width: lost motion, behind the move.
+
+    ``ahead`` turns the sign, as the list's backlash has it: + half a width after a move up.
+    """
+    side = -1.0 if ahead else 1.0
 
     def make(rng, run):
         at = rng.uniform(-1, 1, run.q.shape[1])
-        # sized with eta: width counts both sides
         return joint_effect(
             "play", pick(rng, run, how), {"width": tick(run)}, ("width",), {"width": unit(run)},
-            lambda r, v: slack(r, float(v["width"]) / 2, at),
+            lambda r, v: side * slack(r, float(v["width"]) / 2, at),
         )  # fmt: skip
 
     return make
 
 
-def hysteresis(how: str):
+def hysteresis(how: str, ahead: bool = False):
     """Prandtl-Ishlinskii: play operators of several widths, weighted, one size for all."""
+    side = -1.0 if ahead else 1.0
 
     def make(rng, run):
         at = rng.uniform(-1, 1, run.q.shape[1])
@@ -58,7 +62,7 @@ def hysteresis(how: str):
 
         def shape(r, v):
             pairs = zip(v["weights"], v["half_widths"], strict=True)
-            return v["size"] * sum(w * slack(r, float(h), at) for w, h in pairs)
+            return side * v["size"] * sum(w * slack(r, float(h), at) for w, h in pairs)
 
         units = {"size": "1", "half_widths": unit(run), "weights": "1"}
         return joint_effect("hysteresis", pick(rng, run, how), values, ("size",), units, shape)
