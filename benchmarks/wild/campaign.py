@@ -21,6 +21,7 @@ class Plan:
     """How a campaign is run; every case of the catalogue names what it needs.
 
     approach: columns (a via point before every pose) | sequence. loads: payload | wrench.
+    warm: a hall whose air swings by 12 to 20 K, and a fine instrument, as heat needs.
     fine: share of moves that are small steps. temperature: rise | swing | block | any.
     known: frame and target known. hide: columns left out of the file.
     """
@@ -35,6 +36,7 @@ class Plan:
     load_blocks: bool = False
     hide: tuple[str, ...] = ()
     noise: str = "normal"
+    warm: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,8 @@ def weather(plan: Plan, time: np.ndarray, rng) -> np.ndarray:
         edges = np.sort(rng.uniform(0, span, 5))
         shape = rng.permutation(np.linspace(0, 1, 6))[np.searchsorted(edges, time)]
     slow = rng.normal(size=len(time)) * 0.03
-    return np.round(18.5 + rng.uniform(5, 8) * shape + slow, 3)
+    span = rng.uniform(5, 8) * (2.5 if plan.warm else 1.0)
+    return np.round(18.5 + span * shape + slow, 3)
 
 
 def loads(machine: Machine, plan: Plan, n: int, rng) -> tuple[np.ndarray, np.ndarray]:
@@ -232,6 +235,8 @@ def setup(machine: Machine, plan: Plan, rng) -> Setup:
     if plan.instrument != "any" and machine.motion != "translational":
         kind = plan.instrument
     sigma, turn = rng.choice([0.005, 0.01, 0.02]), np.radians(rng.choice([0.001, 0.002, 0.004]))
+    if plan.warm:
+        sigma, turn = 0.002, np.radians(0.0005)
     frame_pos, target = rng.uniform(-800, 800, 3), rng.uniform(-60, 60, 3)
     spin = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
     if machine.motion == "planar":

@@ -22,6 +22,7 @@ POSED = PLANAR + SPATIAL
 WRENCH, FINE = Plan(loads="wrench"), Plan(approach="sequence", fine=0.6)
 SEQUENCE, BLOCKS = Plan(approach="sequence"), Plan(load_blocks=True)
 POSE = Plan(instrument="pose")
+WARM, MOVING = Plan(warm=True), Plan(warm=True, pauses=0.15)
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,9 @@ def _mistakes() -> dict[str, Case]:
     out["euler-moving-zyx-in-order"] = mistake(turned, machines=SPATIAL, plan=POSE)
     for unit in ("F", "K"):
         error = mi.condition_unit("temperature", unit)
-        out[f"temperature-{unit}"] = Case("mistake", causes=(bo.thermal("leg"),), errors=(error,))
+        out[f"temperature-{unit}"] = Case(
+            "mistake", causes=(bo.thermal("leg"),), plan=WARM, errors=(error,)
+        )
     for unit in ("g", "lb", "N"):
         error = mi.condition_unit("payload", unit)
         out[f"payload-{unit}"] = Case("mistake", causes=(ph.compliance("all"),), errors=(error,))
@@ -96,7 +99,8 @@ def _pairs_of_mistakes() -> dict[str, Case]:
         "swapped-and-typos": mistake(mi.legs_swapped, ro.typos(0.05)),
         "swapped-with-backlash": Case("mistake", causes=(ph.backlash("all"),),
                                       errors=(mi.legs_swapped,)),
-        "sign-with-heat": Case("mistake", causes=(bo.thermal("leg"),), errors=(mi.sign("one"),)),
+        "sign-with-heat": Case("mistake", causes=(bo.thermal("leg"),),
+                               plan=WARM, errors=(mi.sign("one"),)),
     }  # fmt: skip
 
 
@@ -131,7 +135,7 @@ def _events() -> dict[str, Case]:
         "base-moved": event(ev.bumped("base")),
         "base-moved-twice": event(ev.bumped("base", *early), ev.bumped("base", *late)),
         "homed-and-bumped": event(ev.homed_again("one", *early), ev.bumped("base", *late)),
-        "homed-with-heat": event(ev.homed_again("one"), bo.thermal("leg")),
+        "homed-with-heat": event(ev.homed_again("one"), bo.thermal("leg"), plan=WARM),
     }
 
 
@@ -151,11 +155,11 @@ def _memory() -> dict[str, Case]:
         "hysteresis-all": remember(me.hysteresis("all"), FINE),
         "friction-all": remember(me.friction("all")),
         "friction-one": remember(me.friction("one")),
-        "leg-heat-late": remember(me.thermal_lag("leg")),
-        "base-heat-late": remember(me.thermal_lag("base")),
-        "platform-heat-late": remember(me.thermal_lag("platform")),
-        "motion-heat-all": remember(me.motion_heat("all"), Plan(pauses=0.15)),
-        "motion-heat-one": remember(me.motion_heat("one"), Plan(pauses=0.15)),
+        "leg-heat-late": remember(me.thermal_lag("leg"), WARM),
+        "base-heat-late": remember(me.thermal_lag("base"), WARM),
+        "platform-heat-late": Case("memory", POSED, (me.thermal_lag("platform"),), plan=WARM),
+        "motion-heat-all": remember(me.motion_heat("all"), MOVING),
+        "motion-heat-one": remember(me.motion_heat("one"), MOVING),
         "creep-all": remember(me.creep("all"), BLOCKS),
         "backlash-by-temperature": remember(me.backlash_by_temperature("all")),
         "lag-all": remember(ph.lag("all")),
@@ -187,7 +191,7 @@ def _loads() -> dict[str, Case]:
         "payload-off-centre": cause(ph.off_centre, POSED, accept=("learned",)),
         "gravity-wrong": cause(ph.gravity_wrong, accept=("learned",)),
         "compliance-and-periodic": cause((ph.compliance("all"), ph.periodic("one"))),
-        "three": cause((ph.backlash("all"), heat, ph.compliance("all"))),
+        "three": cause((ph.backlash("all"), heat, ph.compliance("all")), plan=WARM),
     }
 
 
@@ -196,18 +200,18 @@ def _physics() -> dict[str, Case]:
     return {
         "backlash-one": cause(ph.backlash("one")),
         "backlash-all": cause(ph.backlash("all")),
-        "gain-one": cause(ph.gain("one")),
-        "gain-all": cause(ph.gain("all"), accept=("sensor_scale",)),
+        "gain-one": cause(ph.gain("one"), LINEAR),
+        "gain-all": cause(ph.gain("all"), LINEAR, accept=("sensor_scale",)),
         "periodic-one": cause(ph.periodic("one")),
         "periodic-all": cause(ph.periodic("all")),
         "eccentricity": cause(ph.eccentricity("one"), ROTARY),
         "curvature-one": cause(ph.curvature("one")),
         "curvature-all": cause(ph.curvature("all")),
-        "leg-heat": cause(heat),
-        "leg-heat-one": cause(bo.thermal("leg", "one")),
-        "leg-heat-by-leg": cause(bo.thermal_by_leg),
-        "base-heat": cause(bo.thermal("base")),
-        "platform-heat": cause(bo.thermal("platform")),
+        "leg-heat": cause(heat, plan=WARM),
+        "leg-heat-one": cause(bo.thermal("leg", "one"), plan=WARM),
+        "leg-heat-by-leg": cause(bo.thermal_by_leg, plan=WARM),
+        "base-heat": cause(bo.thermal("base"), plan=WARM),
+        "platform-heat": cause(bo.thermal("platform"), POSED, WARM),
         "drift": cause(bo.drift),
         "sensor-scale": cause(bo.sensor_scale, LINEAR, accept=("gain",)),
         "tilt": cause(bo.tilt, PLANAR),
@@ -215,7 +219,7 @@ def _physics() -> dict[str, Case]:
         "joint-gap-all": cause(ph.joint_gap("all"), gaps),
         "wear": cause(ph.wear("one"), accept=("curvature",)),
         "speed-squared": cause(ph.speed_squared("all")),
-        "backlash-and-heat": cause((ph.backlash("all"), heat)),
+        "backlash-and-heat": cause((ph.backlash("all"), heat), plan=WARM),
         "lag-and-backlash": cause((ph.lag("all"), ph.backlash("one"))),
     }
 

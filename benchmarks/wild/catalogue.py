@@ -158,10 +158,22 @@ def effect_record(world: World, effect: Effect, names: list[str]) -> dict:
         "parameters": {k: plain(v) for k, v in effect.values.items()}, "units": effect.units,
         "eta": sizes[0], "rms_before_projection": sizes[1],
         "survival": sizes[0] / sizes[1] if sizes[1] else None, "note": effect.note,
+        "physical": physical(effect),
     }  # fmt: skip
     if effect.row is not None:
         record |= {"index": effect.row, "row": effect.row + 1}
     return record
+
+
+LARGEST = {"expansion": 4e-5, "gain": 5e-3, "axis_offset": 5.0, "scale": 5e-3, "shrink": 5e-3}
+
+
+def physical(effect: Effect) -> bool:
+    """Whether no parameter is larger than real machines have it."""
+    return all(
+        np.abs(effect.values[name]).max() <= most
+        for name, most in LARGEST.items() if name in effect.values
+    )  # fmt: skip
 
 
 def blame_record(blame: Blame) -> dict:

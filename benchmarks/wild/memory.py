@@ -121,15 +121,20 @@ def motion_heat(how: str):
     def make(rng, run):
         legs, tau = pick(rng, run, how), run.time[-1] * rng.uniform(0.1, 0.3)
 
-        def apply(state, r, v):
+        def warmed(r, tau):
             path = path_of(r)
             travel = np.abs(np.diff(path, axis=0, prepend=path[:1])).reshape(r.count, 2, -1).sum(1)
             power = travel / np.diff(r.time, prepend=r.time[0] - 8.0)[:, None]
-            power = power / np.ptp(r.machine.limits, axis=1).mean() * 30  # K at steady state
-            heat = lagged(r.time, power, v["tau"], np.zeros(power.shape[1]))
-            grow(state, r, "leg", legs, v["expansion"] * heat)
+            return lagged(r.time, power, tau, np.zeros(power.shape[1]))
 
-        values, units = {"expansion": 1e-5, "tau": tau}, {"expansion": "1/K", "tau": "s"}
+        # the warmest leg of the campaign gets 15 K above its start
+        factor = 15.0 / warmed(run, tau).max()
+
+        def apply(state, r, v):
+            grow(state, r, "leg", legs, v["expansion"] * v["K_per_rate"] * warmed(r, v["tau"]))
+
+        values = {"expansion": 1e-5, "tau": tau, "K_per_rate": factor}
+        units = {"expansion": "1/K", "tau": "s", "K_per_rate": "K per joint unit per s"}
         return Effect("leg_thermal", legs, values, ("expansion",), units, apply, note="from motion")
 
     return make
