@@ -54,10 +54,10 @@ def named(answer: dict) -> tuple[list[str], list[str]]:
     return [e["kind"] for e in effects], [k for e in effects for k in e.get("alternatives", [])]
 
 
-def judged(truth: dict, answer: dict, code: int) -> str:
+def judged(truth: dict, answer: dict, code: int, text: str) -> str:
     """right | in-set | more | part | wrong | silent | refused | unnamed | alarm | failed."""
     if not answer:
-        return "refused" if code in (2, 3) else "failed"
+        return "refused" if code in (2, 3) and "This is a fault of" not in text else "failed"
     said, also = named(answer)
     true = [k for k in truth["kinds"] if k not in ("gross", "reordered", "learned")]
     right = set(true) | set(truth["accept"]) | {"learned"}
@@ -69,6 +69,8 @@ def judged(truth: dict, answer: dict, code: int) -> str:
         return "right" if set(said) <= right and unknown else ("wrong" if unknown else "alarm")
     if not said:
         return "unnamed" if answer.get("verdict") in ("unnamed", "partial", "misread") else "silent"
+    if len(true) == 1 and set(said) & set(truth["accept"]) and set(said) <= right:
+        return "right"
     if set(said) - right - set(also):
         return "more" if set(true) <= set(said) else (
             "in-set" if set(true) <= set(said) | set(also) else "wrong")  # fmt: skip
@@ -106,7 +108,7 @@ def one(command: str, case: str, machine: str, seed: int, eta: float, rows: int,
         " ".join(str(e["row"]) for e in truth["effects"] if "row" in e),
         answer.get("verdict", ""), " ".join(said),
         ";".join(" ".join(e.get("on") or []) for e in answer.get("effects", [])),
-        " ".join(map(str, onsets(answer))), " ".join(also), judged(truth, answer, code),
+        " ".join(map(str, onsets(answer))), " ".join(also), judged(truth, answer, code, text),
         mended(truth, answer), code, round(seconds, 1), (text or " ".join(findings))[:300],
     ]  # fmt: skip
     return dict(zip(FIELDS, values, strict=True))
