@@ -18,7 +18,8 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import Progress, Result, silent
-from ppmcal.calibration.misreading import Misread, misreading_sentence, refuse_misread
+from ppmcal.calibration.misread import Misread, misreading_sentence
+from ppmcal.calibration.misreading import refuse_misread
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem

@@ -24,7 +24,8 @@ from ppmcal.calibration.change_detection import carried_on
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
 from ppmcal.calibration.identify import identify as fitted
-from ppmcal.calibration.misreading import Misread, refuse_misread, refuse_small_misreading
+from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.misreading import refuse_misread, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import noise_check, with_estimated_noise
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units

@@ -18,7 +18,8 @@ from ppmcal.calibration.identifiability import (
     predict_identifiability,
 )
 from ppmcal.calibration.least_squares import column_scale, qr_factor
-from ppmcal.calibration.misreading import MEND, mend_of, misfit, misreading_sentence
+from ppmcal.calibration.misread import mend_of, misreading_sentence
+from ppmcal.calibration.misreading import MEND, misfit
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import Misreading

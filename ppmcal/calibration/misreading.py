@@ -10,7 +10,6 @@ does not come near the noise either, a calibration would only bend the geometry.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,6 +18,8 @@ from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.least_squares import least_squares, parameter_scale, prior_weights
+from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.negative_struts import negative_struts, with_positive_struts
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.outliers import Distances, distances, huber_weights
 from ppmcal.calibration.problem import Problem, State
@@ -26,7 +27,7 @@ from ppmcal.calibration.reading_trial import NOISE, Misreading, Trial, find_misr
 from ppmcal.calibration.small_misreading import find_small_misreading
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows, subsample
-from ppmcal.units import SI, Units
+from ppmcal.units import Units
 
 GROSS = 5.0
 """A gross error: a row so many times beyond what noise and tolerances explain."""
@@ -125,6 +126,26 @@ def misfit(problem: Problem) -> Misfit:
     Raises:
         BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`.
     """
+    mechanism = problem.mechanism
+    signs = [negative_struts(d, mechanism) for d in problem.datasets]
+    if not any(signs):
+        return _misfit(problem)
+    found = _misfit(replace(problem, given=None, datasets=tuple(
+        with_positive_struts(d, mechanism) for d in problem.datasets)))
+    other = {m.source: m for m in found.readings}
+    readings = []
+    for data, sign in zip(problem.datasets, signs, strict=True):
+        one = other.get(data.source)
+        if one is not None:
+            readings.append(replace(one, mistakes=(*sign, *one.mistakes)))
+        elif sign:
+            readings.append(Misreading(data.source, sign, dict(with_positive_struts(
+                data, mechanism).read), NOISE, np.nan, np.nan, np.nan))
+    return replace(found, readings=tuple(readings))
+
+
+def _misfit(problem: Problem) -> Misfit:
+    """Return what :func:`misfit` does, of joints whose signs are right."""
     few = _few(_toleranced(problem))
     try:
         state = few.start()
@@ -147,47 +168,6 @@ def misfit(problem: Problem) -> Misfit:
             before = distances(few, state).times(keep)
             after = distances(few, _after_trial(few, state, keep)).times(keep)
     return Misfit(times, position, rotation, before, after, lost, rows, found)
-
-
-class Misread(NoResult):
-    """Measurements that are not of this machine as the files are read (exit code 3).
-
-    ``found``: how they are to be read, by data set; empty where nothing explains them.
-    ``units``: of the machine's file.
-    """
-
-    found: tuple[Misreading, ...] = ()
-    units: Units = SI
-
-    @classmethod
-    def of(cls, found: Sequence[Misreading], units: Units) -> Misread:
-        """Return the refusal that names the mistakes and the lines that mend them."""
-        what = "; ".join(misreading_sentence(m, units) for m in found)
-        error = cls(what, ", ".join(m.source for m in found), mend_of(found))
-        error.found, error.units = tuple(found), units
-        return error
-
-
-def misreading_sentence(found: Misreading, units: Units) -> str:
-    """Return what is wrong in a file, and the evidence."""
-    factor, unit = units.factor(found.quantity), units.name(found.quantity)
-    what = " and ".join(m.text for m in found.mistakes)
-    if np.isnan(found.after):
-        return what
-    if found.quantity == NOISE:
-        return f"{what}: residuals fall from {found.before:.3g} to {found.after:.3g} {NOISE}"
-    before = (f"the median miss falls from {found.before / factor:.3g} to"
-              if np.isfinite(found.before) else "hardly a row had a pose; the median miss now is")
-    return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit comes to "
-            f"{found.noise_after:.2g} times the noise")
-
-
-def mend_of(found: Sequence[Misreading]) -> str:
-    """Return the lines to write into the sidecars, or what else to do."""
-    blocks = [json.dumps(m.block).replace('"', "") for m in found if m.block is not None]
-    if not blocks:
-        return "Correct the mechanism file"
-    return "Write into the sidecar: " + "; ".join(f"`read: {b}`" for b in blocks)
 
 
 def refuse_misread(problem: Problem) -> Misfit:

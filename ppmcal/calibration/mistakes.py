@@ -104,8 +104,9 @@ def _of_positions(pose: PoseReading, data: Dataset) -> list[Mistake]:
     if pose.mirror:
         out.append(Mistake("mirrored", _measured(data), "the poses are left-handed: the "
                            f"instrument's {pose.mirror} axis points the other way"))
-    if pose.unit:
-        out.append(_unit(AXES, pose.unit, data.units.length))
+    for unit in dict.fromkeys(u for u in pose.units if u):
+        own = [a for a, u in zip(AXES, pose.units, strict=True) if u == unit]
+        out.append(_unit(own, unit, data.units.length))
     return out
 
 
@@ -194,5 +195,5 @@ def _units(joints: JointReading, pose: PoseReading, mechanism: Mechanism) -> dic
     named = [*zip([f"q_{a}" for a in mechanism.actuators], joints.units, strict=True)]
     axes = AXES[:2] if mechanism.motion == "planar" else AXES
     turns = TURNS[2:] if mechanism.motion == "planar" else TURNS
-    named += [(a, pose.unit) for a in axes] + [(t, pose.turn_unit) for t in turns]
+    named += [*zip(axes, pose.units, strict=False)] + [(t, pose.turn_unit) for t in turns]
     return {name: unit for name, unit in named if unit}

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.misreading import Misread
+from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.mistakes import Mistake, with_line
+from ppmcal.calibration.negative_struts import negative_struts
 from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.stale_rows import stale
 from ppmcal.linalg import Array
@@ -75,7 +76,10 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism) -> Iterator[Misreading]:
     for mistake, column, unit in recorded_units(data, mechanism):
         yield Misreading(data.source, (mistake,), with_line(data, "units", {column: unit}),
                          *nothing)
+    turned = {c for m in negative_struts(data, mechanism) for c in m.columns}
     for i, name in enumerate(mechanism.actuators):
+        if f"q_{name}" in turned:
+            continue
         low, high = mechanism.limits[i]
         with np.errstate(invalid="ignore"):
             outside = (data.q[:, i] < low) | (data.q[:, i] > high)

@@ -165,7 +165,10 @@ def position_readings(data: Dataset, planar: bool) -> list[PoseReading]:
     out = [plain, *(replace(plain, mirror=a) for a in axes),
            *(replace(plain, order=o) for o in orders if o != IDENTITY),
            *(replace(plain, signs=s) for s in signs if s != PLUS)]
-    return [*out, *(replace(p, unit=u) for u in units for p in out)]
+    ones = [tuple(u if i == axis else "" for i in range(3)) for u in units
+            for axis in range(2 if planar else 3)]
+    return [*out, *(replace(p, units=(u, u, u)) for u in units for p in out),
+            *(replace(plain, units=one) for one in ones)]
 
 
 def rotation_readings(data: Dataset, planar: bool) -> list[PoseReading]:
@@ -194,7 +197,7 @@ def whole_pose_readings(data: Dataset, planar: bool) -> list[PoseReading]:
     """Return readings in which positions depend on the rotations: inverse poses."""
     if not np.isfinite(data.rotation).any() or data.kind != "pose":
         return []
-    return [replace(r, inverse=True, unit=u) for r in rotation_readings(data, planar)
+    return [replace(r, inverse=True, units=(u, u, u)) for r in rotation_readings(data, planar)
             for u in ("", *(n for n, v in LENGTHS.items()
                             if r.parts == 0 and not np.isclose(v, LENGTHS[data.units.length])))]
 

@@ -47,7 +47,10 @@ NEWTON_STEPS = 12
 
 @dataclass(frozen=True)
 class Scored:
-    """One reading and what it leaves: median miss of positions, m, and of rotations, rad."""
+    """One reading and what it leaves: median miss of positions, m, and of rotations, rad.
+
+    ``score``: both together over how far the platform moves.
+    """
 
     reading: FileReading
     position: float
@@ -58,8 +61,8 @@ class Scored:
 def search_readings(mechanism: Mechanism, data: Dataset) -> list[Scored]:
     """Return readings of one data set of poses or positions, best first.
 
-    ``score`` is the median miss with the nominal machine, m; a rotation counts on the machine's
-    length scale. The reading as declared is among them.
+    ``score`` is the median miss with the nominal machine over how far the platform moves; a
+    rotation counts on the machine's length scale. The reading as declared is among them.
     """
     out: list[Scored] = []
     for shift in (0, *SHIFTS):
@@ -162,7 +165,11 @@ class _Scene:
     def _one(self, c: int, pose: PoseReading, position: float, rotation: float) -> Scored:
         angle = 0.0 if np.isnan(rotation) else rotation
         score = float(np.hypot(position, self.mechanism.length_scale * angle))
-        return Scored(FileReading(self.joints[c], pose, self.shift), position, rotation, score)
+        # a reading that makes everything small leaves little, and explains no more
+        size = float(np.nanmedian(np.linalg.norm(
+            self.origins[c] - np.nanmedian(self.origins[c], axis=0), axis=-1)))
+        return Scored(FileReading(self.joints[c], pose, self.shift), position, rotation,
+                      score / max(size, 1e-12))
 
     def _registered(self, c: Index, b: Array, rounds: int, with_target: bool
                     ) -> tuple[Array, Array]:

@@ -24,6 +24,7 @@ TURNS = ("rx", "ry", "rz")
 QUATERNIONS = ("quat-xyzw", "quat-wxyz")
 IDENTITY = (0, 1, 2)
 PLUS = (1, 1, 1)
+DECLARED = ("", "", "")
 
 
 @dataclass(frozen=True)
@@ -73,14 +74,14 @@ class PoseReading:
     """Another reading of the measured columns.
 
     ``order``, ``signs``: of x, y, z; ``turn_order``, ``turn_signs``: of the rotation columns;
-    ``unit``, ``turn_unit``: empty as declared; ``rotation``: their convention, empty as declared;
+    ``units`` of the positions, ``turn_unit``, ``rotation`` (the convention): empty as declared;
     ``mirror``: an axis of the instrument that points the other way; ``inverse``: measuring frame
     seen from the platform.
     """
 
     order: tuple[int, ...] = IDENTITY
     signs: tuple[int, ...] = PLUS
-    unit: str = ""
+    units: tuple[str, ...] = DECLARED
     turn_order: tuple[int, ...] = IDENTITY
     turn_signs: tuple[int, ...] = PLUS
     turn_unit: str = ""
@@ -91,7 +92,7 @@ class PoseReading:
     @property
     def of_position(self) -> PoseReading:
         """The part of it that positions alone show."""
-        return PoseReading(self.order, self.signs, self.unit, mirror=self.mirror)
+        return PoseReading(self.order, self.signs, self.units, mirror=self.mirror)
 
     @property
     def of_rotation(self) -> PoseReading:
@@ -102,8 +103,8 @@ class PoseReading:
     @property
     def parts(self) -> int:
         """How many things are read in another way."""
-        return sum(1 for f in ("unit", "turn_unit", "rotation", "mirror", "inverse")
-                   if getattr(self, f)) + (self.order != IDENTITY) + (
+        return sum(1 for f in ("turn_unit", "rotation", "mirror", "inverse")
+                   if getattr(self, f)) + _minority(self.units, "") + (self.order != IDENTITY) + (
                        self.turn_order != IDENTITY) + _minority(self.signs, 1) + _minority(
                            self.turn_signs, 1)
 
@@ -114,8 +115,8 @@ class PoseReading:
         ``convention``: in which its rotation columns were read so far.
         """
         length, angle = LENGTHS[units.length], ANGLES[units.angle]
-        position = position[:, list(self.order)] * np.array(self.signs) * unit_factor(
-            self.unit, length)
+        factors = [s * unit_factor(u, length) for s, u in zip(self.signs, self.units, strict=True)]
+        position = position[:, list(self.order)] * np.array(factors)
         rotation = self._turned(rotation, angle, convention, planar)
         if self.mirror:
             position, rotation = mirrored(position, rotation, self.mirror)

@@ -129,7 +129,7 @@ class Console:
     @contextmanager
     def misread(self) -> Iterator[None]:
         """Print, where ``--json`` asks for it, how files that were read wrongly are to be read."""
-        from ppmcal.calibration.misreading import Misread
+        from ppmcal.calibration.misread import Misread
         from ppmcal.io.results.misreading import FORMAT, misreading_entries
 
         try:

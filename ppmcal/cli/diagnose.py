@@ -22,7 +22,7 @@ from ppmcal.cli.common import (
 from ppmcal.wording import number, where
 
 if TYPE_CHECKING:
-    from ppmcal.calibration.misreading import Misread
+    from ppmcal.calibration.misread import Misread
     from ppmcal.diagnosis.result import Diagnosis
     from ppmcal.io.results.diagnosis import DiagnosisRecord
     from ppmcal.io.results.diagnosis_parts import EffectValue, UntestableKind
@@ -57,7 +57,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     apart, alternatives.svg.
     """
     from ppmcal.api.diagnose import diagnose
-    from ppmcal.calibration.misreading import Misread
+    from ppmcal.calibration.misread import Misread
 
     console = Console(quiet, as_json)
     try:

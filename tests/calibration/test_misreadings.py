@@ -26,7 +26,8 @@ from helpers.mistakes import (
 from scipy.spatial.transform import Rotation
 
 from ppmcal.api.inputs import load, read_data, shipped
-from ppmcal.calibration.misreading import Misread, misfit, refuse_misread
+from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.misreading import misfit, refuse_misread
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.readings import (
     FileReading,

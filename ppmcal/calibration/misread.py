@@ -1,0 +1,53 @@
+"""The refusal of files that were read wrongly: what is wrong, and the lines that mend it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from ppmcal.calibration.reading_trial import NOISE, Misreading
+from ppmcal.errors import NoResult
+from ppmcal.units import SI, Units
+
+
+class Misread(NoResult):
+    """Measurements that are not of this machine as the files are read (exit code 3).
+
+    ``found``: how they are to be read, by data set; empty where nothing explains them.
+    ``units``: of the machine's file.
+    """
+
+    found: tuple[Misreading, ...] = ()
+    units: Units = SI
+
+    @classmethod
+    def of(cls, found: Sequence[Misreading], units: Units) -> Misread:
+        """Return the refusal that names the mistakes and the lines that mend them."""
+        what = "; ".join(misreading_sentence(m, units) for m in found)
+        error = cls(what, ", ".join(m.source for m in found), mend_of(found))
+        error.found, error.units = tuple(found), units
+        return error
+
+
+def misreading_sentence(found: Misreading, units: Units) -> str:
+    """Return what is wrong in a file, and the evidence."""
+    factor, unit = units.factor(found.quantity), units.name(found.quantity)
+    what = " and ".join(m.text for m in found.mistakes)
+    if np.isnan(found.after):
+        return what
+    if found.quantity == NOISE:
+        return f"{what}: residuals fall from {found.before:.3g} to {found.after:.3g} {NOISE}"
+    before = (f"the median miss falls from {found.before / factor:.3g} to"
+              if np.isfinite(found.before) else "hardly a row had a pose; the median miss now is")
+    return (f"{what}: {before} {found.after / factor:.3g} {unit}, and a short fit comes to "
+            f"{found.noise_after:.2g} times the noise")
+
+
+def mend_of(found: Sequence[Misreading]) -> str:
+    """Return the lines to write into the sidecars, or what else to do."""
+    blocks = [json.dumps(m.block).replace('"', "") for m in found if m.block is not None]
+    if not blocks:
+        return "Correct the mechanism file"
+    return "Write into the sidecar: " + "; ".join(f"`read: {b}`" for b in blocks)
