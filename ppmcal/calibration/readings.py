@@ -103,10 +103,10 @@ class PoseReading:
     @property
     def parts(self) -> float:
         """How many things are read in another way; an axis is sooner mirrored than exchanged."""
-        return sum(1 for f in ("turn_unit", "rotation", "mirror", "inverse")
-                   if getattr(self, f)) + _minority(self.units, "") + 1.1 * (
-                       self.order != IDENTITY) + 1.1 * (self.turn_order != IDENTITY) + _minority(self.signs, 1) + _minority(
-                           self.turn_signs, 1)
+        named = sum(1 for f in ("turn_unit", "rotation", "mirror", "inverse") if getattr(self, f))
+        orders = 1.1 * ((self.order != IDENTITY) + (self.turn_order != IDENTITY))
+        return named + orders + _minority(self.units, "") + _minority(
+            self.signs, 1) + _minority(self.turn_signs, 1)
 
     def of(self, position: Array, rotation: Array, units: Units, convention: str,
            planar: bool) -> tuple[Array, Array]:
