@@ -239,7 +239,8 @@ class _Kinds(Collector):
 
     def _grids(self, kind: EffectKind) -> list[dict[str, float]]:
         """Return the values of a kind's nonlinear parameters that are tried, fitted ones first."""
-        data = ScanRange(self._stroke(), np.unique(self.system.group).size)
+        rows = np.unique(np.concatenate([p.response.rows.row for p in self.system.parts]))
+        data = ScanRange(self._stroke(), np.unique(self.system.group).size, tuple(rows.tolist()))
         tried = {s.name: s.scan(data) for s in kind.parameters(self.motion) if s.scan is not None}
         grid = [dict(zip(tried, map(float, values), strict=True))
                 for values in product(*tried.values())]

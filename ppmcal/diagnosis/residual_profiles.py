@@ -109,7 +109,7 @@ def _inputs(rows: Rows, mechanism: Mechanism) -> tuple[Array, ...]:
     assert rows.response is not None
     at = rows.response.setting()
     return (at.travel, at.approach, at.velocity, at.load,
-            at.temperature + REFERENCE_TEMPERATURE - ZERO_CELSIUS, at.wrench, at.time,
+            at.temperature + REFERENCE_TEMPERATURE - ZERO_CELSIUS, at.wrench, at.time, at.row,
             pose_vector(rows.response.pose), rows.response.seen.points[0])
 
 

@@ -136,7 +136,9 @@ def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
                            f"{by_name[d.name].source})", d.source,
                            "Give each sidecar its own `name`, and each file only once")
         by_name[d.name] = d
-    return tuple(replace(d, frame=_resolve(d, by_name)) for d in data)
+    before = np.cumsum([0, *(int(d.rows.max(initial=0)) for d in data)])
+    return tuple(replace(d, frame=_resolve(d, by_name), before=int(b))
+                 for d, b in zip(data, before[:-1], strict=True))
 
 
 def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:

@@ -28,7 +28,8 @@ SETTLED = 1e-12
 
 def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     """Return the environment of a data set's rows."""
-    found = environment(data.columns, mechanism.actuators, mechanism.gravity, data.q)
+    found = replace(environment(data.columns, mechanism.actuators, mechanism.gravity, data.q),
+                    row=data.rows.astype(float) + data.before)
     visited = data.directions()
     if visited is not None:
         return replace(found, approach=visited)
@@ -80,7 +81,7 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         mechanism.motion, np.array([q == "angle" for q in mechanism.actuator_quantity]),
         ratio * q, np.sort(ratio[:, None] * mechanism.limits, axis=1), environment.approach,
         ratio * environment.velocity, environment.temperature, environment.wrench, environment.time,
-        tuple(limbs), lambda: loads(loaded or model, q, pose, environment.wrench))
+        environment.row, tuple(limbs), lambda: loads(loaded or model, q, pose, environment.wrench))
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -107,7 +108,23 @@ def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effe
     out = []
     for effect in mechanism.effects:
         values = {name: float(g[p]) for name, p in effect.parameters.items()}
-        out.append((effect, effect.kind.evaluate(at, np.array(effect.on), values)))
+        until = _until(mechanism, g, effect)
+        own = at if until is None else replace(at, until=until)
+        out.append((effect, effect.kind.evaluate(own, np.array(effect.on), values)))
+    return out
+
+
+def _until(mechanism: Mechanism, g: Array, effect: Effect) -> Array | None:
+    """Return the row from which on another event takes an event's place, by joint (k,)."""
+    if not effect.kind.onset:
+        return None
+    mine = float(g[effect.parameters[effect.kind.onset]])
+    out = np.full(len(mechanism.actuators), np.inf)
+    for other in mechanism.effects:
+        if other.kind is effect.kind and other is not effect:
+            row = float(g[other.parameters[effect.kind.onset]])
+            if row > mine:
+                out = np.where(np.array(other.on), np.minimum(out, row), out)
     return out
 
 
@@ -180,6 +197,8 @@ def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
     """Return which of the needed columns have no value at all."""
     out: list[str] = []
     for need in needs:
+        if need == "row":
+            continue    # every row has its number; none: after the last one
         if need in ("dir", "vel"):
             part = rows.approach if need == "dir" else rows.velocity
             out += [f"{need}_{n}" for n, a in zip(names, on, strict=True)

@@ -67,6 +67,7 @@ class Dataset:
         convention: in which its rotation columns were read: ``rotvec``, ``quat-xyzw`` ...
         read: the sidecar's own block ``read``.
         headers: our column -> the file's header, where they differ.
+        before: rows of the campaign's files before this one.
     """
 
     name: str
@@ -100,6 +101,7 @@ class Dataset:
     convention: str = "rotvec"
     read: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
+    before: int = 0
 
     @classmethod
     def of_poses(cls, name: str, q: Array, pose: Array, sigma: tuple[float, float],
@@ -160,7 +162,8 @@ class Environment:
     """What effects depend on, in N rows with k joints, SI; nan where not recorded.
 
     ``approach``, ``velocity`` (of q) (N, k); ``temperature`` K above 20 degrees Celsius (N,);
-    ``wrench`` on the platform (N, 6); ``time`` s (N,).
+    ``wrench`` on the platform (N, 6); ``time`` s (N,). ``row``: number in the campaign, from 1 on
+    through its files in their order (N,); inf: after all of them.
     """
 
     approach: Array
@@ -168,18 +171,19 @@ class Environment:
     temperature: Array
     wrench: Array
     time: Array
+    row: Array
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Environment:
         """Return the environment of some rows."""
         return Environment(self.approach[rows], self.velocity[rows], self.temperature[rows],
-                           self.wrench[rows], self.time[rows])
+                           self.wrench[rows], self.time[rows], self.row[rows])
 
 
 def unknown_environment(rows: int, joints: int) -> Environment:
     """Return an environment of which nothing is known."""
     one = np.full(rows, np.nan)
     many = np.full((rows, joints), np.nan)
-    return Environment(many, many, one, np.full((rows, 6), np.nan), one)
+    return Environment(many, many, one, np.full((rows, 6), np.nan), one, np.full(rows, np.inf))
 
 
 def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity: Array,
@@ -208,7 +212,8 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
         wrench = np.stack(given, axis=-1)
         wrench[:, :3] += weight[:, None] * gravity
     temperature = columns.get("temperature", blank) - REFERENCE_TEMPERATURE
-    return Environment(approach, velocity, temperature, wrench, columns.get("time", blank))
+    return Environment(approach, velocity, temperature, wrench, columns.get("time", blank),
+                       np.full(n, np.inf))
 
 
 def with_platform_directions(found: Environment, by_axis: Array, drive: Array) -> Environment:

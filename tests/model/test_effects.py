@@ -159,7 +159,7 @@ def one_row(kind: EffectKind, **fields: float) -> Setting:
     return Setting(kind.motions[0], np.array([kind.joints == "turning"]), row("travel", 1, 1),
                    np.full((1, 2), np.nan), row("approach", 1, 1), row("velocity", 1, 1),
                    row("temperature", 1), row("wrench", 1, 6), row("time", 1),
-                   (LimbSetting(0, own["struts"], own["base"], own["platform"]),),
+                   row("row", 1), (LimbSetting(0, own["struts"], own["base"], own["platform"]),),
                    lambda: row("load", 1, 1))
 
 
@@ -235,7 +235,7 @@ def test_traits_fit_together(kind: str) -> None:
         for s in specs.values():
             assert s.component in ("", *WRENCH)
             assert not (s.constant and s.nonlinear)
-            tried = s.scan(ScanRange(0.3, 20)) if s.scan is not None else []
+            tried = s.scan(ScanRange(0.3, 20, tuple(range(1, 21)))) if s.scan is not None else []
             assert all(s.low <= v <= s.high for v in tried)
             assert (len(tried) > 1) == s.nonlinear
     rows, k = 5, 2

@@ -24,6 +24,7 @@ class Inputs:
     temperature: Array
     wrench: Array
     time: Array
+    row: Array
     pose: Array
     point: Array
 
@@ -78,6 +79,8 @@ POSE = EffectInput("pose", "", lambda rows: rows.pose, of_machine=True,
 POINT = EffectInput("point", "", lambda rows: rows.point, of_machine=True, components=_PLACES,
                     own_component=True)
 
-BY_NEED = {"dir": DIRECTION, "vel": VELOCITY, "load": LOAD, "wrench": WRENCH,
+ROW = EffectInput("row", "1", lambda rows: rows.row)
+
+BY_NEED = {"row": ROW, "dir": DIRECTION, "vel": VELOCITY, "load": LOAD, "wrench": WRENCH,
            "temperature": TEMPERATURE, "time": TIME}
 """The columns that an effect may need, and what it then follows if it does not say more."""

@@ -25,11 +25,13 @@ GEOMETRY = "geometry"
 class ScanRange:
     """What a scan of constants may know of the data.
 
-    ``stroke``: the longest of the joints, m or rad; ``poses``: number of different ones.
+    ``stroke``: the longest of the joints, m or rad; ``poses``: number of different ones;
+    ``rows``: numbers of the rows in the campaign, in order.
     """
 
     stroke: float
     poses: int
+    rows: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,8 @@ class EffectKind:
         smooth: whether it is a slow function of the travel, so that two such kinds on one joint
             may only make up another shape.
         period: name of the parameter that is a period of the travel.
+        onset: name of the parameter that is the row from which on it holds, until the next of its
+            kind.
         instrument: whether it acts in the instrument: no controller is told of it.
         same_as: slots of the actuators' limbs with which, where they are free, it is one.
         by_sign: whether it knows but the load's sign, which a plan must not leave open.
@@ -145,6 +149,7 @@ class EffectKind:
     remedy: str = ""
     smooth: bool = False
     period: str = ""
+    onset: str = ""
     instrument: bool = False
     same_as: tuple[str, ...] = ()
     by_sign: bool = False

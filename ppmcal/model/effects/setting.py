@@ -96,8 +96,10 @@ class Setting:
         temperature: minus 20 degrees Celsius, K (N,).
         wrench: on the platform at its origin, base axes (N, 6), N and N m.
         time: s (N,).
+        row: number in the campaign (N,); inf after it.
         limbs: one each.
         load_of: gives the load on the actuators (N, k), N or N m.
+        until: row from which on another event takes this one's place, by joint (k,); None: never.
     """
 
     motion: str
@@ -109,13 +111,21 @@ class Setting:
     temperature: Array
     wrench: Array
     time: Array
+    row: Array
     limbs: tuple[LimbSetting, ...]
     load_of: Callable[[], Array]
+    until: Array | None = None
 
     @cached_property
     def load(self) -> Array:
         """F = J_q^T wrench (N, k): positive when it pushes towards larger u."""
         return self.load_of()
+
+    def since(self, row: float) -> Array:
+        """Return 1 from a row on, until another event takes its place, else 0, by joint (N, k)."""
+        until = np.full(self.turning.size, np.inf) if self.until is None else self.until
+        at = self.row[:, None]
+        return np.where((at >= row) & ((at < until) | np.isinf(until)), 1.0, 0.0)
 
     def at_joints(self, change: Array, on: Bools) -> Shift:
         """Return the shift of joint coordinates u by ``change`` (N, k) on some actuators."""
