@@ -28,6 +28,7 @@ from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
 from ppmcal.kinematics.inverse import solve_blocks
+from ppmcal.kinematics.registration import displaced
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.effects import Shift
@@ -205,7 +206,7 @@ class Problem:
         ends = self.ends(i, state, index)
         models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
         shift = models[0].shift
-        platforms = [platform_pose(pose, model.shift)
+        platforms = [displaced(platform_pose(pose, model.shift), model.shift)
                      for (_, pose), model in zip(ends, models, strict=True)]
         seen = view(part, registration, platforms, motion, self.opens[i].about,
                     shift.stretch if shift else None)

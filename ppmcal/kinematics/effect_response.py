@@ -18,7 +18,7 @@ from ppmcal.model.dataset import (
     unknown_environment,
     with_platform_directions,
 )
-from ppmcal.model.effects import LimbSetting, Setting, Shift, Terms, total
+from ppmcal.model.effects import LimbSetting, Setting, Terms, total
 from ppmcal.model.mechanism import Effect, Mechanism
 
 ROUNDS = 40
@@ -156,7 +156,7 @@ def _shifted(model: Model, environment: Environment, q: Array, pose: Array) -> M
     whole = total([t.shift for _, t in effect_terms(model.mechanism, model.parameters, at)])
     n = q.shape[0]
     slots = {s: np.broadcast_to(v, (n,)) for s, v in whole.slots.items()}
-    return replace(model, shift=Shift(slots, whole.pose, whole.stretch))
+    return replace(model, shift=replace(whole, slots=slots))
 
 
 def _apart(before: Model, now: Model) -> float:

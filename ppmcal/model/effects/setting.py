@@ -7,6 +7,7 @@ the measured positions.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -33,11 +34,17 @@ class Shift:
         pose: platform displacement of the origin and rotation vector, base axes (N, 6).
         stretch: change of the map from true to measured position, measuring frame,
             (N or 1, 3, 3): measured = (1 + stretch) true.
+        frame: displacement of the base against the instrument: of the base's origin and
+            rotation vector, base axes (N, 6).
+        target: of the measured body against the platform, at the platform's origin and in its
+            axes (N, 6). Neither moves the machine.
     """
 
     slots: Mapping[tuple[int, str], Array] = field(default_factory=dict)
     pose: Array | None = None
     stretch: Array | None = None
+    frame: Array | None = None
+    target: Array | None = None
 
     def take(self, rows: Rows) -> Shift:
         """Return the shift of some rows."""
@@ -45,28 +52,30 @@ class Shift:
         if stretch is not None and stretch.shape[0] > 1:
             stretch = stretch[rows]
         return Shift({s: v[rows] for s, v in self.slots.items()},
-                     None if self.pose is None else self.pose[rows], stretch)
+                     None if self.pose is None else self.pose[rows], stretch,
+                     None if self.frame is None else self.frame[rows],
+                     None if self.target is None else self.target[rows])
 
     def times(self, factor: float) -> Shift:
         """Return the shift scaled by a number."""
-        return Shift({s: factor * v for s, v in self.slots.items()},
-                     None if self.pose is None else factor * self.pose,
-                     None if self.stretch is None else factor * self.stretch)
+        return Shift({s: factor * v for s, v in self.slots.items()}, *(
+            None if v is None else factor * v
+            for v in (self.pose, self.stretch, self.frame, self.target)))
 
 
 def total(shifts: Sequence[Shift]) -> Shift:
     """Return the sum of shifts."""
     slots: dict[tuple[int, str], Array] = {}
-    pose: Array | None = None
-    stretch: Array | None = None
     for shift in shifts:
         for name, value in shift.slots.items():
             slots[name] = slots[name] + value if name in slots else value
-        if shift.pose is not None:
-            pose = shift.pose if pose is None else pose + shift.pose
-        if shift.stretch is not None:
-            stretch = shift.stretch if stretch is None else stretch + shift.stretch
-    return Shift(slots, pose, stretch)
+
+    def added(parts: Sequence[Array | None]) -> Array | None:
+        known = [p for p in parts if p is not None]
+        return functools.reduce(np.add, known) if known else None
+
+    return Shift(slots, added([s.pose for s in shifts]), added([s.stretch for s in shifts]),
+                 added([s.frame for s in shifts]), added([s.target for s in shifts]))
 
 
 @dataclass(frozen=True)
