@@ -16,6 +16,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import final_shift
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import (
@@ -24,7 +25,7 @@ from ppmcal.kinematics.partial_pose import (
     pose_vector,
     wanted_poses,
 )
-from ppmcal.kinematics.registration import measured_pose, predict
+from ppmcal.kinematics.registration import after_events, measured_pose, predict
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment, environment
@@ -103,10 +104,13 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
         sequence: targets are visited in order, which gives the directions of approach.
 
     An instrument's own error (its scale, say) is not commanded into the machine: targets are
-    true positions in its frame.
+    true positions in its frame. What moved in mid-run is taken as it was at the end.
     """
     k = len(mechanism.actuators)
     model, nominal = Model(mechanism), Model(mechanism.nominal())
+    before_events = registration
+    if dataset:
+        registration = after_events(registration, final_shift(mechanism))
     full, failed = wanted_poses(model, registration, wanted)
     columns = dict(columns or {})
     rough = inverse_table(nominal, full).q if sequence else np.zeros((len(full), k))
@@ -121,7 +125,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     before, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted, rows)
     good = np.array([s == "ok" for s in status])
     result = _after(model, nominal, registration, table.q, full, good, rows)
-    sigma = _sigma(model, registration, full, table.q, good, knowledge, dataset, rows)
+    sigma = _sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, before[0], result[1], before[1], result[2],

@@ -29,11 +29,12 @@ from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.left_out_rows import left_out
 from ppmcal.diagnosis.localization import Place, localise
+from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import usable, with_whole_rows
 from ppmcal.diagnosis.refit import confirm, nothing_named, of_rows, with_mechanism
-from ppmcal.diagnosis.result import Diagnosis, Found, NamedEffect
+from ppmcal.diagnosis.result import Diagnosis, Found, NamedEffect, Onset
 from ppmcal.diagnosis.rivals import rivals
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.stage import DRAWS, Stage, named_only, run_stage
@@ -84,6 +85,9 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     found = _find(training, options, say)
     say("confirming in all rows")
     found, final = confirm(found, whole, options.fit)
+    onsets: dict[str, Onset] = {}
+    if final is not None:
+        final, onsets = refined(final, options.fit)
     gap = _gap(found, held, options)
     column = misread_column(found, [found.last.hypotheses[i] for i in found.last.chosen])
     if column is not None:
@@ -97,7 +101,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     start = left if found.last is found.first else remainder(
         replace(found.first, chosen=()), options.seed)
     others = _alternatives(found.last)
-    effects = _effects(found, others)
+    effects = with_onsets(_effects(found, others), onsets)
     out = left_out(final or whole)
     if out.follows:
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(

@@ -21,6 +21,15 @@ VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
 
 
 @dataclass(frozen=True)
+class Onset:
+    """The row of the campaign where an event starts, with its 95 % interval."""
+
+    row: int
+    low: int
+    high: int
+
+
+@dataclass(frozen=True)
 class NamedEffect:
     """One effect that the data ask for.
 
@@ -28,7 +37,7 @@ class NamedEffect:
     logarithm; ``survival``: the part that geometry leaves; ``alternatives``: labels of other
     families that the data cannot tell from it, with the odds for this one against each;
     ``hypothesis``: the one that it came from, which may have a value for each of several
-    actuators.
+    actuators; ``onset``: of an event, the row where it starts.
     """
 
     kind: str
@@ -40,6 +49,7 @@ class NamedEffect:
     alternatives: tuple[str, ...]
     odds: tuple[float, ...]
     hypothesis: Hypothesis
+    onset: Onset | None = None
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ppmcal.model.dataset import (
     unknown_environment,
     with_platform_directions,
 )
-from ppmcal.model.effects import LimbSetting, Setting, Terms, total
+from ppmcal.model.effects import LimbSetting, Setting, Shift, Terms, total
 from ppmcal.model.mechanism import Effect, Mechanism
 
 ROUNDS = 40
@@ -157,6 +157,15 @@ def _shifted(model: Model, environment: Environment, q: Array, pose: Array) -> M
     n = q.shape[0]
     slots = {s: np.broadcast_to(v, (n,)) for s, v in whole.slots.items()}
     return replace(model, shift=replace(whole, slots=slots))
+
+
+def final_shift(mechanism: Mechanism) -> Shift:
+    """Return what has happened to frame and target for good, one row, after all events."""
+    bare, k = replace(mechanism, effects=()), len(mechanism.actuators)
+    at = setting(Model(bare), unknown_environment(1, k), np.full((1, k), np.nan),
+                 mechanism.home[None])
+    terms = effect_terms(mechanism, mechanism.values, at)
+    return total([t.shift for e, t in terms if e.kind.onset and e.kind.instrument])
 
 
 def _apart(before: Model, now: Model) -> float:

@@ -8,7 +8,7 @@ target, with noise. What was true is kept apart, in truth.json.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import missing_columns, with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses
-from ppmcal.kinematics.registration import predict
+from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
@@ -169,6 +169,7 @@ def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
         shaken = q + rng.normal(size=q.shape) * scenario.sigma_actuator
         actual = reached_poses(model, shaken, rows, start=real.closed, start_q=q).pose
     shift = real.model.shift
+    actual = displaced(actual, shift)
     return actual, shift.stretch if shift else None
 
 
@@ -181,7 +182,8 @@ def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payloa
         columns["payload"] = payload
     if temperature is not None:
         columns["temperature"] = temperature
-    return environment(columns, mechanism.actuators, mechanism.gravity, direction)
+    return replace(environment(columns, mechanism.actuators, mechanism.gravity, direction),
+                   row=np.arange(1.0, len(time) + 1.0))
 
 
 def _recorded(with_effects: Mechanism, rows: Environment, scenario: Scenario) -> None:

@@ -168,8 +168,9 @@ def first_change(kind: EffectKind, values: Mapping[str, float], **fields: float)
     shift = kind.evaluate(one_row(kind, **fields), np.array([True]), values).shift
     if shift.slots:
         return float(np.ravel(next(iter(shift.slots.values())))[0])
-    if shift.pose is not None:
-        return float(shift.pose[0, 0])
+    for twist in (shift.pose, shift.frame, shift.target):
+        if twist is not None:
+            return float(twist[0, 0])
     assert shift.stretch is not None
     return float(shift.stretch[0, 0, 0])
 

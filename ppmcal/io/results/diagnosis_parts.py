@@ -12,7 +12,7 @@ from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.localization import Place
-from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect, Swallowed
+from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect, Onset, Swallowed
 from ppmcal.io.results.record import Part, Shown, Text, Whole
 from ppmcal.model.effects import GEOMETRY
 from ppmcal.units import Units
@@ -24,6 +24,23 @@ class EffectValue(Part):
     value: Shown | None = None
     sigma: Shown | None = None
     unit: Text = ""
+
+
+class EventRow(Part):
+    """The input row from which on an event holds, with its 95 % interval, and its data set."""
+
+    value: Whole = 0
+    low: Whole = 0
+    high: Whole = 0
+    dataset: Text = ""
+
+    @classmethod
+    def of(cls, result: Diagnosis, onset: Onset) -> EventRow:
+        """Return the row within its own file."""
+        datasets = result.identification.fit.problem.datasets
+        own = next(d for d in reversed(datasets) if d.before < onset.row)
+        return cls(value=onset.row - own.before, low=max(onset.low - own.before, 1),
+                   high=onset.high - own.before, dataset=own.name)
 
 
 class DiagnosedEffect(Part):
@@ -45,6 +62,7 @@ class DiagnosedEffect(Part):
     odds: tuple[Shown | None, ...] = ()
     mid_stroke: EffectValue | None = None
     derived: Mapping[str, EffectValue] = Field(default_factory=dict)
+    row: EventRow | None = None
 
     @classmethod
     def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
@@ -54,7 +72,7 @@ class DiagnosedEffect(Part):
                    survival=effect.survival,
                    alternatives=tuple(a.split(" on ")[0] for a in effect.alternatives),
                    alternatives_on=effect.alternatives, odds=effect.odds,
-                   **_derived(result, effect))
+                   **_event(result, effect), **_derived(result, effect))
 
 
 class SuspectedEffect(Part):
@@ -195,6 +213,10 @@ def _gap(gap: Gap | None) -> dict[str, Any]:
     return {"noise": 1.0, "before": gap.before, "after": gap.after, "closed": gap.closed,
             "rms_closed": 1.0 - gap.after / gap.before if gap.before else None,
             "interval": gap.interval, "poses": gap.poses}
+
+
+def _event(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
+    return {} if effect.onset is None else {"row": EventRow.of(result, effect.onset)}
 
 
 def _parameters(result: Diagnosis, effect: NamedEffect) -> dict[str, EffectValue]:

@@ -14,8 +14,9 @@ from ppmcal.model.effects.zero_shift import ONSET
 
 def _parameters(motion: str) -> tuple[EffectParameter, ...]:
     """Return one step per pose coordinate, and the row."""
+    seen = "spatial" if motion == "translational" else motion
     return (*(EffectParameter(c, "angle" if c[0] == "r" else "length", size=1e-5)
-              for c in (COORDINATES["spatial"] if motion == "translational" else COORDINATES[motion])), ONSET)
+              for c in COORDINATES[seen]), ONSET)
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:

@@ -1,0 +1,177 @@
+"""In which row an event happened, from all rows of the campaign.
+
+The search takes the onset from the rows that it may see. Here every row near that is tried in the
+final fit: with the step's own columns taken out of the model, what a step from row r explains is
+profiled over r; rows that explain less than the best by no more than the 95 % point of chi-squared
+with one degree of freedom are as good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.diagnosis.linear_system import MOST_ROWS, RANK, System, build
+from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.result import NamedEffect, Onset
+from ppmcal.linalg import Array, Bools, range_basis, subsample
+from ppmcal.model.effects import ScanRange
+from ppmcal.model.mechanism import Effect, Mechanism
+
+LIKELY = float(chdtri(1.0, 0.05))
+"""What a row may explain less than the best one, in units of the noise's variance."""
+ROUNDS = 3
+NEAR = 25
+"""So many rows to each side of where the search has found the onset."""
+
+
+@dataclass(frozen=True)
+class _Event:
+    """One moment: effects of one kind that start in one row, by their places in the machine."""
+
+    effects: tuple[int, ...]
+    row: float
+
+
+def refined(fit: Fit, options: FitOptions) -> tuple[Fit, dict[str, Onset]]:
+    """Return the fit with every event in its likeliest row, and the onsets by parameter's name.
+
+    Args:
+        fit: of all rows, effects included.
+        options: of the fits.
+    """
+    found: dict[str, Onset] = {}
+    for _ in range(ROUNDS):
+        moved = False
+        for event in _events(fit.problem.mechanism, fit.state.g):
+            onset = _profiled(fit, event)
+            names = [_onset_name(fit.problem.mechanism, i) for i in event.effects]
+            found |= dict.fromkeys(names, onset)
+            if onset.row != event.row:
+                fit = with_mechanism(fit, _moved(fit, names, onset.row), options)
+                moved = True
+        if not moved:
+            break
+    return fit, found
+
+
+def with_onsets(effects: Sequence[NamedEffect], onsets: dict[str, Onset]
+                ) -> tuple[NamedEffect, ...]:
+    """Return the named effects with the rows of those that are events."""
+    return tuple(replace(e, onset=next((onsets[p] for p in e.parameters if p in onsets), None))
+                 for e in effects)
+
+
+def _events(mechanism: Mechanism, g: Array) -> Iterator[_Event]:
+    groups: dict[tuple[str, float], list[int]] = {}
+    for i, effect in enumerate(mechanism.effects):
+        if effect.kind.onset:
+            row = float(g[effect.parameters[effect.kind.onset]])
+            groups.setdefault((effect.kind.name, row), []).append(i)
+    for (_, row), mine in groups.items():
+        yield _Event(tuple(mine), row)
+
+
+def _onset_name(mechanism: Mechanism, effect: int) -> str:
+    own = mechanism.effects[effect]
+    return mechanism.names[own.parameters[own.kind.onset]]
+
+
+def _moved(fit: Fit, names: Sequence[str], row: int) -> Mechanism:
+    """Return the machine with an event in another row, fitted values kept."""
+    mechanism = fit.problem.mechanism
+    parameters = tuple(
+        replace(p, value=float(row), nominal=float(row)) if p.name in names
+        else replace(p, value=float(v)) for p, v in
+        zip(mechanism.parameters, fit.state.g.tolist(), strict=True))
+    return replace(mechanism, parameters=parameters)
+
+
+def _profiled(fit: Fit, event: _Event) -> Onset:
+    """Return the likeliest row of an event and those that are nearly as likely."""
+    mechanism = fit.problem.mechanism
+    keep: list[Bools] = subsample(fit.keep, MOST_ROWS)
+    system = build(fit.problem, fit.state, keep)
+    effects = [mechanism.effects[i] for i in event.effects]
+    others = _others(mechanism, event)
+    own = {p for e in (*effects, *others) for p in e.parameters.values()}
+    rest = [c for c, p in enumerate((*fit.problem.free, *[-1] * (
+        system.jacobian.shape[2] - len(fit.problem.free)))) if p not in own]
+    # events of one joint take each other's place: as steps that add up they are linear
+    flat = [system.jacobian[..., rest].reshape(system.residual.size, -1),
+            *(_steps(system, [e], _row(fit.state.g, e)) for e in others)]
+    basis = range_basis(np.concatenate(flat, axis=1), RANK)
+    sizes = np.concatenate([_own_step(fit.state.g, e, others) for e in effects])
+    here = _steps(system, effects, event.row)
+    target = _free_of(basis, (system.residual.reshape(-1) + here @ sizes)[:, None])[:, 0]
+    tried = _tried(system, mechanism, effects[0], event.row,
+                   [_row(fit.state.g, e) for e in others])
+    gains = np.array([_gain(_free_of(basis, _steps(system, effects, r)), target) for r in tried])
+    noise = max(1.0, float(target @ target - gains.max()) / max(
+        system.count - basis.shape[1] - sizes.size - 1, 1))
+    near = tried[gains >= gains.max() - LIKELY * noise]
+    best = int(tried[int(np.argmax(gains))])
+    if event.row in tried and gains[tried == event.row][0] >= gains.max() - 1e-9:
+        best = int(event.row)
+    return Onset(best, int(near.min()), int(near.max()))
+
+
+def _row(g: Array, effect: Effect) -> float:
+    return float(g[effect.parameters[effect.kind.onset]])
+
+
+def _others(mechanism: Mechanism, event: _Event) -> list[Effect]:
+    """Return the other events of that kind on the same joints."""
+    mine = [mechanism.effects[i] for i in event.effects]
+    on = np.any([e.on for e in mine], axis=0)
+    return [e for i, e in enumerate(mechanism.effects) if e.kind is mine[0].kind
+            and i not in event.effects and (np.array(e.on) & on).any()]
+
+
+def _own_step(g: Array, effect: Effect, others: Sequence[Effect]) -> Array:
+    """Return by how much an event changes what the one before it has left (c,)."""
+    before = [e for e in others if _row(g, e) < _row(g, effect)
+              and (np.array(e.on) & np.array(effect.on)).any()]
+    last = max(before, key=lambda e: _row(g, e), default=None)
+    return np.array([g[p] - (g[last.parameters[n]] if last else 0.0)
+                     for n, p in effect.parameters.items() if n != effect.kind.onset])
+
+
+def _tried(system: System, mechanism: Mechanism, effect: Effect, row: float,
+           others: Sequence[float]) -> Array:
+    """Return the rows that are tried: those near, and not beyond another event."""
+    rows = np.unique(np.concatenate([p.response.rows.row for p in system.parts]))
+    spec = next(s for s in effect.kind.parameters(mechanism.motion) if s.name == effect.kind.onset)
+    assert spec.scan is not None
+    all_rows = np.union1d(rows[1:], spec.scan(ScanRange(1.0, rows.size, tuple(rows.tolist()))))
+    at = int(np.searchsorted(all_rows, row))
+    near = np.union1d(all_rows[max(at - NEAR, 0):at + NEAR + 1], [row])
+    low = max((o for o in others if o < row), default=-np.inf)
+    high = min((o for o in others if o > row), default=np.inf)
+    return np.asarray(near[(near > low) & (near < high)])
+
+
+def _steps(system: System, effects: Sequence[Effect], row: float) -> Array:
+    """Return the white columns (N m, c) of the events' sizes, had they begun in a row."""
+    out = []
+    for effect in effects:
+        values = dict.fromkeys(effect.parameters, 0.0) | {effect.kind.onset: row}
+        terms = [effect.kind.evaluate(p.setting, np.array(effect.on), values).by
+                 for p in system.parts]
+        out += [system.column([by[n] for by in terms]).reshape(-1)
+                for n in effect.parameters if n != effect.kind.onset]
+    return np.stack(out, axis=-1)
+
+
+def _free_of(basis: Array, columns: Array) -> Array:
+    return np.asarray(columns - basis @ (basis.T @ columns))
+
+
+def _gain(columns: Array, target: Array) -> float:
+    """Return by how much columns lower the sum of squares of the target."""
+    solution = np.linalg.lstsq(columns, target, rcond=1e-9)[0]
+    return float(target @ (columns @ solution))
