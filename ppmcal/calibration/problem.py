@@ -28,7 +28,7 @@ from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
 from ppmcal.kinematics.inverse import solve_blocks
-from ppmcal.kinematics.registration import displaced
+from ppmcal.kinematics.registration import by_displacement, displaced
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.effects import Shift
@@ -206,10 +206,13 @@ class Problem:
         ends = self.ends(i, state, index)
         models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
         shift = models[0].shift
-        platforms = [displaced(platform_pose(pose, model.shift), model.shift)
+        platforms = [platform_pose(pose, model.shift)
                      for (_, pose), model in zip(ends, models, strict=True)]
-        seen = view(part, registration, platforms, motion, self.opens[i].about,
-                    shift.stretch if shift else None)
+        seen = view(part, registration, [displaced(p, shift) for p in platforms], motion,
+                    self.opens[i].about, shift.stretch if shift else None)
+        moved = [by_displacement(p, shift) for p in platforms]
+        seen = replace(seen, by_poses=tuple(
+            by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
         with_noise = bool(np.any(data.sigma_actuator > 0.0))
         n, m = seen.residual.shape
         full = np.zeros((n, m, len(self.columns) if jacobian else 0))

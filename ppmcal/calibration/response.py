@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from ppmcal import algebra as cga
 from ppmcal.calibration.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
 from ppmcal.kinematics.effect_response import effect_terms, setting
+from ppmcal.kinematics.equilibrium import platform_pose
+from ppmcal.kinematics.registration import displacement_twists
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
@@ -51,22 +52,17 @@ class Response:
             out += self.by_slot(limb, slot) * np.broadcast_to(change, (len(out),))[:, None]
         if shift.pose is not None:
             out += (self.seen.by_poses[self.end] @ shift.pose[..., None])[..., 0]
-        for twist in self._of_instrument(shift):
+        for twist in displacement_twists(self.platform, shift, self.closure.model.shift):
             out += (self.seen.by_poses[self.end] @ twist[..., None])[..., 0]
         if shift.stretch is not None:
             moved = shift.stretch @ self.seen.points[self.end][..., None]
             out += (self.seen.by_points[self.end] @ moved)[..., 0]
         return out
 
-    def _of_instrument(self, shift: Shift) -> Iterator[Array]:
-        """Yield the platform twists (n, 6), base axes, that look like a moved frame or target."""
-        if shift.frame is not None:
-            step, turn = shift.frame[:, :3], shift.frame[:, 3:]
-            yield np.concatenate([step + np.cross(turn, cga.translation(self.pose)), turn], axis=1)
-        if shift.target is not None:
-            own = cga.rotation_matrix(self.pose)
-            yield np.concatenate([(own @ shift.target[:, part, None])[..., 0]
-                                  for part in (slice(0, 3), slice(3, 6))], axis=1)
+    @cached_property
+    def platform(self) -> Array:
+        """Where the platform is (n, 8), effects that move it included."""
+        return platform_pose(self.pose, self.closure.model.shift)
 
     def setting(self) -> Setting:
         """Return what effects may know of these rows."""

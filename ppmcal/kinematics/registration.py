@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
+from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.registration import Registration
 
 
@@ -29,6 +32,54 @@ def displaced(pose: Array, shift: Shift | None) -> Array:
     if shift.frame is not None:
         pose = cga.compose(_motor(shift.frame), pose)
     return pose if shift.target is None else cga.compose(pose, _motor(shift.target))
+
+
+def by_displacement(pose: Array, shift: Shift | None) -> Array | None:
+    """Return d(seen pose)/d(platform pose) (n, 6, 6), twists about the origins, base axes.
+
+    The seen pose is :func:`displaced`; None where it is the platform's own.
+    """
+    if shift is None or (shift.frame is None and shift.target is None):
+        return None
+    out = np.zeros((len(pose), 6, 6))
+    turn = cga.rotation_matrix(_motor(shift.frame)) if shift.frame is not None else np.eye(3)
+    out[:, :3, :3] = out[:, 3:, 3:] = turn
+    out[:, :3, 3:] = -turn @ cross_matrix(_arm(pose, shift))
+    return out
+
+
+def displacement_twists(pose: Array, by: Shift, now: Shift | None) -> Iterator[Array]:
+    """Yield the platform twists (n, 6), base axes, that look like steps of frame and target.
+
+    ``by``: the steps of their displacements; ``now``: what the displacements are.
+    """
+    arm = _arm(pose, now)
+    if by.frame is not None:
+        present = np.zeros((len(pose), 6)) if now is None or now.frame is None else now.frame
+        turn = cga.rotation_matrix(_motor(present))
+        own = cga.translation(pose) + arm
+        rotation = _times(left_jacobian(present[:, 3:]), by.frame[:, 3:])
+        moved = by.frame[:, :3] + np.cross(rotation, _times(turn, own))
+        back = np.swapaxes(turn, -1, -2)
+        rotation, moved = _times(back, rotation), _times(back, moved)
+        yield np.concatenate([moved - np.cross(rotation, arm), rotation], axis=1)
+    if by.target is not None:
+        present = np.zeros((len(pose), 6)) if now is None or now.target is None else now.target
+        own = cga.rotation_matrix(pose)
+        rotation = _times(own, _times(left_jacobian(present[:, 3:]), by.target[:, 3:]))
+        moved = _times(own, by.target[:, :3])
+        yield np.concatenate([moved - np.cross(rotation, arm), rotation], axis=1)
+
+
+def _arm(pose: Array, shift: Shift | None) -> Array:
+    """Return where the displaced target's origin is from the platform's (n, 3), base axes."""
+    if shift is None or shift.target is None:
+        return np.zeros((len(pose), 3))
+    return _times(cga.rotation_matrix(pose), shift.target[:, :3])
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
 def after_events(registration: Registration, shift: Shift) -> Registration:

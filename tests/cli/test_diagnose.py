@@ -319,9 +319,14 @@ def test_a_value_beyond_its_physical_range_is_not_named(tmp_path: Path) -> None:
     for r in table:
         r["dir_leg1"] = str(-int(r["dir_leg1"]))
     write_csv(tmp_path / DATA, table)
-    _, found = diagnose(tmp_path, DATA, "--kind", "backlash")
-    assert found["verdict"] in ("unnamed", "partial")
+    ppmcal("diagnose", "m.yaml", DATA, "--kind", "backlash", "--draws", "1000", "--out", "d",
+           cwd=tmp_path, expect=3)
+    found = found_in(tmp_path)
+    assert found["verdict"] == "misread"
     assert named(found) == {}
+    (mistake,) = found["misreadings"]
+    assert mistake["kind"] == "sign" and mistake["columns"] == ["dir_leg1"]
+    assert mistake["read"] == {"signs": {"dir_leg1": -1}}
 
 
 # --- named sets and next measurements -----------------------------------------------------------

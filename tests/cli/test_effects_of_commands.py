@@ -54,7 +54,7 @@ def effect(kind: str, on: list[str] | None = None, **parameters: float) -> dict[
 def marked(effects: list[dict[str, Any]], start: dict[str, float]) -> list[dict[str, Any]]:
     """Return the effects as an engineer would write them: free, from nothing or a guess."""
     return [e | {"parameters": {
-        n: v if n in ("low", "high") else {
+        n: v if n in ("low", "high", "from_row") else {
             "value": start.get(f"{e['kind']}.{n}", 0.0), "free": True}
         for n, v in e["parameters"].items()}} for e in effects]
 
@@ -82,6 +82,12 @@ CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
     "spatial": ("6-UPS", [
         effect("compliance", stiffness=2000.0), effect("platform_thermal", expansion=20e-6),
         effect("backlash", ["leg2", "leg5"], width=0.05), effect("drift", z=3e-6, rx=2e-7)]),
+    "events": ("6-UPS", [
+        effect("zero_shift", ["leg3"], shift=0.05, from_row=12),
+        effect("zero_shift", ["leg5"], shift=-0.03, from_row=30),
+        effect("target_shift", x=0.02, y=0.01, z=-0.03, rx=0.002, ry=-0.003, rz=0.004, from_row=20),
+        effect("base_shift", x=0.04, y=-0.05, z=0.03, rx=0.001, ry=0.002, rz=-0.003,
+               from_row=36)]),
 }
 
 
@@ -109,7 +115,8 @@ def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None
            cwd=tmp_path, expect=0)
     found = {r["name"]: r for r in rows(tmp_path / "i" / "parameters.csv")}
     wanted = {f"{'.'.join([e['kind'], *(['+'.join(e['on'])] if 'on' in e else [])])}.{n}": v
-              for e in effects for n, v in e["parameters"].items() if n not in ("low", "high")}
+              for e in effects for n, v in e["parameters"].items()
+              if n not in ("low", "high", "from_row")}
     assert set(wanted) <= set(found)
     for full, value in wanted.items():
         sigma, fitted = number(found[full], "sigma"), number(found[full], "value")
@@ -123,7 +130,7 @@ def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None
         assert written.get("on") == e.get("on")
         for n, v in e["parameters"].items():
             own = written["parameters"][n]
-            if n in ("low", "high"):
+            if n in ("low", "high", "from_row"):
                 assert own == v
                 continue
             assert own["value"] == pytest.approx(v, rel=0.5)

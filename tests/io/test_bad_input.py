@@ -265,10 +265,17 @@ TABLES = {
     "sigma zero": (lambda k, r: r | {"sigma_x": "0"}, ["sigma_x"]),
     "sigma negative": (lambda k, r: r | {"sigma_x": "-1"}, ["sigma_x"]),
     "huge": (lambda k, r: r | {"x": "1e300"}, ["x"]),
-    "metres for millimetres": (lambda k, r: r | {n: float(r[n]) / 1000 for n in (
-        "x", "y", "q_leg1", "q_leg2", "q_leg3")}, ["units"]),
     "swapped columns": (lambda k, r: r | {"q_leg1": r["rz"], "rz": r["q_leg1"]}, ["q_leg1"]),
 }
+
+
+def test_every_length_in_another_unit(files):
+    """What another reading explains is no result, exit code 3; the mend is told."""
+    lengths = ("x", "y", "q_leg1", "q_leg2", "q_leg3")
+    edit(files / "d.csv", lambda k, r: r | {n: float(r[n]) / 1000 for n in lengths})
+    run = ppmcal(*DATA, cwd=files)
+    assert run.code == 3
+    assert all(f"{n}: m" in run.err for n in lengths) and "`read: {units: {" in run.err
 
 
 @pytest.mark.parametrize("what", TABLES)
@@ -315,7 +322,6 @@ SIDECARS = {
     "no format": ("format: ppmcal/dataset/1\n", "", ["format", "ppmcal/dataset/1"]),
     "unknown unit": ("length: mm", "length: inch", ["units.length", "in"]),
     "no unit": ("units:\n  length: mm\n  angle: deg\n", "", ["units"]),
-    "wrong unit": ("length: mm", "length: m", ["units"]),
     "unknown instrument": ("kind: pose", "kind: laser", ["instrument.kind", "pose"]),
     "sigma zero": ("position: 0.01", "position: 0", ["sigma.position"]),
     "sigma negative": ("position: 0.01", "position: -0.01", ["sigma.position"]),

@@ -31,7 +31,7 @@ from ppmcal.kinematics.effect_response import (
 from ppmcal.kinematics.equilibrium import reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
-from ppmcal.kinematics.registration import measured_pose
+from ppmcal.kinematics.registration import displaced, measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
 from ppmcal.model.dataset import (
     WRENCH,
@@ -59,7 +59,7 @@ MACHINES = ("3-RPR", "6-UPS", "linapod", "delta-rotary", "6-RUS", "3-RPS")
 CONTRACT = ("gain", "curvature", "periodic", "eccentricity", "backlash", "windup", "lag",
             "compliance", "clearance", "base_compliance", "leg_thermal", "base_thermal",
             "platform_thermal", "drift", "sensor_scale", "tilt")
-COLUMNS = {"dir", "vel", "temperature", "load", "wrench", "time"}
+COLUMNS = {"dir", "vel", "temperature", "load", "wrench", "time", "row"}
 each_kind = pytest.mark.parametrize("kind", effect_kinds())
 each_machine = pytest.mark.parametrize("name", MACHINES)
 
@@ -214,7 +214,8 @@ FOLLOWED = {
     "backlash": "direction", "windup": "wound load", "lag": "velocity", "compliance": "load",
     "clearance": "load", "base_compliance": "wrench", "leg_thermal": "temperature",
     "base_thermal": "temperature", "platform_thermal": "temperature", "drift": "time",
-    "sensor_scale": "point", "tilt": "point"}
+    "sensor_scale": "point", "tilt": "point", "zero_shift": "row", "target_shift": "row",
+    "base_shift": "row"}
 
 
 @pytest.mark.parametrize("kind", CONTRACT)
@@ -235,13 +236,13 @@ def test_traits_fit_together(kind: str) -> None:
         assert len(found.stroke_ends(motion)) in (0, 2)
         for s in specs.values():
             assert s.component in ("", *WRENCH)
-            assert not (s.constant and s.nonlinear)
+            assert not (s.constant and s.nonlinear) or s.name == found.onset
             tried = s.scan(ScanRange(0.3, 20, tuple(range(1, 21)))) if s.scan is not None else []
             assert all(s.low <= v <= s.high for v in tried)
             assert (len(tried) > 1) == s.nonlinear
     rows, k = 5, 2
     data = Inputs(*(np.ones((rows, k)) for _ in range(4)), np.ones(rows), np.ones((rows, 6)),
-                  np.ones(rows), np.ones((rows, 6)), np.ones((rows, 3)))
+                  np.ones(rows), np.ones(rows), np.ones((rows, 6)), np.ones((rows, 3)))
     shape = found.input.value(data).shape
     parts = len(found.input.components)
     assert shape == (rows, parts) if parts else shape in ((rows,), (rows, k))
@@ -340,11 +341,12 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
     found = reached_poses(Model(mechanism), q, rows)
     shift = found.model.shift
     assert shift is not None
-    moved = np.abs(stretched(cga.translation(found.pose), shift.stretch)
+    pose = displaced(found.pose, shift)
+    moved = np.abs(stretched(cga.translation(pose), shift.stretch)
                    - cga.translation(bare(plain))).max()
     assert 1e-9 * mechanism.reach < moved < 3e-3 * mechanism.reach
     registration = registration_of(mechanism)
-    seen = measured_pose(registration, found.pose)
+    seen = measured_pose(registration, pose)
     seen[:, :3] = stretched(seen[:, :3], shift.stretch)
     if mechanism.motion == "planar":
         seen[:, 2:5] = np.nan
@@ -603,7 +605,8 @@ def test_joints_that_make_up_for_effects(name: str, kind: str) -> None:
     np.testing.assert_allclose(got[named], wanted[named], rtol=0.0, atol=1e-9 * mechanism.reach)
     np.testing.assert_allclose(table.pose, got, rtol=0.0, atol=1e-9 * max(1.0, mechanism.reach))
     assert found.model.shift is not None
-    acts = found.model.shift.stretch is None
+    shift = found.model.shift
+    acts = shift.stretch is None and shift.frame is None and shift.target is None
     assert acts == (np.abs(table.q - sample(plain)[0]).max() > 1e-10 * mechanism.reach)
 
 

@@ -81,6 +81,6 @@ POINT = EffectInput("point", "", lambda rows: rows.point, of_machine=True, compo
 
 ROW = EffectInput("row", "1", lambda rows: rows.row)
 
-BY_NEED = {"row": ROW, "dir": DIRECTION, "vel": VELOCITY, "load": LOAD, "wrench": WRENCH,
-           "temperature": TEMPERATURE, "time": TIME}
+BY_NEED = {"dir": DIRECTION, "vel": VELOCITY, "load": LOAD, "wrench": WRENCH,
+           "temperature": TEMPERATURE, "time": TIME, "row": ROW}
 """The columns that an effect may need, and what it then follows if it does not say more."""
