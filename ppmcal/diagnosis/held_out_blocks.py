@@ -57,7 +57,8 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
         noise: over the stated one.
         seed: of the bootstrap.
     """
-    keep = [a & b for a, b in zip(before.keep, after.keep, strict=True)]
+    # rows that looked like outliers without the effects are those that tell most
+    keep = after.keep
     out = []
     for by, folds in schemes(after.problem):
         pairs = [(_left_out(before, fold, keep), _left_out(after, fold, keep)) for fold in folds]
@@ -104,7 +105,10 @@ def _varies(values: Array) -> bool:
 
 
 def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> HeldOutErrors:
-    """Return the errors of a block's rows as the fit without them predicts them."""
+    """Return the errors of a block's rows as the fit without them predicts them.
+
+    Rows that the fit has left out anyway are predicted by it as it is.
+    """
     own = [f & k for f, k in zip(fold, keep, strict=True)]
     rows = list(fit.problem.rows(fit.state, True, own))
     width = fit.scale.size
@@ -113,8 +117,9 @@ def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> HeldOut
     normal = triangle.T @ triangle + np.diag((fit.prior * fit.scale) ** 2)
     right = np.zeros(width)
     for j, r in zip(flat, rows, strict=True):
-        normal -= j.T @ j
-        right += j.T @ r.residual.reshape(-1)
+        used = np.repeat(fit.keep[r.dataset][r.index], r.residual.shape[1])
+        normal -= j[used].T @ j[used]
+        right += j[used].T @ r.residual.reshape(-1)[used]
     w, v = np.linalg.eigh(normal)
     use = w > SEEN * max(float(w[-1]), 1e-300)
     inverse = (v[:, use] / w[use]) @ v[:, use].T
