@@ -33,6 +33,8 @@ class Hypothesis:
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
         columns: where its columns are in the library.
+        caution: by which its evidence is divided: what a step explains grows with the noise's
+            long-run variance, which is known less well than the noise itself.
     """
 
     kind: str
@@ -50,6 +52,7 @@ class Hypothesis:
     turns: float = 0.0
     strokes: tuple[str, ...] = ()
     choices: float = 0.0
+    caution: float = 1.0
 
     @property
     def size(self) -> int:

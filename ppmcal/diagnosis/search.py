@@ -56,7 +56,8 @@ class Search:
         key = tuple(sorted(chosen))
         if key not in self._found:
             rest = self.test.given(columns_of(self, key))
-            self._found[key] = _scanned(rest, self._groups, len(self.hypotheses))
+            self._found[key] = _scanned(rest, self._groups, len(self.hypotheses)) / np.array(
+                [f.caution for f in self.hypotheses])
             self._found[key].setflags(write=False)
         return self._found[key]
 
@@ -74,7 +75,8 @@ def by_size(hypotheses: Sequence[Hypothesis]) -> list[Group]:
 
 def scan(test: AddedVariableTest, hypotheses: Sequence[Hypothesis]) -> Array:
     """Return the log p of all hypotheses (F,), the model's columns being projected out already."""
-    return _scanned(test, by_size(hypotheses), len(hypotheses))
+    found = _scanned(test, by_size(hypotheses), len(hypotheses))
+    return np.asarray(found / np.array([f.caution for f in hypotheses]))
 
 
 def _scanned(test: AddedVariableTest, groups: Sequence[Group], count: int) -> Array:

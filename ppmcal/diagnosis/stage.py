@@ -27,6 +27,7 @@ from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulate
 from ppmcal.linalg import Array, Bools, subsample, unit_columns
 
 DRAWS = 2000
+SURE_OF_NOISE = 2.0
 WEAK_SURVIVAL = 0.2
 """Effects of which the geometry leaves less than this are weakly testable."""
 
@@ -133,12 +134,23 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     left = residual - basis @ (basis.T @ residual)
     test = build_test(basis, columns, residual, system.count,
                       simulated(noise, system, basis, left, 0 if like else draws, rng))
-    search = prepare(test, found.hypotheses, like)
+    search = prepare(test, _cautious(found.hypotheses, noise), like)
     start = search.values()
     search, chosen = settled(search, choose(search))
     search, chosen = held(search, chosen, hold)
     return Stage(system, found, noise, basis, residual, columns, search, chosen, start,
                  pure_error(system))
+
+
+def _cautious(hypotheses: Sequence[Hypothesis], noise: Whitening) -> list[Hypothesis]:
+    """Return the hypotheses, those of events with the long-run variance that there may be.
+
+    (1 + rho)/(1 - rho) of AR(1) at rho two standard deviations higher, over that at rho.
+    """
+    most = min(noise.rho + SURE_OF_NOISE * noise.rho_error, 0.95)
+    caution = (1.0 + most) / (1.0 - most) * (1.0 - noise.rho) / (1.0 + noise.rho)
+    return [replace(f, caution=max(caution, 1.0)) if f.effect is not None and f.effect.onset else f
+            for f in hypotheses]
 
 
 def explained(stage: Stage) -> tuple[Array, Array]:

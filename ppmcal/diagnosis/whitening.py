@@ -107,7 +107,10 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     for hypothesis in library.hypotheses:
         if hypothesis.constants and hypothesis.searched:
             if hypothesis.shared:
-                key, gain = (hypothesis.kind, hypothesis.on), explains(hypothesis.columns)
+                # steps at will follow any slow noise: of all events only the best one counts
+                event = hypothesis.effect is not None and hypothesis.effect.onset
+                key = ("event", ()) if event else (hypothesis.kind, hypothesis.on)
+                gain = explains(hypothesis.columns)
                 if gain > grid.get(key, (0.0, []))[0]:
                     grid[key] = gain, list(hypothesis.columns)
         elif hypothesis.kind == GEOMETRY:
