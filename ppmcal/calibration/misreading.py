@@ -22,6 +22,7 @@ from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.negative_struts import negative_struts, with_positive_struts
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.outliers import Distances, distances, huber_weights
+from ppmcal.calibration.plain_mistakes import other_zeros
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import NOISE, Misreading, Trial, find_misreading
 from ppmcal.calibration.small_misreading import find_small_misreading
@@ -151,7 +152,7 @@ def _misfit(problem: Problem) -> Misfit:
         state = few.start()
     except BadInput:
         nothing = Trial(np.inf, np.nan, np.nan, np.inf)
-        found = _sure(problem, nothing)
+        found = _sure(problem, nothing) or _other_zeros(problem)
         if not found:
             raise
         return Misfit(np.inf, np.nan, np.nan, np.nan, np.nan, 0, 0, found)
@@ -167,6 +168,7 @@ def _misfit(problem: Problem) -> Misfit:
         if not found:
             before = distances(few, state).times(keep)
             after = distances(few, _after_trial(few, state, keep)).times(keep)
+            found = _other_zeros(problem) if after > TELLING else ()
     return Misfit(times, position, rotation, before, after, lost, rows, found)
 
 
@@ -211,6 +213,10 @@ def _sure(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
     return tuple(m for m in _misreadings(problem, whole) if m.noise_after <= TELLING)
 
 
+def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:
+    return tuple(m for d in problem.datasets for m in other_zeros(d, problem.mechanism))
+
+
 def _misreadings(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
     """Return how the data sets that do not fit the machine are to be read.
 
@@ -245,6 +251,8 @@ def trial(problem: Problem, lands: float = np.inf) -> Trial:
     times = explained_distances(few, state).times(keep)
     if times > lands:
         return Trial(times, *_medians(few, state), np.inf)
+    # values typed wrong are no sign of how a file is to be read
+    keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
     end = _after_trial(few, state, keep)
     return Trial(times, *_medians(few, state), distances(few, end).times(keep),
                  _medians(few, end))

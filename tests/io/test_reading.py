@@ -1,4 +1,4 @@
-"""The sidecar's block `read`: each key reads as the rewritten CSV would, each refusal says where."""
+"""The sidecar's block `read`: each key reads as the rewritten CSV; each refusal says where."""
 
 from __future__ import annotations
 
