@@ -45,6 +45,8 @@ TELLING = 2.0
 """A fit that leaves more than this times the noise is worth a look at other readings."""
 LOST = 0.5
 """More rows than this part without a pose are doubted too."""
+PARTS = 3
+"""A third of the rows, the first or the last, is looked at alone where nothing explains all."""
 MEND = ("Check the order and signs of the q columns, their units, and how the rotation is written "
         "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). If the "
         "machine really is that far from its nominal geometry, give larger tolerances")
@@ -169,6 +171,8 @@ def _misfit(problem: Problem) -> Misfit:
             before = distances(few, state).times(keep)
             after = distances(few, _after_trial(few, state, keep)).times(keep)
             found = _other_zeros(problem) if after > TELLING else ()
+            if not found and _right_in_part(problem):
+                before = after = float("nan")
     return Misfit(times, position, rotation, before, after, lost, rows, found)
 
 
@@ -211,6 +215,26 @@ def refuse_small_misreading(fit: Fit) -> None:
 def _sure(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
     """Return the readings with which the data sets come to the noise."""
     return tuple(m for m in _misreadings(problem, whole) if m.noise_after <= TELLING)
+
+
+def _right_in_part(problem: Problem) -> bool:
+    """Whether the first or the last rows alone fit: then something happened in between.
+
+    What is read wrongly is wrong from the first row to the last.
+    """
+    for data in problem.datasets:
+        rows = np.arange(len(data))
+        for part in () if data.frame.same_as else np.array_split(rows, PARTS)[::PARTS - 1]:
+            few = _few(_toleranced(replace(problem, datasets=(data.take(part),), pivots=None,
+                                           given=None, earlier=None)))
+            try:
+                state = few.start()
+            except PpmcalError:
+                continue
+            keep = [finite_rows(p) for p in state.poses]
+            if keep[0].mean() > LOST and explained_distances(few, state).times(keep) <= DOUBTED:
+                return True
+    return False
 
 
 def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:
