@@ -11,6 +11,7 @@ from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.mistakes import Mistake, with_line
 from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.stale_rows import stale
+from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -92,8 +93,15 @@ def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Misread
 
 
 def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
-    """Return joints that most rows have outside their limits: counted from another zero."""
-    most = {name for name, outside in _outside(data, mechanism) if outside.mean() > 0.5}
+    """Return joints that most rows have outside their limits: counted from another zero.
+
+    Where home is outside too it is the limits that are wrong, and no joint is blamed.
+    """
+    low, high = mechanism.limits.T
+    home = home_state(mechanism).q
+    inside = {f"q_{a}" for a, within in zip(
+        mechanism.actuators, (low <= home) & (home <= high), strict=True) if within}
+    most = {name for name, outside in _outside(data, mechanism) if outside.mean() > 0.5} & inside
     return tuple(m for m in plain_mistakes(data, mechanism)
                  if m.mistakes[0].kind == "outside-limits" and set(m.mistakes[0].columns) <= most)
 
