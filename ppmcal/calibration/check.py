@@ -139,7 +139,8 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
                      for m in misreadings]
         if found.misread and not misreadings:
             findings.append(f"{found.sentence(mechanism.units)}. {MEND}.")
-    listed = (*misreadings, *(m for d in datasets for m in plain_mistakes(d, mechanism)))
+    listed = (*misreadings, *(m for d in datasets
+                              for m in plain_mistakes(d, mechanism, misreadings)))
     rank, columns = 0, 0
     unseen: tuple[str, ...] = ()
     redundant: tuple[str, ...] = ()

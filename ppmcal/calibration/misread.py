@@ -49,5 +49,9 @@ def mend_of(found: Sequence[Misreading]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
     blocks = [json.dumps(m.block).replace('"', "") for m in found if m.block is not None]
     if not blocks:
-        return "Correct the mechanism file"
+        beyond = [c for m in found for x in m.mistakes if x.kind == "outside-limits"
+                  for c in x.columns]
+        return ("Correct the mechanism file" if not beyond else
+                f"Correct the zero of {', '.join(beyond)}: its offset in the mechanism file, or "
+                "the column; or the limits, if they are wrong")
     return "Write into the sidecar: " + "; ".join(f"`read: {b}`" for b in blocks)

@@ -22,6 +22,7 @@ from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.negative_struts import negative_struts, with_positive_struts
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.outliers import Distances, distances, huber_weights
+from ppmcal.calibration.plain_mistakes import other_zeros
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import NOISE, Misreading, Trial, find_misreading
 from ppmcal.calibration.small_misreading import find_small_misreading
@@ -44,6 +45,8 @@ TELLING = 2.0
 """A fit that leaves more than this times the noise is worth a look at other readings."""
 LOST = 0.5
 """More rows than this part without a pose are doubted too."""
+PARTS = 3
+"""A third of the rows, the first or the last, is looked at alone where nothing explains all."""
 MEND = ("Check the order and signs of the q columns, their units, and how the rotation is written "
         "(rotation vector rx, ry, rz; quaternion x, y, z, w; from platform to base). If the "
         "machine really is that far from its nominal geometry, give larger tolerances")
@@ -151,7 +154,7 @@ def _misfit(problem: Problem) -> Misfit:
         state = few.start()
     except BadInput:
         nothing = Trial(np.inf, np.nan, np.nan, np.inf)
-        found = _sure(problem, nothing)
+        found = _sure(problem, nothing) or _other_zeros(problem)
         if not found:
             raise
         return Misfit(np.inf, np.nan, np.nan, np.nan, np.nan, 0, 0, found)
@@ -167,6 +170,9 @@ def _misfit(problem: Problem) -> Misfit:
         if not found:
             before = distances(few, state).times(keep)
             after = distances(few, _after_trial(few, state, keep)).times(keep)
+            found = _other_zeros(problem) if after > TELLING else ()
+            if not found and _right_in_part(problem):
+                before = after = float("nan")
     return Misfit(times, position, rotation, before, after, lost, rows, found)
 
 
@@ -211,6 +217,30 @@ def _sure(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
     return tuple(m for m in _misreadings(problem, whole) if m.noise_after <= TELLING)
 
 
+def _right_in_part(problem: Problem) -> bool:
+    """Whether the first or the last rows alone fit: then something happened in between.
+
+    What is read wrongly is wrong from the first row to the last.
+    """
+    for data in problem.datasets:
+        rows = np.arange(len(data))
+        for part in () if data.frame.same_as else np.array_split(rows, PARTS)[::PARTS - 1]:
+            few = _few(_toleranced(replace(problem, datasets=(data.take(part),), pivots=None,
+                                           given=None, earlier=None)))
+            try:
+                state = few.start()
+            except PpmcalError:
+                continue
+            keep = [finite_rows(p) for p in state.poses]
+            if keep[0].mean() > LOST and explained_distances(few, state).times(keep) <= DOUBTED:
+                return True
+    return False
+
+
+def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:
+    return tuple(m for d in problem.datasets for m in other_zeros(d, problem.mechanism))
+
+
 def _misreadings(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
     """Return how the data sets that do not fit the machine are to be read.
 
@@ -245,6 +275,8 @@ def trial(problem: Problem, lands: float = np.inf) -> Trial:
     times = explained_distances(few, state).times(keep)
     if times > lands:
         return Trial(times, *_medians(few, state), np.inf)
+    # values typed wrong are no sign of how a file is to be read
+    keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
     end = _after_trial(few, state, keep)
     return Trial(times, *_medians(few, state), distances(few, end).times(keep),
                  _medians(few, end))

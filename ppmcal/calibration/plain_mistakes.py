@@ -9,10 +9,10 @@ import numpy as np
 
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.mistakes import Mistake, with_line
-from ppmcal.calibration.negative_struts import negative_struts
 from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.stale_rows import stale
-from ppmcal.linalg import Array
+from ppmcal.kinematics.inverse import home_state
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
@@ -68,23 +68,49 @@ def refuse_wrong_units(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Non
         raise Misread.of(found, mechanism.units)
 
 
-def plain_mistakes(data: Dataset, mechanism: Mechanism) -> Iterator[Misreading]:
-    """Yield mistakes that findings at the border name already: no other reading explains more."""
+def plain_mistakes(data: Dataset, mechanism: Mechanism, others: Sequence[Misreading] = ()
+                   ) -> Iterator[Misreading]:
+    """Yield mistakes that show without a fit.
+
+    ``others``: misreadings that a search has found; joints outside their limits are not told of
+    columns that one of them concerns, which is why they are outside.
+    """
     nothing: tuple[str, float, float, float] = ("length", np.nan, np.nan, np.nan)
     for mistake in stale(replace(data, unusable=None), mechanism)[1]:
         yield Misreading(data.source, (mistake,), None, *nothing)
     for mistake, column, unit in recorded_units(data, mechanism):
         yield Misreading(data.source, (mistake,), with_line(data, "units", {column: unit}),
                          *nothing)
-    turned = {c for m in negative_struts(data, mechanism) for c in m.columns}
-    for i, name in enumerate(mechanism.actuators):
-        if f"q_{name}" in turned:
+    told = {c for other in others if other.source == data.source for m in other.mistakes
+            for c in m.columns}
+    for name, outside in _outside(data, mechanism):
+        if name in told:
             continue
+        rows = tuple(int(n) for n in data.rows[outside])
+        yield Misreading(data.source, (Mistake(
+            "outside-limits", (name,), f"{name} is outside its limits in "
+            f"{counted(len(rows), 'row')}", rows),), None, *nothing)
+
+
+def other_zeros(data: Dataset, mechanism: Mechanism) -> tuple[Misreading, ...]:
+    """Return joints that most rows have outside their limits: counted from another zero.
+
+    Where home is outside too it is the limits that are wrong, and no joint is blamed.
+    """
+    low, high = mechanism.limits.T
+    home = home_state(mechanism).q
+    inside = {f"q_{a}" for a, within in zip(
+        mechanism.actuators, (low <= home) & (home <= high), strict=True) if within}
+    most = {name for name, outside in _outside(data, mechanism) if outside.mean() > 0.5} & inside
+    return tuple(m for m in plain_mistakes(data, mechanism)
+                 if m.mistakes[0].kind == "outside-limits" and set(m.mistakes[0].columns) <= most)
+
+
+def _outside(data: Dataset, mechanism: Mechanism) -> Iterator[tuple[str, Bools]]:
+    """Yield joint columns that leave their limits, and in which rows (N,)."""
+    for i, name in enumerate(mechanism.actuators):
         low, high = mechanism.limits[i]
         with np.errstate(invalid="ignore"):
             outside = (data.q[:, i] < low) | (data.q[:, i] > high)
         if outside.any():
-            rows = tuple(int(n) for n in data.rows[outside])
-            yield Misreading(data.source, (Mistake(
-                "outside-limits", (f"q_{name}",), f"q_{name} is outside its limits in "
-                f"{counted(len(rows), 'row')}", rows),), None, *nothing)
+            yield f"q_{name}", outside

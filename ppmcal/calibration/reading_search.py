@@ -139,12 +139,14 @@ class _Scene:
         first = np.concatenate([
             self._registered(c[i:i + CHUNK], place[p[i:i + CHUNK]], 2, with_target)[0]
             for i in range(0, len(c), CHUNK)])
-        some = np.argsort(first, kind="stable")[:LONGLIST]
+        # a reading that makes everything small leaves little, and explains no more
+        sizes = self._sizes()
+        some = np.argsort(first / sizes[c], kind="stable")[:LONGLIST]
         c, p = c[some], p[some]
         median, frames = self._registered(c, place[p], ROUNDS, with_target)
         turned: dict[str, Array] = {}
         out = []
-        for f in np.argsort(median, kind="stable")[:BEST_PAIRS]:
+        for f in np.argsort(median / sizes[c], kind="stable")[:BEST_PAIRS]:
             pose = poses[p[f]]
             own = [pose] if pose.inverse else [combined(pose, r) for r in rotations]
             if pose.inverse:
@@ -154,7 +156,7 @@ class _Scene:
                     turned[pose.mirror] = np.stack([self._read(r)[1] for r in own])
                 seen = turned[pose.mirror]
             angles = self._rotation_misses(frames[f] @ self.turns[c[f]], seen)
-            out += [self._one(int(c[f]), t, float(median[f]), float(a))
+            out += [self._one(int(c[f]), t, float(median[f]), float(a), float(sizes[c[f]]))
                     for t, a in zip(own, angles, strict=True)]
         return out
 
@@ -162,14 +164,18 @@ class _Scene:
         data = self.data
         return pose.of(data.position, data.rotation, data.units, data.convention, self.planar)
 
-    def _one(self, c: int, pose: PoseReading, position: float, rotation: float) -> Scored:
+    def _sizes(self) -> Array:
+        """Return how far half of the predicted origins are from their middle, m (C,)."""
+        middle = np.nanmedian(self.origins, axis=1, keepdims=True)
+        away = np.nanmedian(np.linalg.norm(self.origins - middle, axis=-1), axis=1)
+        return np.asarray(np.maximum(away, 1e-12))
+
+    def _one(self, c: int, pose: PoseReading, position: float, rotation: float, size: float
+             ) -> Scored:
         angle = 0.0 if np.isnan(rotation) else rotation
         score = float(np.hypot(position, self.mechanism.length_scale * angle))
-        # a reading that makes everything small leaves little, and explains no more
-        size = float(np.nanmedian(np.linalg.norm(
-            self.origins[c] - np.nanmedian(self.origins[c], axis=0), axis=-1)))
         return Scored(FileReading(self.joints[c], pose, self.shift), position, rotation,
-                      score / max(size, 1e-12))
+                      score / size)
 
     def _registered(self, c: Index, b: Array, rounds: int, with_target: bool
                     ) -> tuple[Array, Array]:

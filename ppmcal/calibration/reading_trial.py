@@ -18,7 +18,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.reading_search import Scored, search_readings
 from ppmcal.calibration.readings import FileReading
 from ppmcal.errors import PpmcalError
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.scaled_points import other_radii
 
 AMONG_BEST = 2.5
 """Readings whose median miss is within this of the least are fitted,"""
@@ -31,7 +31,9 @@ NOISE = "times the noise"
 FALLS = 4.0
 """A reading has to lower the gap by this factor."""
 LANDS = 5.0
-"""And to leave no more than so many times what noise and tolerances explain."""
+"""And to leave no more than so many times what noise and tolerances explain,"""
+LEFT = 0.05
+"""and no more than this part of how far the measurements go."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def find_misreading(problem: Problem, index: int, as_read: Trial, judge: Judge
         return None
     alone = replace(problem, datasets=(data,), pivots=None, given=None, earlier=None)
     good: list[Found] = []
-    for ways in (_other_readings(alone), _other_machines(alone)):
+    for ways in (_other_readings(alone), other_machines(alone)):
         good = [g for g in _judged(ways, judge) if g[2].times * FALLS <= as_read.times]
         if good:
             break
@@ -147,34 +149,31 @@ def _judged(ways: Iterable[Way], judge: Judge) -> list[Found]:
             found = judge(problem, LANDS)
         except (PpmcalError, np.linalg.LinAlgError):
             continue
-        if found.times <= LANDS:
+        if found.times <= LANDS and _tells(problem, found):
             out.append((reading, what, found))
             if found.after <= AS_GOOD:
                 break
     return out
 
 
-def _other_machines(alone: Problem) -> Iterator[Way]:
+def _tells(alone: Problem, found: Trial) -> bool:
+    """Whether what is left is little beside how far the measurements go.
+
+    In a unit that makes everything small, noise and tolerances explain anything.
+    """
+    data = alone.datasets[0]
+    for values, left in zip((data.position, data.rotation), found.left, strict=True):
+        known = values[:, np.isfinite(values).any(axis=0)]
+        if known.size and np.isfinite(left):
+            away = np.linalg.norm(known - np.nanmedian(known, axis=0), axis=1)
+            if left <= LEFT * float(np.nanmedian(away)):
+                return True
+    return not np.isfinite(found.left).any()
+
+
+def other_machines(alone: Problem) -> Iterator[Way]:
     """Yield machines whose file gives a diameter for a radius, or the reverse."""
-    for ends in (("base",), ("platform",), ("base", "platform")):
-        for factor, given, meant in ((0.5, "diameter", "radius"), (2.0, "radius", "diameter")):
-            machine = _scaled(alone.mechanism, ends, factor)
-            if machine is None:
-                continue
-            text = (f"{alone.mechanism.source}: the {' and '.join(ends)} points are "
-                    f"{1.0 / factor:g} times as far out as the measurements say: a {given} for a "
-                    f"{meant}?")
-            what = (Mistake("radius", tuple(f"{e}.point" for e in ends), text),)
-            yield None, what, replace(alone, mechanism=machine, free=machine.free)
-
-
-def _scaled(mechanism: Mechanism, ends: Sequence[str], factor: float) -> Mechanism | None:
-    """Return the machine with the joints of its base or platform farther out or further in."""
-    parameters, found = [], False
-    for p in mechanism.parameters:
-        mine = any(f"{end}.point." in p.name for end in ends) and p.name.rsplit(".", 1)[-1] in (
-            "x", "y", "radius")
-        found |= mine and p.value != 0.0
-        parameters.append(replace(p, value=factor * p.value, nominal=factor * p.nominal)
-                          if mine else p)
-    return replace(mechanism, parameters=tuple(parameters)) if found else None
+    for machine, ends, words in other_radii(alone.mechanism):
+        text = f"{alone.mechanism.source}: {words.format(reason='the measurements say')}"
+        what = (Mistake("radius", tuple(f"{e}.point" for e in ends), text),)
+        yield None, what, replace(alone, mechanism=machine, free=machine.free)

@@ -24,7 +24,14 @@ from ppmcal.calibration.reading_candidates import (
     whole_pose_readings,
 )
 from ppmcal.calibration.reading_search import SHIFTS, search_readings
-from ppmcal.calibration.reading_trial import Judge, Misreading, Trial, telling
+from ppmcal.calibration.reading_trial import (
+    Judge,
+    Misreading,
+    Trial,
+    Way,
+    other_machines,
+    telling,
+)
 from ppmcal.calibration.readings import FileReading, JointReading
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array, Bools, range_basis, subsample
@@ -38,6 +45,9 @@ FITTED = 4
 """the best so many of them."""
 HALF, AT_NOISE = 0.5, 1.6
 """It is right where its fit leaves at most this part, and no more than this times the noise."""
+NEAR = 2.0
+"""A way that leaves more than so many times what noise and tolerances explain, and more than the
+present one, is not worth a fit."""
 RANK = 1e-9
 
 
@@ -52,26 +62,33 @@ def find_small_misreading(fit: Fit, index: int, judge: Judge) -> Misreading | No
     data, mechanism = fit.problem.datasets[index], fit.problem.mechanism
     if data.kind in SCALARS or data.commanded is not None or data.frame.same_as:
         return None
-    best = list(dict.fromkeys([*(r for _, r in _screened(fit, index)), *_likely(mechanism, data)]))
-    if not best:
-        return None
     problem = replace(fit.problem, earlier=None)
     as_read = _judged(problem, judge)
-    found: list[tuple[FileReading, Trial]] = []
+    if as_read is None:
+        return None
+    found: list[tuple[Way, Trial]] = []
+    for way in (*_ways(fit, index), *other_machines(problem)):
+        left = _judged(way[2], judge, max(NEAR, as_read.times))
+        if left is not None and left.after <= min(AT_NOISE, HALF * as_read.after):
+            found.append((way, left))
+    if not found:
+        return None
+    (reading, what, _), left = min(
+        found, key=lambda f: (round(f[1].after, 1), f[0][0].parts if f[0][0] else len(f[0][1])))
+    block = None if reading is None else read_block(reading, mechanism, data)
+    return Misreading(data.source, what, block, *telling(as_read.left, left.left), left.after)
+
+
+def _ways(fit: Fit, index: int) -> Iterator[Way]:
+    """Yield the readings of one data set that are worth a fit."""
+    data, mechanism = fit.problem.datasets[index], fit.problem.mechanism
+    best = dict.fromkeys([*(r for _, r in _screened(fit, index)), *_likely(mechanism, data)])
     for reading in best:
         other = reading.of(data, mechanism.joint_factors(data.units),
                            mechanism.motion == "planar")
-        datasets = [other if i == index else d for i, d in enumerate(problem.datasets)]
-        left = _judged(replace(problem, datasets=tuple(datasets), given=None), judge)
-        if left is not None and as_read is not None and left.after <= min(
-                AT_NOISE, HALF * as_read.after):
-            found.append((reading, left))
-    if not found or as_read is None:
-        return None
-    reading, left = min(found, key=lambda f: (round(f[1].after, 1), f[0].parts))
-    return Misreading(data.source, mistakes(reading, mechanism, data),
-                      read_block(reading, mechanism, data),
-                      *telling(as_read.left, left.left), left.after)
+        datasets = tuple(other if i == index else d for i, d in enumerate(fit.problem.datasets))
+        yield reading, mistakes(reading, mechanism, data), replace(
+            fit.problem, datasets=datasets, given=None, earlier=None)
 
 
 def _likely(mechanism: Mechanism, data: Dataset) -> list[FileReading]:
@@ -81,9 +98,9 @@ def _likely(mechanism: Mechanism, data: Dataset) -> list[FileReading]:
     return [s.reading for s in found if s.reading.parts and s.score < HALF * now][:FITTED]
 
 
-def _judged(problem: Problem, judge: Judge) -> Trial | None:
+def _judged(problem: Problem, judge: Judge, lands: float = np.inf) -> Trial | None:
     try:
-        return judge(problem, np.inf)
+        return judge(problem, lands)
     except (PpmcalError, np.linalg.LinAlgError):
         return None
 

@@ -262,15 +262,23 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "is too large, in a wrong unit perhaps, so intervals are too wide"
                    + (" and the data count too little against the tolerances" if fit.prior.any()
                       else "") + "; correct it, or use --sigma estimated")
-    far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
-                 if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance))
-    if far and -far[0][0] > IMPLAUSIBLE:
-        words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])
-        out.append(f"more than {IMPLAUSIBLE:.0f} tolerances from nominal: {words}; the nominal "
-                   "values, the units or the data are wrong there")
+    far = far_from_nominal(found)
+    if far:
+        out.append(far)
     if fit.stopped:
         out.append(f"the fit was stopped {fit.stopped}: what these data see weakly is still near "
                    "its nominal value, which the intervals do not count")
     elif not fit.converged:
         out.append(f"the fit had not converged after {fit.iterations} iterations")
     return tuple(out)
+
+
+def far_from_nominal(found: Sequence[Estimate]) -> str:
+    """Return the parameters that end so far from nominal that something is wrong, in words."""
+    far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
+                 if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance))
+    if not far or -far[0][0] <= IMPLAUSIBLE:
+        return ""
+    words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])
+    return (f"more than {IMPLAUSIBLE:.0f} tolerances from nominal: {words}; the nominal "
+            "values, the units or the data are wrong there")

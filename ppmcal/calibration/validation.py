@@ -129,7 +129,7 @@ def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
              ) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures on poses that a fit of the others had not seen, and how it was done.
 
-    Rows not in ``keep`` (outliers of the fit to everything) do not count in the figures;
+    Rows not in ``keep`` (outliers of the fit to everything) count in neither fit nor figures;
     ``noise``: factor on the stated one, as in the fit to everything.
     """
     out = split(problem.datasets, fraction, seed)
@@ -137,8 +137,8 @@ def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
                for o, d in zip(out, problem.datasets, strict=True))
     if sum(int(o.sum()) for o in out) == 0 or rest < 1.2 * len(problem.columns):
         return {}, "too few poses to hold any out"
-    part = replace(problem, datasets=tuple(d.take(~o) for d, o in
-                                           zip(problem.datasets, out, strict=True)))
+    part = replace(problem, datasets=tuple(_only(d, k).take(~o) for d, k, o in
+                                           zip(problem.datasets, keep, out, strict=True)))
     fit = with_noise(identify(part, options), noise, options)
     fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
                                             zip(problem.datasets, out, strict=True)))
@@ -148,6 +148,14 @@ def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
     figures = residuals(fresh, state).figures(rows)
     return figures, (f"{fraction:.0%} of the poses (seed {seed}) kept out of a fit of the others; "
                      "the final fit uses all")
+
+
+def _only(data: Dataset, keep: Bools) -> Dataset:
+    """Return the data with all other rows marked unusable."""
+    reasons = data.unusable or ("",) * len(data)
+    return replace(data, unusable=tuple(
+        reason or ("" if k else "left out of the fit to everything")
+        for reason, k in zip(reasons, keep, strict=True)))
 
 
 def fresh_state(problem: Problem, fitted: State) -> State:

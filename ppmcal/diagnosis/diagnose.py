@@ -17,7 +17,7 @@ from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import report
+from ppmcal.calibration.summary import far_from_nominal, report
 from ppmcal.calibration.validation import split
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
@@ -116,6 +116,11 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     if final is None or not named:
         final = whole
     reported = report(final, options.fit, 0.0, options.seed)
+    far = "" if named else far_from_nominal(reported.estimates)
+    if far:
+        told.append(far)
+        # a geometry that nobody has built absorbs whatever is wrong
+        verdict = "unnamed" if verdict == "none" else verdict
     return Diagnosis(
         verdict, effects if named else (), tables.possible(found, effects, verdict), left, start,
         gap, _places(found, named, options.seed),

@@ -20,6 +20,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.limbs.chain import U
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.scaled_points import other_radii
 
 SURFACE_TOLERANCE = 1e-6
 """A full pose may miss the machine's surface by this part of its reach."""
@@ -166,7 +167,7 @@ def home_state(mechanism: Mechanism) -> HomeState:
                 f"the home pose cannot be reached by limb '{limb.name}' ({limb.kind.name}): "
                 f"it misses by about {missing[0] / factor:.4g} {mechanism.units.length}",
                 f"{mechanism.source}: home", "Check the limb's points and lengths, the home "
-                "pose and the units.")
+                f"pose and the units.{_radius_hint(mechanism)}")
         candidates = np.array([to_joint(model, i, roots[:, j])[0] for j in range(2)])
         side = _choose(mechanism, i, candidates)
         candidates = _wrap(mechanism, limb.actuator, candidates, mechanism.home_q[limb.actuator])
@@ -174,6 +175,17 @@ def home_state(mechanism: Mechanism) -> HomeState:
         if np.isnan(q[limb.actuator]):
             q[limb.actuator] = candidates[side]
     return HomeState(q, tuple(chosen))
+
+
+def _radius_hint(mechanism: Mechanism) -> str:
+    """Return that a diameter stands for a radius, where home could be reached otherwise."""
+    for machine, _, words in other_radii(mechanism):
+        model = Model(machine)
+        if all(np.isfinite(limb_roots(model, i, machine.home[None])[0]).all()
+               for i in range(len(machine.limbs))):
+            said = words.format(reason="this home pose allows")
+            return f" {said[0].upper()}{said[1:]}"
+    return ""
 
 
 def _choose(mechanism: Mechanism, index: int, candidates: Array) -> int:

@@ -24,10 +24,15 @@ from helpers.mistakes import (
     turned,
 )
 from scipy.spatial.transform import Rotation
+from wild import catalogue
 
-from ppmcal.api.inputs import load, read_data, shipped
+from ppmcal.api.inputs import load, prepared, read_data, shipped
+from ppmcal.calibration.check import check
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.identify import identify
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import misfit, refuse_misread
+from ppmcal.calibration.misreading import misfit, refuse_misread, refuse_small_misreading
+from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.readings import (
     FileReading,
@@ -36,6 +41,9 @@ from ppmcal.calibration.readings import (
     understood,
     written,
 )
+from ppmcal.calibration.validation import held_out, residuals
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.rotations import ORDERS
 from ppmcal.kinematics.tables import inverse_table
@@ -340,3 +348,98 @@ def _planar_data(machine: Mechanism, pose: Array) -> Dataset:
     good = np.array([s == "ok" for s in table.status])
     data = Dataset.of_poses("made", table.q[good], full[good], (1e-5, 1e-5), fitted=True)
     return replace(data, units=machine.units)
+
+
+# --- campaigns of other machines, from the simulator of mistakes ---------------------------------
+
+def campaign(folder: Path, case: str, machine: str, rows: int = 60, eta: float = 1.0) -> Problem:
+    """Write a campaign of `benchmarks/wild` and read it."""
+    catalogue.write(case, machine, rows, 1, folder, eta)
+    mechanism, datasets = prepared(folder / "mechanism.yaml", [folder / "data.csv"])
+    return Problem(mechanism, datasets, mechanism.free)
+
+
+@pytest.mark.parametrize("case", ["joint-unit-all", "position-unit"])
+def test_a_unit_that_makes_everything_small_explains_nothing(tmp_path: Path, case: str) -> None:
+    """A linear delta looks the same at any height: a campaign of micrometres fits it anywhere."""
+    found = misfit(campaign(tmp_path, case, "delta-linear")).readings
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert [f.block for f in found] == [truth["mend"]]
+
+
+@pytest.mark.parametrize("machine", ["3-RRR", "hexapod"])
+def test_another_zero_is_named_where_no_row_has_a_pose(tmp_path: Path, machine: str) -> None:
+    problem = campaign(tmp_path, "outside-limits", machine)
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    with pytest.raises(Misread) as refused:
+        refuse_misread(problem)
+    (mistake,) = refused.value.found[0].mistakes
+    assert (mistake.kind, list(mistake.columns)) == (
+        "outside-limits", truth["mistakes"][0]["columns"])
+    assert "Correct the zero of" in refused.value.mend
+
+
+def test_limits_are_not_told_beside_what_explains_them(tmp_path: Path) -> None:
+    problem = campaign(tmp_path, "sign-all", "3-RRR")
+    found = check(problem.mechanism, problem.datasets).misreadings
+    assert [m.kind for f in found for m in f.mistakes] == ["sign"]
+    alone = [m.kind for f in plain_mistakes(problem.datasets[0], problem.mechanism)
+             for m in f.mistakes]
+    assert "outside-limits" in alone
+
+
+def test_a_diameter_is_named_where_home_cannot_be_reached(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="cannot be reached") as refused:
+        misfit(campaign(tmp_path, "radius-base", "3-RRR"))
+    assert "base points are twice as far out" in refused.value.mend
+    assert "a diameter for a radius?" in refused.value.mend
+
+
+def test_a_diameter_that_tolerances_hide_is_named_by_what_the_fit_leaves(tmp_path: Path) -> None:
+    problem = campaign(tmp_path, "radius-platform", "crank-hexapod", 120)
+    assert not misfit(problem).misread
+    with pytest.raises(Misread, match="the platform points are twice as far out") as refused:
+        refuse_small_misreading(identify(problem))
+    assert refused.value.found[0].block is None
+
+
+def test_values_typed_wrong_do_not_hide_swapped_columns(tmp_path: Path) -> None:
+    found = misfit(campaign(tmp_path, "swapped-and-typos", "hexapod", 120)).readings
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert [f.block for f in found] == [truth["mend"]]
+
+
+def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
+    """A drive that slipped a turn: half of the rows are off by millimetres, the first are right."""
+    found = misfit(campaign(tmp_path, "slip-turn", "3-RRR", 120, 3.0))
+    assert found.times > 5.0 and not found.misread
+
+
+def test_a_geometry_that_absorbs_another_machine_is_not_fine(tmp_path: Path) -> None:
+    problem = campaign(tmp_path, "other-machine", "delta-linear")
+    said = diagnose(problem, DiagnosisOptions(draws=300))
+    assert said.verdict == "unnamed"
+    assert any("tolerances from nominal" in f for f in said.findings)
+
+
+@pytest.mark.parametrize("machine", ["3-RPR", "delta-rotary"])
+def test_rows_out_of_order_do_not_keep_the_held_out_fit_from_ending(tmp_path: Path, machine: str
+                                                                    ) -> None:
+    """A third of the rows is wrong: what the fit left out, that of the others leaves out too."""
+    problem = campaign(tmp_path, "shuffled", machine, 120)
+    fit = identify(problem)
+    figures, _ = held_out(problem, FitOptions(), 0.2, 0, fit.keep)
+    inside = residuals(problem, fit.state).figures(fit.keep)
+    assert figures["position"]["rms"] < 2.0 * inside["position"]["rms"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", ["3-RRR", "delta-linear", "hexapod", "crank-hexapod"])
+@pytest.mark.parametrize("case", ["none", "gross-10", "homed-one", "play-all", "gain-one",
+                                  "backlash-and-heat"])
+def test_right_files_are_read_as_they_are(tmp_path: Path, case: str, machine: str) -> None:
+    if machine not in catalogue.CASES[case].machines:
+        pytest.skip("cannot happen to it")
+    problem = campaign(tmp_path, case, machine, 120, 3.0)
+    assert not misfit(problem).misread
+    refuse_small_misreading(identify(problem))

@@ -1,0 +1,34 @@
+"""Machines whose file gives a diameter for a radius, or the reverse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from ppmcal.model.mechanism import Mechanism
+
+
+def other_radii(mechanism: Mechanism) -> Iterator[tuple[Mechanism, tuple[str, ...], str]]:
+    """Yield machines with base, platform or both half or twice as wide: machine, ends, in words."""
+    for ends in (("base",), ("platform",), ("base", "platform")):
+        for factor, given, meant in ((0.5, "diameter", "radius"), (2.0, "radius", "diameter")):
+            machine = scaled_points(mechanism, ends, factor)
+            if machine is not None:
+                far = "twice" if factor < 1.0 else "half"
+                yield machine, ends, (f"the {' and '.join(ends)} points are {far} as far out as "
+                                      "{reason}: " + f"a {given} for a {meant}?")
+
+
+def scaled_points(mechanism: Mechanism, ends: Sequence[str], factor: float) -> Mechanism | None:
+    """Return the machine with the joints of its base or platform farther out or further in.
+
+    None where no point of them is off the z axis. ``ends``: base, platform.
+    """
+    parameters, found = [], False
+    for p in mechanism.parameters:
+        mine = any(f"{end}.point." in p.name for end in ends) and p.name.rsplit(".", 1)[-1] in (
+            "x", "y", "radius")
+        found |= mine and p.value != 0.0
+        parameters.append(replace(p, value=factor * p.value, nominal=factor * p.nominal)
+                          if mine else p)
+    return replace(mechanism, parameters=tuple(parameters)) if found else None
