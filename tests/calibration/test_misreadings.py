@@ -367,6 +367,7 @@ def test_a_unit_that_makes_everything_small_explains_nothing(tmp_path: Path, cas
     assert [f.block for f in found] == [truth["mend"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", ["3-RRR", "hexapod"])
 def test_another_zero_is_named_where_no_row_has_a_pose(tmp_path: Path, machine: str) -> None:
     problem = campaign(tmp_path, "outside-limits", machine)
@@ -395,6 +396,7 @@ def test_a_diameter_is_named_where_home_cannot_be_reached(tmp_path: Path) -> Non
     assert "a diameter for a radius?" in refused.value.mend
 
 
+@pytest.mark.slow
 def test_a_diameter_that_tolerances_hide_is_named_by_what_the_fit_leaves(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "radius-platform", "crank-hexapod", 120)
     assert not misfit(problem).misread
@@ -403,12 +405,14 @@ def test_a_diameter_that_tolerances_hide_is_named_by_what_the_fit_leaves(tmp_pat
     assert refused.value.found[0].block is None
 
 
+@pytest.mark.slow
 def test_values_typed_wrong_do_not_hide_swapped_columns(tmp_path: Path) -> None:
     found = misfit(campaign(tmp_path, "swapped-and-typos", "hexapod", 120)).readings
     truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
     assert [f.block for f in found] == [truth["mend"]]
 
 
+@pytest.mark.slow
 def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
     """A drive that slipped a turn: half of the rows are off by millimetres, the first are right."""
     found = misfit(campaign(tmp_path, "slip-turn", "3-RRR", 120, 3.0))

@@ -88,6 +88,7 @@ def test_clean_files_fit_exactly(name):
     assert np.abs(fit(run, place, data)).max() < 1e-5  # in sigmas
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_noise_is_what_the_sidecar_says(name):
     world = draw("none", name, 400, 4, 1.0)
@@ -97,6 +98,7 @@ def test_noise_is_what_the_sidecar_says(name):
     assert abs(np.sqrt(np.mean(flat**2)) - 1) < 0.08
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eta", [0.3, 2.0])
 @pytest.mark.parametrize(
     ("case", "machine"), [("backlash-one", "hexapod"), ("play-all", "3-RRR"),
@@ -122,6 +124,7 @@ def check_files(folder, truth):
         assert "e-" not in (folder / name).read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("case", "machine"), ONE_EACH)
 def test_every_case_writes(case, machine, tmp_path):
     truth = write(case, machine, 60, 1, tmp_path, 1.0)
@@ -245,6 +248,7 @@ UNREAD = ("euler-moving-zyx-in-order", "swapped-and-typos")
 MENDED = [n for n, c in CASES.items() if c.group == "mistake" and n not in UNREAD]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", MENDED)
 def test_the_mend_restores_the_file(case):
     for seed in (1, 2):

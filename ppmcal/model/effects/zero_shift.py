@@ -22,8 +22,8 @@ from ppmcal.model.effects.setting import Setting
 
 FEWEST = 3
 """Rows before and after an event."""
-MOST = 400
-"""Onsets that a search tries, evenly spread over more rows; the fit then moves to the row."""
+MOST = 60
+"""Onsets that a search tries, evenly spread; the fit then moves to the row."""
 
 
 def onsets(data: ScanRange) -> list[float]:
