@@ -88,6 +88,7 @@ def test_95_percent_intervals_hold_95_percent(machine: str) -> None:
     assert 2.0 * ndtr(-abs(away)) > ALARM, f"{coverage:.3f} of the parameters are inside"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0.05, 0.001])
 def test_noise_check_seldom_cries_wolf(level: float) -> None:
     p = column("noise_p")

@@ -152,6 +152,7 @@ def test_files_are_sessions_and_per_file_homing_is_not_accused() -> None:
     assert "the homing offset of leg2 shifted in B: by +0." in summary.shift_sentences()[-1]
 
 
+@pytest.mark.slow
 def test_identify_tells_of_a_moved_zero(tmp_path: Path) -> None:
     """In the words of the command and in its JSON."""
     ppmcal("init", "3-RPR", cwd=tmp_path, expect=0)

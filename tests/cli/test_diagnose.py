@@ -164,6 +164,7 @@ def test_a_machine_with_fewer_actuators_than_coordinates(tmp_path: Path) -> None
     assert abs(value(found, "backlash", "width")["value"] - 0.03) < 0.003
 
 
+@pytest.mark.slow
 def test_positions_only(tmp_path: Path) -> None:
     """A retroreflector off the platform's origin, and no rotation."""
     simulate(tmp_path, "3-RPR", [effect("backlash", ["leg2"], width=0.03)], count=40,

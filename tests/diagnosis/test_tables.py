@@ -254,6 +254,7 @@ def test_uncertainty_of_amplitude_and_phase() -> None:
     assert np.degrees(np.angle(zero / zero.mean())).std() > 3.0 * phase.std()
 
 
+@pytest.mark.slow
 def test_amplitude_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     """On the console, and in the report's table."""
     describe(wavy().result, wavy().whole, Console(False, False))
