@@ -118,12 +118,13 @@ def test_a_machine_far_from_nominal_is_no_misreading(seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
-def test_commands_refuse_it_and_write_nothing(tmp_path: Path, command: str) -> None:
+def test_commands_refuse_it_and_write_no_machine(tmp_path: Path, command: str) -> None:
     path = session(tmp_path, MISTAKES["metres for mm"])
     done = ppmcal(command, MACHINE, path, "--out", tmp_path / "out", expect=3)
-    assert "do not fit this machine" in done.err
-    assert "perhaps a factor 1000: mm against m" in done.err
-    assert not (tmp_path / "out").exists()
+    assert "x, y and z are in m, not mm" in done.err
+    assert "`read: {units: {x: m, y: m, z: m}}`" in done.err
+    written = [p.name for p in (tmp_path / "out").glob("[!.]*")]
+    assert written == (["diagnosis.json"] if command == "diagnose" else [])
 
 
 def test_a_fit_that_does_not_converge_above_the_noise_is_no_result(
