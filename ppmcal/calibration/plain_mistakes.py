@@ -13,11 +13,10 @@ from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.calibration.stale_rows import stale
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Bools
-from ppmcal.model.dataset import Dataset
+from ppmcal.model.dataset import ZERO_CELSIUS, Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
 
-ZERO_CELSIUS = 273.15
 WORKSHOP = (-10.0, 45.0)
 """Temperatures, deg C, in which machines are measured."""
 HEAVIEST = 2000.0

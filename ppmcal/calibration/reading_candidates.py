@@ -10,7 +10,7 @@ compared at once (at most 720 orders of 32 signs), before anything is registered
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import permutations, product
 
@@ -206,8 +206,3 @@ def combined(position: PoseReading, rotation: PoseReading) -> PoseReading:
     """Return both readings as one."""
     return replace(position, turn_order=rotation.turn_order, turn_signs=rotation.turn_signs,
                    turn_unit=rotation.turn_unit, rotation=rotation.rotation)
-
-
-def simplest(readings: Sequence[PoseReading]) -> list[PoseReading]:
-    """Return readings sorted by how little they change."""
-    return sorted(readings, key=lambda r: r.parts)

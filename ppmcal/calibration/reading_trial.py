@@ -133,9 +133,8 @@ def _likely(found: Sequence[Scored]) -> list[FileReading]:
 def _other_readings(alone: Problem) -> Iterator[Way]:
     mechanism, data = alone.mechanism, alone.datasets[0]
     for reading in _likely(search_readings(mechanism, data)):
-        other = reading.of(data, mechanism.joint_factors(data.units),
-                           mechanism.motion == "planar")
-        yield reading, mistakes(reading, mechanism, data), replace(alone, datasets=(other,))
+        other = replace(alone, datasets=(reading.of(data, mechanism),))
+        yield reading, mistakes(reading, mechanism, data), other
 
 
 def _judged(ways: Iterable[Way], judge: Judge) -> list[Found]:

@@ -17,10 +17,10 @@ from ppmcal import algebra as cga
 from ppmcal.kinematics.rotations import from_euler, to_euler, to_quaternion
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.units import ANGLES, LENGTHS, TURN, Units
 
-AXES = ("x", "y", "z")
-TURNS = ("rx", "ry", "rz")
+AXES, TURNS = POSE_COORDINATES[:3], POSE_COORDINATES[3:]
 QUATERNIONS = ("quat-xyzw", "quat-wxyz")
 IDENTITY = (0, 1, 2)
 PLUS = (1, 1, 1)
@@ -44,13 +44,12 @@ class JointReading:
         """Return the reading as declared of ``count`` joints."""
         return cls(tuple(range(count)), (1,) * count, ("",) * count)
 
-    def of(self, q: Array, declared: Array, per_unit: Array | float = 1.0) -> Array:
+    def of(self, q: Array, declared: Array) -> Array:
         """Return the joint values (N, k) of a file that was read as ``q``.
 
-        ``declared``: SI value of the declared unit of each joint (k,); ``per_unit``: counts per
-        turn, where that is a unit.
+        ``declared``: SI value of the declared unit of each joint (k,).
         """
-        factors = [s * unit_factor(u, d, per_unit) for s, u, d in
+        factors = [s * unit_factor(u, d) for s, u, d in
                    zip(self.signs, self.units, declared, strict=True)]
         # a column's raw number times the unit of the joint that it now belongs to
         raw = q / declared
@@ -88,11 +87,6 @@ class PoseReading:
     rotation: str = ""
     mirror: str = ""
     inverse: bool = False
-
-    @property
-    def of_position(self) -> PoseReading:
-        """The part of it that positions alone show."""
-        return PoseReading(self.order, self.signs, self.units, mirror=self.mirror)
 
     @property
     def of_rotation(self) -> PoseReading:
@@ -151,24 +145,19 @@ class FileReading:
         """How many things are read in another way."""
         return self.joints.parts + self.pose.parts + (self.shift != 0)
 
-    def of(self, data: Dataset, declared: Array, planar: bool) -> Dataset:
-        """Return a data set read in this way.
-
-        ``declared``: SI value of the declared unit of each joint (k,).
-        """
-        q = self.joints.of(data.q, declared)
+    def of(self, data: Dataset, mechanism: Mechanism) -> Dataset:
+        """Return a data set of a machine read in this way."""
+        q = self.joints.of(data.q, mechanism.joint_factors(data.units))
         position, rotation = self.pose.of(data.position, data.rotation, data.units,
-                                          data.convention, planar)
+                                          data.convention, mechanism.motion == "planar")
         out = replace(data, q=q, position=position, rotation=rotation)
         return shifted_rows(out, self.shift)
 
 
-def unit_factor(unit: str, declared: float, counts: Array | float = 1.0) -> float:
+def unit_factor(unit: str, declared: float) -> float:
     """Return by what a value read in the declared unit (SI value) is multiplied."""
     if not unit:
         return 1.0
-    if unit == "counts":
-        return float(TURN / np.asarray(counts) / declared)
     return ({**LENGTHS, **ANGLES, "turn": TURN}[unit]) / declared
 
 

@@ -84,8 +84,7 @@ def _ways(fit: Fit, index: int) -> Iterator[Way]:
     data, mechanism = fit.problem.datasets[index], fit.problem.mechanism
     best = dict.fromkeys([*(r for _, r in _screened(fit, index)), *_likely(mechanism, data)])
     for reading in best:
-        other = reading.of(data, mechanism.joint_factors(data.units),
-                           mechanism.motion == "planar")
+        other = reading.of(data, mechanism)
         datasets = tuple(other if i == index else d for i, d in enumerate(fit.problem.datasets))
         yield reading, mistakes(reading, mechanism, data), replace(
             fit.problem, datasets=datasets, given=None, earlier=None)
@@ -151,8 +150,7 @@ def _basis(problem: Problem, state: State, keep: Bools) -> tuple[Array, Array]:
 
 def _residual(problem: Problem, state: State, keep: Bools, reading: FileReading) -> Array | None:
     """Return the white residuals (n, m) of the rows ``keep`` read in another way."""
-    data, mechanism = problem.datasets[0], problem.mechanism
-    factors, planar = mechanism.joint_factors(data.units), mechanism.motion == "planar"
+    data = problem.datasets[0]
     if reading.shift:
         at = np.flatnonzero(keep)
         late = at + reading.shift
@@ -161,7 +159,7 @@ def _residual(problem: Problem, state: State, keep: Bools, reading: FileReading)
         problem = replace(problem, given=(problem.environments[0].take(at),))
         state = replace(state, poses=(state.poses[0][at],))
     else:
-        other = reading.of(data, factors, planar)
+        other = reading.of(data, problem.mechanism)
     problem = replace(problem, datasets=(other,))
     parts = [rows.residual for rows in problem.rows(state, False, [keep])]
     return np.concatenate(parts) if parts else None

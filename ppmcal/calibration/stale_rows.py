@@ -77,11 +77,9 @@ def without_stale(datasets: Sequence[Dataset], mechanism: Mechanism) -> tuple[Da
         if not found:
             out.append(data)
             continue
-        reasons = list(data.unusable or [""] * len(data))
-        for n in np.flatnonzero(rows):
-            reasons[n] = reasons[n] or "stale: repeats the row before"
         told = [f"{data.source}: {m.text}: {_numbers(m.rows)}; left out." for m in found]
-        out.append(replace(data, unusable=tuple(reasons), findings=(*data.findings, *told)))
+        out.append(replace(data.without(rows, "stale: repeats the row before"),
+                           findings=(*data.findings, *told)))
     return tuple(out)
 
 

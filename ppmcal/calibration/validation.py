@@ -20,6 +20,8 @@ from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration
 
+LEFT_OUT = "left out of the fit to everything"
+
 
 @dataclass(frozen=True)
 class Residuals:
@@ -137,7 +139,7 @@ def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
                for o, d in zip(out, problem.datasets, strict=True))
     if sum(int(o.sum()) for o in out) == 0 or rest < 1.2 * len(problem.columns):
         return {}, "too few poses to hold any out"
-    part = replace(problem, datasets=tuple(_only(d, k).take(~o) for d, k, o in
+    part = replace(problem, datasets=tuple(d.without(~k, LEFT_OUT).take(~o) for d, k, o in
                                            zip(problem.datasets, keep, out, strict=True)))
     fit = with_noise(identify(part, options), noise, options)
     fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
@@ -148,14 +150,6 @@ def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
     figures = residuals(fresh, state).figures(rows)
     return figures, (f"{fraction:.0%} of the poses (seed {seed}) kept out of a fit of the others; "
                      "the final fit uses all")
-
-
-def _only(data: Dataset, keep: Bools) -> Dataset:
-    """Return the data with all other rows marked unusable."""
-    reasons = data.unusable or ("",) * len(data)
-    return replace(data, unusable=tuple(
-        reason or ("" if k else "left out of the fit to everything")
-        for reason, k in zip(reasons, keep, strict=True)))
 
 
 def fresh_state(problem: Problem, fitted: State) -> State:

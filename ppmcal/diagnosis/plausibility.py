@@ -13,7 +13,7 @@ from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.diagnosis.selection import STARTS, bic, possible
 from ppmcal.diagnosis.stage import Stage
-from ppmcal.model.dataset import STANDARD_GRAVITY
+from ppmcal.model.dataset import PAYLOADS
 from ppmcal.model.effects import find_effect
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
@@ -68,8 +68,7 @@ def _nearest(search: Search, named: Sequence[Hypothesis]) -> list[int]:
 
 
 OTHER_UNITS: Mapping[str, tuple[tuple[str, str, float], ...]] = {
-    "payload": (("units", "g", 1e-3), ("units", "lb", 0.45359237),
-                ("units", "N", 1.0 / STANDARD_GRAVITY)),
+    "payload": tuple(("units", unit, size) for unit, size in PAYLOADS.items() if size != 1.0),
     "dir": (("signs", "-1", -1.0),),
     "vel": (("signs", "-1", -1.0), ("units", "per minute", 1.0 / 60.0)),
 }

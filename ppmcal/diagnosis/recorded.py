@@ -40,7 +40,6 @@ def usable(data: Dataset) -> Bools:
 
 
 def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
-    reasons = list(data.unusable or [""] * len(data))
     columns, findings = dict(data.columns), list(data.findings)
     approach, changed = rows.approach.copy(), False
     needed = _needed(mechanism)
@@ -50,8 +49,7 @@ def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
             continue
         changed = True
         if have >= ENOUGH * len(data) or needed & set(names):
-            for n in np.flatnonzero(~recorded):
-                reasons[n] = reasons[n] or f"{names[0]} is not known here"
+            data = data.without(~recorded, f"{names[0]} is not known here")
             continue
         findings.append(f"{data.name}: {names[0]} is known in {have} of {len(data)} rows only: "
                         "not used")
@@ -62,8 +60,7 @@ def _whole(mechanism: Mechanism, data: Dataset, rows: Environment) -> Dataset:
                 approach[:, mechanism.actuators.index(name.removeprefix("dir_"))] = np.nan
     if not changed:
         return data
-    return replace(data, columns=columns, findings=tuple(findings), unusable=tuple(reasons),
-                   visited=approach)
+    return replace(data, columns=columns, findings=tuple(findings), visited=approach)
 
 
 def _recorded(mechanism: Mechanism, rows: Environment) -> Iterator[tuple[tuple[str, ...], Bools]]:

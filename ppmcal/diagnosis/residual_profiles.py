@@ -19,7 +19,7 @@ from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.problem import Rows
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
-from ppmcal.model.dataset import REFERENCE_TEMPERATURE
+from ppmcal.model.dataset import REFERENCE_TEMPERATURE, ZERO_CELSIUS
 from ppmcal.model.effects import Inputs
 from ppmcal.model.mechanism import Mechanism
 
@@ -27,7 +27,6 @@ MOST_ROWS = 6000
 """Plots show at most so many rows, evenly spread."""
 BINS, FEWEST = 16, 3
 """Bins of a continuous input, and rows that a bin must have."""
-ZERO_CELSIUS = 273.15
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,12 +13,12 @@ from ppmcal.io.csv import Table, refuse_absurd
 from ppmcal.io.pose_fields import COORDINATES, NORM_TOLERANCE, QUATERNION, factors, rotation_vectors
 from ppmcal.io.schema import hint
 from ppmcal.linalg import Array
+from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 ENVIRONMENT = ("temperature", "payload", "time", *WRENCH)
-ZERO_CELSIUS = 273.15
 NOT_MOVED = 1e-12
 _HEXAPOD = {"x1": "x", "y1": "y", "z1": "z", "phix1": "rx", "phiy1": "ry", "phiz1": "rz"}
 _CAPTURE = {**{f"position_{a}": a for a in "xyz"},

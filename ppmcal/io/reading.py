@@ -25,22 +25,21 @@ from ppmcal.calibration.readings import (
 )
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
-from ppmcal.io.measurement_columns import ZERO_CELSIUS, known_columns
+from ppmcal.io.measurement_columns import known_columns
 from ppmcal.io.pose_fields import QUATERNION
 from ppmcal.io.schema import Label, Strict, choice, hint, refuse, show
 from ppmcal.kinematics.rotations import ORDERS
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import STANDARD_GRAVITY
+from ppmcal.model.dataset import PAYLOADS, POUND, STANDARD_GRAVITY, ZERO_CELSIUS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import ANGLES, LENGTHS, TURN, Units
 
 MATRIX = tuple(f"r{i}{j}" for i in "123" for j in "123")
 ROTATIONS = ("rotvec", *QUATERNIONS, *(f"euler-{o}" for o in ORDERS), "matrix")
-POUND, INCH_POUND = 0.45359237, 0.45359237 * STANDARD_GRAVITY
 FURTHER: Mapping[str, Mapping[str, float]] = {
-    "payload": {"kg": 1.0, "g": 1e-3, "lb": POUND, "N": 1.0 / STANDARD_GRAVITY},
+    "payload": PAYLOADS,
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
-    "force": {"N": 1.0, "kN": 1e3, "lbf": INCH_POUND},
+    "force": {"N": 1.0, "kN": 1e3, "lbf": POUND * STANDARD_GRAVITY},
 }
 TEMPERATURES: Mapping[str, Callable[[Array], Array]] = {
     "C": lambda t: t, "K": lambda t: t - ZERO_CELSIUS, "F": lambda t: (t - 32.0) / 1.8}

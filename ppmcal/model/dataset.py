@@ -145,6 +145,12 @@ class Dataset:
             columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
             visited=None if visited is None else visited[keep], unusable=unusable)
 
+    def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
+        """Return the data set with ``rows`` (N,) marked unusable, unless they are already."""
+        old = self.unusable or ("",) * len(self)
+        return replace(self, unusable=tuple(
+            r or (reason if out else "") for r, out in zip(old, rows.tolist(), strict=True)))
+
     def directions(self) -> Array | None:
         """Return the directions of approach that the order of the rows gives (N, k), or None."""
         if self.visited is None and self.approach == "sequence":
@@ -153,7 +159,10 @@ class Dataset:
 
 
 STANDARD_GRAVITY = 9.80665
-REFERENCE_TEMPERATURE = 293.15
+REFERENCE_TEMPERATURE, ZERO_CELSIUS = 293.15, 273.15
+POUND = 0.45359237
+PAYLOADS = {"kg": 1.0, "g": 1e-3, "lb": POUND, "N": 1.0 / STANDARD_GRAVITY}
+"""Units that a payload may be in, kg."""
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 

@@ -335,7 +335,7 @@ def test_a_planar_machine_is_searched_too() -> None:
     data = _planar_data(machine, pose)
     wrong = FileReading(JointReading((1, 0, 2), (1, 1, 1), ("", "", "")),
                         PoseReading(turn_signs=(1, 1, -1)))
-    read_so = wrong.of(data, machine.joint_factors(data.units), True)
+    read_so = wrong.of(data, machine)
     with pytest.raises(Misread) as refused:
         refuse_misread(Problem(machine, (read_so,), machine.free))
     assert {m.kind for m in refused.value.found[0].mistakes} == {"permuted", "sign"}

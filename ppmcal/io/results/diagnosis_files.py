@@ -11,13 +11,13 @@ from ppmcal.calibration.validation import residuals
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.result import Candidate, Diagnosis
 from ppmcal.io import write_mechanism
-from ppmcal.io.measurement_columns import ZERO_CELSIUS
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_tables import residuals_csv
 from ppmcal.io.results.other_models import other_files
 from ppmcal.io.results.record import Column, table_text
 from ppmcal.io.results.tables import joint_columns
+from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, resolved
 

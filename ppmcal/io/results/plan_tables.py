@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from ppmcal.design.plan.result import Plan
-from ppmcal.io.measurement_columns import ZERO_CELSIUS
 from ppmcal.io.results.design import ShownTable
 from ppmcal.io.results.record import Column, in_units
 from ppmcal.io.results.tables import joint_columns, pose_columns, unit_map
 from ppmcal.linalg import Array
+from ppmcal.model.dataset import ZERO_CELSIUS
 
 DIGITS = 4
 

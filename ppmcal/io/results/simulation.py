@@ -12,9 +12,9 @@ from pydantic import Field
 from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates_of
 from ppmcal.io import csv_text
 from ppmcal.io.effects import effects_tree
-from ppmcal.io.measurement_columns import ZERO_CELSIUS
 from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
 from ppmcal.io.results.tables import joint_columns
+from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario
 from ppmcal.simulation.simulate import Campaign

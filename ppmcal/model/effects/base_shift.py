@@ -4,31 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from ppmcal.linalg import Bools
-from ppmcal.model.effects.kind import EffectKind, EffectParameter, Terms, Worked, linear, register
-from ppmcal.model.effects.setting import COORDINATES, PLACE, Setting, Shift
-from ppmcal.model.effects.zero_shift import ONSET
+from ppmcal.model.effects.event import step_parameters, stepped
+from ppmcal.model.effects.kind import EffectKind, EffectParameter, Terms, Worked, register
+from ppmcal.model.effects.setting import Setting, Shift
 
 
 def _parameters(motion: str) -> tuple[EffectParameter, ...]:
-    """Return one step per pose coordinate, and the row."""
-    seen = "spatial" if motion == "translational" else motion
-    return (*(EffectParameter(c, "angle" if c[0] == "r" else "length", size=1e-5)
-              for c in COORDINATES[seen]), ONSET)
+    """Return one step per pose coordinate, turns also where the machine never turns."""
+    return step_parameters("spatial" if motion == "translational" else motion)
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     """Base displaced by the steps from the row on."""
-    since = setting.since(values["from_row"])[:, 0]
-    by = {}
-    for name in values:
-        if name in PLACE:
-            step = np.zeros((since.size, 6))
-            step[:, PLACE[name]] = since
-            by[name] = Shift(frame=step)
-    return linear(values, by)
+    return stepped(setting, values, lambda step: Shift(frame=step))
 
 
 BASE_SHIFT = register(EffectKind(

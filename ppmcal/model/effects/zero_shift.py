@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from ppmcal.linalg import Bools
+from ppmcal.model.effects.event import ONSET
 from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
     EffectParameter,
-    ScanRange,
     Terms,
     Worked,
     fixed_list,
@@ -19,23 +17,6 @@ from ppmcal.model.effects.kind import (
     register,
 )
 from ppmcal.model.effects.setting import Setting
-
-FEWEST = 3
-"""Rows before and after an event."""
-MOST = 60
-"""Onsets that a search tries, evenly spread; the fit then moves to the row."""
-
-
-def onsets(data: ScanRange) -> list[float]:
-    """Return the rows from which on something may have happened."""
-    rows = data.rows[FEWEST:len(data.rows) - FEWEST + 1]
-    if len(rows) <= MOST:
-        return list(rows)
-    return [rows[i] for i in np.linspace(0, len(rows) - 1, MOST).astype(int)]
-
-
-ONSET = EffectParameter("from_row", "1", None, low=0.0, constant=True, scan=onsets,
-                        why="an event is in one row")
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
