@@ -117,7 +117,10 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
     best = int(tried[int(np.argmax(gains))])
     if event.row in tried and gains[tried == event.row][0] >= gains.max() - 1e-9:
         best = int(event.row)
-    return Onset(best, int(near.min()), int(near.max()))
+    # of rows between two that are used, none is likelier than another
+    used = np.concatenate([p.response.rows.row for p in system.parts])
+    low = used[used < near.min()].max(initial=0.0) + 1.0
+    return Onset(best, int(low), int(near.max()))
 
 
 def _row(g: Array, effect: Effect) -> float:

@@ -12,7 +12,7 @@ from ppmcal.model.effects.setting import COORDINATES, PLACE, Setting, Shift
 
 FEWEST = 3
 """Rows before and after an event."""
-MOST = 60
+MOST = 150
 """Onsets that a search tries, evenly spread; the fit then moves to the row."""
 
 
