@@ -60,7 +60,7 @@ def _under_weight(to: Collector, kind: EffectKind, settings: Sequence[Setting]) 
     for on, columns in [((name,), cs) for name, cs in own.items()] + [(to.actuators, whole)]:
         to.unrecorded.append(Hypothesis(
             kind.name, tuple(on), True, tuple(s.name for s in specs),
-            tuple(_lowest(s) for s in specs), tuple(s.high for s in specs), columns))
+            tuple(_lowest(s) for s in specs), tuple(s.high for s in specs), columns, effect=kind))
 
 
 def start_values(kind: EffectKind, motion: str) -> dict[str, float]:
@@ -127,7 +127,7 @@ class _Kinds(Collector):
         on, missing = self._recorded(kind, usable)
         if missing:
             self.untestable.append(Untestable(
-                kind.name, missing, "not recorded, or the same in every row"))
+                kind.label, missing, "not recorded, or the same in every row"))
         if not on.any():
             return
         for constants in self._grids(kind):
@@ -148,7 +148,8 @@ class _Kinds(Collector):
         searched = len(constants) - len(strokes)
         turns = self._stroke() / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
-        of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes)
+        of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
+                          effect=kind)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
             self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, constants))
@@ -254,7 +255,7 @@ class _Kinds(Collector):
         """Return what the fit has made of a kind's nonlinear parameters already."""
         g = self.system.state.g
         return [{n: float(g[e.parameters[n]]) for n in names}
-                for e in self.system.problem.mechanism.effects if e.kind.name == kind.name]
+                for e in self.system.problem.mechanism.effects if e.kind.label == kind.label]
 
     def _ends(self, names: Sequence[str], actuator: int | None = None) -> dict[str, float]:
         """Return the stroke of one joint, or the range of all: limits, else as measured.
@@ -283,7 +284,8 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
     maker = _Kinds(system)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
-            maker.kind(kind)
+            for variant in kind.variants(maker.motion) if kind.variants else (kind,):
+                maker.kind(variant)
     if kinds is None or GEOMETRY in kinds:
         frozen_slots(maker, tried)
     if kinds is None:

@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.linalg import Array
-from ppmcal.model.effects import EffectParameter, find_effect
+from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Given, Mechanism, with_effect
 
 SMALLEST = 1e-3
@@ -53,7 +53,8 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
 
 def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value: Array,
           sigma: Array) -> tuple[Mechanism, tuple[str, ...]]:
-    kind = find_effect(hypothesis.kind)
+    kind = hypothesis.effect
+    assert kind is not None
     specs = {s.name: s for s in kind.parameters(mechanism.motion)}
     names = [n.split(":")[-1] for n in hypothesis.names[:value.size]]
     given = {n: Given(_start(specs[n], float(v), float(s)), free=True,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.linalg import Array
-from ppmcal.model.effects import GEOMETRY, EffectKind, Shift, effect_kinds
+from ppmcal.model.effects import GEOMETRY, EffectKind, Shift
 from ppmcal.model.parameters import is_joint_component
 
 
@@ -33,6 +33,7 @@ class Hypothesis:
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
         columns: where its columns are in the library.
+        effect: the kind with its traits; None for a frozen slot or a shape without a cause.
         caution: by which its evidence is divided: what a step explains grows with the noise's
             long-run variance, which is known less well than the noise itself.
     """
@@ -53,6 +54,7 @@ class Hypothesis:
     strokes: tuple[str, ...] = ()
     choices: float = 0.0
     caution: float = 1.0
+    effect: EffectKind | None = None
 
     @property
     def size(self) -> int:
@@ -60,16 +62,13 @@ class Hypothesis:
         return len(self.columns)
 
     @property
-    def effect(self) -> EffectKind | None:
-        """The kind with its traits; None for a frozen slot or a shape without a cause."""
-        return effect_kinds().get(self.kind)
-
-    @property
     def family(self) -> str:
         """What it is told apart as: the kind, the frozen slot, or the shape's place."""
         if self.anonymous:
             return self.label
-        return f"{GEOMETRY} {self.slot}" if self.slot else self.kind
+        if self.slot:
+            return f"{GEOMETRY} {self.slot}"
+        return self.effect.label if self.effect else self.kind
 
     def apart(self, other: Hypothesis) -> float:
         """Return by how much the constants of two hypotheses of a grid differ."""
@@ -88,7 +87,7 @@ class Hypothesis:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
             return f"an unknown shape along {' '.join(self.on) or 'the position'}"
-        return f"{self.kind} on {', '.join(self.on)}" if self.on else self.kind
+        return f"{self.family} on {', '.join(self.on)}" if self.on else self.family
 
 
 def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:

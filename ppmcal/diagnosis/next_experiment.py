@@ -206,8 +206,8 @@ def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Bl
     found = library(system, tuple({a.kind, b.kind}))
 
     def columns(hypothesis: Hypothesis) -> Array:
-        match = [f for f in found.hypotheses if (f.kind, f.on, f.shared, f.slot) == (
-            hypothesis.kind, hypothesis.on, hypothesis.shared, hypothesis.slot)]
+        match = [f for f in found.hypotheses if (f.family, f.on, f.shared, f.slot) == (
+            hypothesis.family, hypothesis.on, hypothesis.shared, hypothesis.slot)]
         if not match:
             return of_single(found.columns, found.hypotheses, hypothesis)
         nearest = min(match, key=lambda f: f.apart(hypothesis))

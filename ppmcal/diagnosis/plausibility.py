@@ -14,7 +14,6 @@ from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.diagnosis.selection import STARTS, bic, possible
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.model.dataset import PAYLOADS
-from ppmcal.model.effects import find_effect
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
            "vel": "the vel_ columns", "dir": "the dir_ columns", "temperature":
@@ -133,7 +132,8 @@ def implausible_words(found: Found, index: int) -> str:
     hypothesis = found.first.search.hypotheses[index]
     values = fitted_values(found.first.search, index)
     motion = found.before.problem.mechanism.motion
-    kind = find_effect(hypothesis.kind)
+    kind = hypothesis.effect
+    assert kind is not None
     specs = {s.name: s for s in kind.parameters(motion)}
     told = []
     for name, value, (low, high) in zip(hypothesis.names, values, hypothesis.usual, strict=True):

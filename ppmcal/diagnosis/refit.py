@@ -26,7 +26,7 @@ from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.stage import named_only, without
 from ppmcal.linalg import Array, Bools, finite_rows, subsample, unit_columns
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.effects import EffectParameter, effect_kinds
+from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -177,7 +177,7 @@ def _outside(fit: Fit, covariance: Array, found: Found, key: Key) -> float:
     It has to be in the range that machines have. Joints that are made alike have one period, and
     two waves of their own on the same joints are more often some other shape.
     """
-    kind = effect_kinds().get(key[0])
+    kind = next((a.hypothesis.effect for a in found.added if _key(a.hypothesis) == key), None)
     specs = kind.parameters(fit.problem.mechanism.motion) if kind else ()
     return max((_none_of_machines(fit, covariance, found, key, s) for s in specs if s.nonlinear),
                default=-np.inf)

@@ -82,7 +82,7 @@ def _elsewhere(search: Search, hypothesis: Hypothesis) -> list[tuple[int, ...]]:
     single: dict[str, dict[str, int]] = {}
     for i, other in enumerate(search.hypotheses):
         if len(other.on) == 1 and other.on[0] in hypothesis.on and not other.slot and (
-                not other.searched and other.kind != hypothesis.kind):
+                not other.searched and other.family != hypothesis.family):
             single.setdefault(other.kind, {}).setdefault(other.on[0], i)
     return [tuple(have.values()) for have in single.values() if len(have) == len(hypothesis.on)]
 
@@ -125,7 +125,7 @@ def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ..
     """
     kinds = list(
         dict.fromkeys(
-            search.hypotheses[i].kind
+            search.hypotheses[i].family
             for i in chosen
             if search.hypotheses[i].on
             and not search.hypotheses[i].slot
@@ -134,7 +134,7 @@ def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ..
     )
     best = tuple(chosen)
     for kind in kinds:
-        mine = [i for i in best if search.hypotheses[i].kind == kind]
+        mine = [i for i in best if search.hypotheses[i].family == kind]
         if not mine:
             continue
         others = [i for i in best if i not in mine]
@@ -153,7 +153,7 @@ def _options(search: Search, kind: str, mine: Sequence[int], others: Sequence[in
     options: list[tuple[int, ...]] = [tuple(mine)]
     constants = hypotheses[mine[0]].constants
     single = {f.on[0]: i for i, f in enumerate(hypotheses)
-              if f.kind == kind and len(f.on) == 1 and f.constants == constants}
+              if f.family == kind and len(f.on) == 1 and f.constants == constants}
     named = [a for a in single if any(a in hypotheses[i].on for i in mine)]
     for subset in _subsets(search, others, single, named):
         alone = [single[a] for a in subset]
@@ -183,8 +183,8 @@ def _together(search: Search, parts: Sequence[Hypothesis]) -> tuple[Search, int]
     """Return the hypothesis in which several actuators share one value, added where it is new."""
     wanted = {a for part in parts for a in part.on}
     for i, hypothesis in enumerate(search.hypotheses):
-        if hypothesis.kind == parts[0].kind and hypothesis.shared and set(hypothesis.on) == wanted \
-                and hypothesis.alike(parts[0]):
+        if (hypothesis.family == parts[0].family and hypothesis.shared
+                and set(hypothesis.on) == wanted and hypothesis.alike(parts[0])):
             return search, i
     total = search.test.right.size
     size = parts[0].size

@@ -180,7 +180,7 @@ def of_single(columns: Array, hypotheses: Sequence[Hypothesis], hypothesis: Hypo
     Raises:
         KeyError: an actuator has no hypothesis of its own.
     """
-    own = {f.on[0]: f for f in hypotheses if f.kind == hypothesis.kind and len(f.on) == 1
+    own = {f.on[0]: f for f in hypotheses if f.family == hypothesis.family and len(f.on) == 1
            and f.alike(hypothesis)}
     each = [columns[..., own[a].columns] for a in hypothesis.on]
     return np.sum(each, axis=0) if hypothesis.shared else np.concatenate(each, axis=-1)

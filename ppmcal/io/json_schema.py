@@ -228,7 +228,11 @@ def _effect(base: Mapping[str, Any]) -> Schema:
                     key: {**value, "description": f"{quantity or 'bare number'}."}
                     for key, quantity in words.items()}}}}})
     names = [*sorted(effect_kinds()), GEOMETRY]
-    own = {**base["properties"], "kind": {"enum": names, "description": "Kind of the effect."},
+    further = {n: {"description": f"Of the kind {kind.name}."}
+               for kind in effect_kinds().values() if kind.from_file
+               for n in kind.from_file.entries}
+    own = {**base["properties"], **further,
+           "kind": {"enum": names, "description": "Kind of the effect."},
            "parameters": {"type": "object", "description": "Sizes, by name; those of the kind."}}
-    return {**base, "properties": own, "allOf": choose}
+    return {**base, "additionalProperties": False, "properties": own, "allOf": choose}
 

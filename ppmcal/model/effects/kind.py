@@ -16,6 +16,7 @@ from ppmcal.linalg import Bools
 from ppmcal.model.effects.inputs import BY_NEED, TRAVEL, EffectInput
 from ppmcal.model.effects.setting import Setting, Shift, total
 from ppmcal.model.registry import Registry
+from ppmcal.units import Units
 
 GEOMETRY = "geometry"
 """In the place of a kind: an error of slots, which is no effect but the machine itself."""
@@ -100,6 +101,19 @@ class Derived:
 
 
 @dataclass(frozen=True)
+class FromFile:
+    """A kind that is made of what a file says beside kind, joints and parameters.
+
+    ``entries``: their names; ``make``: (entry -> value as in the file, units of the file,
+    ``length`` or ``angle`` of the joints) -> the kind. It raises BadInput, with the entry's name
+    as the place.
+    """
+
+    entries: tuple[str, ...]
+    make: Callable[[Mapping[str, object], Units, str], EffectKind]
+
+
+@dataclass(frozen=True)
 class EffectKind:
     """One kind of effect.
 
@@ -131,6 +145,10 @@ class EffectKind:
             weight would make it do.
         doubt: columns whose unit is doubted where its size is none of a machine; empty: those
             that it needs.
+        from_file: of a kind that is only made of what a file says.
+        written: of a kind that was made so: units of the file -> its entries.
+        variants: motion -> the kinds that a search tries in its place; None: itself.
+        title: what people call it; empty: its name. Kinds made of one are told apart by it.
     """
 
     name: str
@@ -155,6 +173,10 @@ class EffectKind:
     by_sign: bool = False
     under_weight: bool = False
     doubt: str = ""
+    from_file: FromFile | None = None
+    written: Callable[[Units], Mapping[str, object]] | None = None
+    variants: Callable[[str], Sequence[EffectKind]] | None = None
+    title: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a name, column or period that means something else, or nothing (ValueError)."""
@@ -168,6 +190,11 @@ class EffectKind:
                                for m in self.motions):
             raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
                              "with a scan")
+
+    @property
+    def label(self) -> str:
+        """What people call it."""
+        return self.title or self.name
 
     @property
     def input(self) -> EffectInput:
