@@ -11,9 +11,10 @@ block's rows J and residuals r,
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.problem import Problem
@@ -29,15 +30,22 @@ PREDICTS, PREDICTS_MORE = 0.5, 0.75
 """Effects that surely close less than this part of a block's gap do not predict it; where more is
 left to explain than noise, less than this part of what they close in all rows."""
 
+SURELY = float(chdtri(1.0, 0.05))
+"""A block that is far from the others shares one error of the parameters: its square may be so
+many times the variance."""
 IN_STEP = 0.7
 """What has so large a rank correlation with the rows' order is as good as time."""
 
 @dataclass(frozen=True)
 class BlockGap:
-    """The gap when all rows of one third of ``by`` are left out in turn."""
+    """The gap when all rows of one third of ``by`` are left out in turn.
+
+    ``surely``: its interval where the parameters' error may be two standard deviations.
+    """
 
     by: str
     gap: Gap
+    surely: tuple[float, float] | None
 
     def fails(self, everywhere: float, adequate: bool) -> bool:
         """Whether the effects surely do not predict what was left out.
@@ -45,7 +53,7 @@ class BlockGap:
         ``everywhere``: what they close in all rows; ``adequate``: whether the rest is noise.
         """
         least = PREDICTS if adequate else PREDICTS_MORE * everywhere
-        return self.gap.interval is not None and self.gap.interval[1] < least
+        return self.surely is not None and self.surely[1] < least
 
 
 def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockGap, ...]:
@@ -65,7 +73,9 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
         pairs = [(old, new) for old, new in pairs if old.square.size == new.square.size > 0]
         if len(pairs) == len(folds):
             old, new = (_joined([p[k] for p in pairs]) for k in (0, 1))
-            out.append(BlockGap(by, gap_of(old, new, noise, seed)))
+            unsure = replace(new, variance=SURELY * new.variance)
+            out.append(BlockGap(by, gap_of(old, new, noise, seed),
+                                gap_of(old, unsure, noise, seed).interval))
     return tuple(out)
 
 
