@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
@@ -20,7 +20,7 @@ from ppmcal.diagnosis.hypotheses import (
 from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.kinematics.effect_response import lacking, setting
-from ppmcal.linalg import Bools, finite_rows
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import (
     GEOMETRY,
@@ -178,9 +178,27 @@ class _Kinds(Collector):
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
         """Add one column for each parameter of an effect; return where they are."""
+        if not kind.onset:
+            return tuple(map(self.add, self._made(kind, on, values, specs)))
+        # an event is the same whenever it happens: of its columns the rows before are 0
+        key = kind.label, tuple(on.tolist())
+        if key not in self._steps:
+            self._steps[key] = self._made(kind, on, values | {kind.onset: -np.inf}, specs)
+        after = (self._row_numbers >= values[kind.onset])[:, None]
+        return tuple(self.add(column * after) for column in self._steps[key])
+
+    def _made(self, kind: EffectKind, on: Bools, values: dict[str, float],
+              specs: Sequence[EffectParameter]) -> list[Array]:
         terms = [kind.evaluate(p.setting, on, values).by for p in self.system.parts]
-        return tuple(self.add(_sign(s) * self.system.column([by[s.name] for by in terms]))
-                     for s in specs)
+        return [_sign(s) * self.system.column([by[s.name] for by in terms]) for s in specs]
+
+    @cached_property
+    def _row_numbers(self) -> Array:
+        return np.concatenate([p.response.rows.row for p in self.system.firsts])
+
+    @cached_property
+    def _steps(self) -> dict[tuple[str, tuple[bool, ...]], list[Array]]:
+        return {}
 
     def _varies(self, spec: EffectParameter) -> bool:
         """Whether the wrench component on which a parameter acts is ever applied."""
