@@ -138,8 +138,9 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     start = search.values()
     search, chosen = settled(search, choose(search))
     search, chosen = held(search, chosen, hold)
-    return Stage(system, found, noise, basis, residual, columns, search, chosen, start,
-                 pure_error(system))
+    # in the library's order, whichever was found first
+    return Stage(system, found, noise, basis, residual, columns, search, tuple(sorted(chosen)),
+                 start, pure_error(system))
 
 
 def _cautious(hypotheses: Sequence[Hypothesis], noise: Whitening) -> list[Hypothesis]:
