@@ -72,6 +72,13 @@ class AddedVariableTest:
             freedom=self.freedom - rank, null=self.null[:, :0],
             null_square=self.null_square[:0], taken=tuple(s), cross=cross, back=back)
 
+    def only(self, columns: Sequence[int]) -> AddedVariableTest:
+        """Return the tests of a few columns, counted anew; none must be in the model."""
+        which = np.array(columns, dtype=np.int64)
+        return replace(self, unit=self._columns(which), right=self.right[which],
+                       length=self.length[which], hidden=self.hidden[:, which],
+                       null=self.null[:0], more=self.more[:0], blocks={})
+
     def block(self, rows: Ints, columns: Ints) -> Array:
         """Return C^T M C between columns (..., a) and (..., b), the chosen ones taken out."""
         found = self._columns(rows) @ np.swapaxes(self._columns(columns), -1, -2)

@@ -14,7 +14,7 @@ from scipy.special import gammaln
 
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.search import Search, columns_of, scan
+from ppmcal.diagnosis.search import Search, columns_of
 
 MOST_EFFECTS = 6
 STARTS = 6
@@ -157,9 +157,13 @@ def stand(search: Search, chosen: Sequence[int]) -> bool:
 
 def own_log_p(search: Search, chosen: Sequence[int], hypothesis: int) -> float:
     """Return the log p of one chosen hypothesis given the others."""
-    others = [j for j in chosen if j != hypothesis]
-    rest = search.test.given(columns_of(search, others))
-    return float(scan(rest, [search.hypotheses[hypothesis]])[0])
+    columns = columns_of(search, (hypothesis, *chosen))
+    place = {c: j for j, c in enumerate(columns)}
+    others = columns_of(search, [j for j in chosen if j != hypothesis])
+    one = search.hypotheses[hypothesis]
+    rest = search.test.only(columns).given([place[c] for c in others])
+    square, rank = rest.explained(np.array([[place[c] for c in one.columns]]))
+    return float(log_p(square, rest.square, rank, rest.freedom)[0]) / one.caution
 
 
 def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:
