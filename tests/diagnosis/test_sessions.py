@@ -30,6 +30,7 @@ def two_days(folder: Path, first: list[dict[str, Any]], second: list[dict[str, A
              frame={"x": -2, "y": 5, "rz": -2})
 
 
+@pytest.mark.slow
 def test_what_is_there_on_both_days_is_the_machines(tmp_path: Path) -> None:
     two_days(tmp_path, BACKLASH, BACKLASH)
     _, found = diagnose(tmp_path, DATA, OTHER, "--leave-out", "session")
@@ -47,6 +48,7 @@ def test_what_is_there_on_both_days_is_the_machines(tmp_path: Path) -> None:
     assert found["gap"]["closed"] == by_session["closed"]
 
 
+@pytest.mark.slow
 def test_what_was_there_on_one_day_is_told_as_that(tmp_path: Path) -> None:
     two_days(tmp_path, [], BACKLASH)
     run, found = diagnose(tmp_path, DATA, OTHER)
@@ -55,6 +57,7 @@ def test_what_was_there_on_one_day_is_told_as_that(tmp_path: Path) -> None:
     assert "backlash on leg1" in told and "mm in s" in told and "mm in t" in told
 
 
+@pytest.mark.slow
 def test_each_session_is_predicted_by_a_fit_of_the_other(tmp_path: Path) -> None:
     """Against two commands: a fit of one day, tested on the other day."""
     two_days(tmp_path, [], [])
@@ -85,6 +88,7 @@ def test_a_session_column_splits_a_file(tmp_path: Path) -> None:
     assert 0.004 < found["residual"]["holdout"]["position"]["rms"] < 0.03
 
 
+@pytest.mark.slow
 def test_a_left_out_session_is_predicted_to_first_order_as_by_a_fit_without_it(
         tmp_path: Path) -> None:
     """Registration on its own rows, all else from the other session."""
