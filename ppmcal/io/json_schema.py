@@ -182,6 +182,9 @@ def _limb(kind: LimbKind) -> Schema:
 def _group(kind: LimbKind, group: str, specs: Any) -> Schema:
     if group in kind.directions:
         return {**DIRECTION, "description": "A direction in base axes."}
+    if group in kind.axes:
+        return {**DIRECTION, "description": f"First axis of the {group.partition('.')[0]}'s "
+                f"universal joint, in {group.partition('.')[0]} axes."}
     if group.startswith("joint"):
         return {"type": "object", "additionalProperties": False,
                 "description": f"Error of the frame of {group}, in its own axes.",
