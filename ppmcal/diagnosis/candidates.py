@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
@@ -87,6 +87,21 @@ def _lowest(spec: EffectParameter) -> float:
     return 0.0 if spec.reciprocal else spec.low
 
 
+NEAR = 4.0
+"""A size by which an effect nearly scales may be so many times another than its column has."""
+
+
+def _near(value: float, usual: tuple[float, float]) -> tuple[float, float]:
+    """Return the range of a scaling parameter for its column at a value, of either sign."""
+    return max(usual[0], -NEAR * value), min(usual[1], NEAR * value)
+
+
+def _plain(kind: EffectKind, motion: str, constants: Mapping[str, float]) -> list[str]:
+    """Return which constants are at the default with which the kind is a plain one."""
+    return [s.name for s in kind.parameters(motion)
+            if s.optional and constants.get(s.name) == s.default]
+
+
 def _weighed(part: SystemPart, to: Collector) -> Setting:
     """Return the setting of a part under the weight."""
     response = part.response
@@ -135,17 +150,18 @@ class _Kinds(Collector):
 
     def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
         specs = [s for s in kind.parameters(self.motion)
-                 if not s.constant and s.name not in constants]
+                 if not s.constant and (s.scaling or s.name not in constants)]
         values = start_values(kind, self.motion) | constants
         specs = [s for s in specs if self._varies(s)]
         if not specs:
             return
         low = tuple(_lowest(s) for s in specs)
         high = tuple(s.high for s in specs)
-        usual = tuple(usual_range(s, self._stroke()) for s in specs)
+        usual = tuple(_near(constants[s.name], usual_range(s, self._stroke())) if s.scaling
+                      else usual_range(s, self._stroke()) for s in specs)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
-        searched = len(constants) - len(strokes)
+        searched = len(constants) - len(strokes) - len(_plain(kind, self.motion, constants))
         turns = self._stroke() / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
         of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
@@ -178,9 +194,10 @@ class _Kinds(Collector):
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
         """Add one column for each parameter of an effect; return where they are."""
-        terms = [kind.evaluate(p.setting, on, values).by for p in self.system.parts]
-        return tuple(self.add(_sign(s) * self.system.column([by[s.name] for by in terms]))
-                     for s in specs)
+        terms = [kind.evaluate(p.setting, on, values) for p in self.system.parts]
+        return tuple(self.add(_sign(s) * self.system.column([
+            t.shift.times(1.0 / values[s.name]) if s.scaling else t.by[s.name] for t in terms]))
+            for s in specs)
 
     def _varies(self, spec: EffectParameter) -> bool:
         """Whether the wrench component on which a parameter acts is ever applied."""
@@ -215,6 +232,8 @@ class _Kinds(Collector):
         rows = [p.response.rows for p in self.system.parts]
         out = []
         for need in kind.needs:
+            if need in ("order", "past"):
+                continue    # there is an order in two rows already
             if need in ("dir", "vel"):
                 values = [(r.approach if need == "dir" else r.velocity)[:, [a]] for r in rows]
                 name = f"{need}_{self.actuators[a]}"
@@ -240,9 +259,12 @@ class _Kinds(Collector):
 
     def _grids(self, kind: EffectKind) -> list[dict[str, float]]:
         """Return the values of a kind's nonlinear parameters that are tried, fitted ones first."""
-        rows = np.unique(np.concatenate([p.response.rows.row for p in self.system.parts]))
-        data = ScanRange(self._stroke(), np.unique(self.system.group).size, tuple(rows.tolist()))
-        tried = {s.name: s.scan(data) for s in kind.parameters(self.motion) if s.scan is not None}
+        data = self._range
+        specs = [s for s in kind.parameters(self.motion) if s.scan is not None]
+        tried = {s.name: s.scan(data) for s in specs if s.scan is not None}
+        for s in specs:
+            if s.optional and s.default is not None:
+                tried[s.name] = [s.default, *(() if self._lacks(s) else tried[s.name])]
         grid = [dict(zip(tried, map(float, values), strict=True))
                 for values in product(*tried.values())]
         if tried:
@@ -250,6 +272,33 @@ class _Kinds(Collector):
         known = np.isfinite(self.system.parts[0].setting.stroke).all()
         ends = {} if known else self._ends(kind.stroke_ends(self.motion))
         return [constants | ends for constants in grid]
+
+    @cached_property
+    def _range(self) -> ScanRange:
+        """What scans may know of these rows."""
+        rows = [p.response.rows for p in self.system.parts]
+        numbers = np.unique(np.concatenate([r.row for r in rows]))
+        pasts = list({id(r.history): r.history for r in rows if r.history is not None}.values())
+        ratio = np.abs(self.system.parts[0].setting.ratio)
+        moves = np.concatenate([(ratio * np.abs(np.diff(h.q, axis=0))).ravel() for h in pasts]
+                               or [np.zeros(0)])
+        times = [h.time for h in pasts if h.timed and h.time.size > 1]
+        steps = np.concatenate([np.diff(t) for t in times] or [np.zeros(0)])
+        speed = np.abs(np.concatenate([p.setting.velocity.ravel() for p in self.system.parts]))
+        given = ScanRange(self._stroke(), np.unique(self.system.group).size,
+                          tuple(numbers.tolist()), tuple(np.sort(moves[moves > 0.0]).tolist()))
+        if (steps > 0.0).any():
+            given = replace(given, step=float(np.median(steps[steps > 0.0])),
+                            duration=max(float(np.ptp(t)) for t in times))
+        if (speed > 0.0).any():
+            given = replace(given, speed=float(np.median(speed[speed > 0.0])))
+        return given
+
+    def _lacks(self, spec: EffectParameter) -> bool:
+        """Whether a column that only this parameter needs is missing."""
+        on = range(len(self.actuators))
+        return any(lacking(spec.needs, self.actuators, on, p.response.rows)
+                   for p in self.system.parts)
 
     def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
         """Return what the fit has made of a kind's nonlinear parameters already."""

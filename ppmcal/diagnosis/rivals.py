@@ -29,6 +29,9 @@ ADDS_NOTHING = 0.01
 AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
 
+MORE = float(np.log(0.05))
+"""A more general kind is a rival of a special one to which it adds something: log p."""
+
 DOUBTED = 23.0
 """The same where the effect itself is doubtful: odds of 1e5."""
 
@@ -59,6 +62,9 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         first = search.hypotheses[rival[0]]
         if first.anonymous or first.family in taken or first.family in best:
             continue
+        if (first.effect is not None and hypothesis.kind in first.effect.contains
+                and search.values(chosen)[rival[0]] > MORE):
+            continue
         trial = (*others, *rival)
         worse = bic(search, trial) - now
         size = sum(search.hypotheses[i].size for i in rival)
@@ -83,7 +89,7 @@ def _elsewhere(search: Search, hypothesis: Hypothesis) -> list[tuple[int, ...]]:
     for i, other in enumerate(search.hypotheses):
         if len(other.on) == 1 and other.on[0] in hypothesis.on and not other.slot and (
                 not other.searched and other.family != hypothesis.family):
-            single.setdefault(other.kind, {}).setdefault(other.on[0], i)
+            single.setdefault(other.family, {}).setdefault(other.on[0], i)
     return [tuple(have.values()) for have in single.values() if len(have) == len(hypothesis.on)]
 
 
