@@ -21,7 +21,7 @@ from ppmcal.model.effects.setting import Setting
 
 WIDEST, NARROWEST = 0.05, 1e-4
 """Widths that a search tries, in parts of the stroke."""
-SHARES = (0.02, 0.2, 0.4)
+SHARES = (0.0, 0.2, 0.4)
 """Parts of the moves that are shorter than a width that a search tries: of moves that are all
 longer, any width makes the same columns."""
 APART = 1.5
