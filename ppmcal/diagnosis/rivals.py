@@ -30,7 +30,8 @@ AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
 
 MORE = float(np.log(0.05))
-"""A more general kind is a rival of a special one to which it adds something: log p."""
+"""A more general kind is a rival of a special one to which it adds something: log p, over all
+constants of its grid."""
 
 DOUBTED = 23.0
 """The same where the effect itself is doubtful: odds of 1e5."""
@@ -62,8 +63,7 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         first = search.hypotheses[rival[0]]
         if first.anonymous or first.family in taken or first.family in best:
             continue
-        if (first.effect is not None and hypothesis.kind in first.effect.contains
-                and search.values(chosen)[rival[0]] > MORE):
+        if _only_general(search, chosen, hypothesis, rival[0]):
             continue
         trial = (*others, *rival)
         worse = bic(search, trial) - now
@@ -79,6 +79,17 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
                                        _angle(search, others, effect, rival),
                                        float(np.exp(min(worse / 2.0, 50.0))))
     return list(best.values())
+
+
+def _only_general(search: Search, chosen: Sequence[int], hypothesis: Hypothesis, rival: int
+                  ) -> bool:
+    """Whether a rival contains the hypothesis and adds nothing to it."""
+    other = search.hypotheses[rival]
+    if other.effect is None or hypothesis.kind not in other.effect.contains:
+        return False
+    tried = sum((f.family, f.on, f.shared) == (other.family, other.on, other.shared)
+                for f in search.hypotheses)
+    return bool(search.values(chosen)[rival] + np.log(tried) > MORE)
 
 
 def _elsewhere(search: Search, hypothesis: Hypothesis) -> list[tuple[int, ...]]:

@@ -31,7 +31,7 @@ ORDER = "approach: sequence"
 
 def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     """Return the environment of a data set's rows."""
-    whole = data.whole or data
+    whole = data if data.whole is None else data.whole
     # of a distance between two positions nobody says in which order they were visited
     q = whole.q if whole.to_q is None else np.full_like(whole.q, np.nan)
     seen = environment(whole.columns, mechanism.actuators, mechanism.gravity, q,

@@ -149,7 +149,7 @@ class Dataset:
             sigma_value=self.sigma_value[keep], groups=self.groups[keep],
             columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
             visited=None if visited is None else visited[keep], unusable=unusable,
-            whole=self.whole or self,
+            whole=self if self.whole is None else self.whole,
             place=np.arange(len(self))[keep] if self.place is None else self.place[keep])
 
     def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
