@@ -88,12 +88,7 @@ def _lowest(spec: EffectParameter) -> float:
 
 
 NEAR = 4.0
-"""A size by which an effect nearly scales may be so many times another than its column has."""
-
-
-def _near(value: float, usual: tuple[float, float]) -> tuple[float, float]:
-    """Return the range of a scaling parameter for its column at a value, of either sign."""
-    return max(usual[0], -NEAR * value), min(usual[1], NEAR * value)
+"""A size by which an effect nearly scales may be so many times that of its column, + or -."""
 
 
 def _plain(kind: EffectKind, motion: str, constants: Mapping[str, float]) -> list[str]:
@@ -155,10 +150,9 @@ class _Kinds(Collector):
         specs = [s for s in specs if self._varies(s)]
         if not specs:
             return
-        low = tuple(_lowest(s) for s in specs)
-        high = tuple(s.high for s in specs)
-        usual = tuple(_near(constants[s.name], usual_range(s, self._stroke())) if s.scaling
-                      else usual_range(s, self._stroke()) for s in specs)
+        low = tuple(-NEAR * constants[s.name] if s.scaling else _lowest(s) for s in specs)
+        high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
+        usual = tuple(usual_range(s, self._stroke()) for s in specs)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
         searched = len(constants) - len(strokes) - len(_plain(kind, self.motion, constants))
