@@ -17,7 +17,7 @@ MEMORY: dict[str, dict[str, Any]] = {
     "friction": effect("friction", ["leg2"], static=0.05, dynamic=0.01, speed=10.0),
     "creep": effect("creep", give=2e-4, tau=400.0),
     "late": effect("leg_thermal", expansion=11e-6, tau=900.0),
-    "motion": effect("leg_thermal", growth=1e-4, tau=500.0) | {"from": "motion"},
+    "motion": effect("leg_thermal", growth=2e-4, tau=500.0) | {"from": "motion"},
     "product": effect("product", ["leg2"], width=0.012) | {"of": ["backlash", "temperature"]}}
 
 
@@ -37,8 +37,10 @@ def walked(folder: Path, count: int = 40) -> dict[str, Any]:
 
 
 def campaign(folder: Path, name: str, **changes: Any) -> Path:
-    return simulate(folder, "3-RPR", [MEMORY[name]], **({
-        "poses": walked(folder), "approach": "sequence",
+    # work shows in long moves only
+    poses = {} if name == "motion" else {"poses": walked(folder)}
+    return simulate(folder, "3-RPR", [MEMORY[name]], **(poses | {
+        "count": 40, "approach": "sequence",
         "instrument": {"kind": "pose", "sigma": {"position": 0.002, "rotation": 0.0005}}}
         | changes))
 
