@@ -18,6 +18,7 @@ from ppmcal.diagnosis.hypotheses import (
     shapes,
 )
 from ppmcal.diagnosis.linear_system import System, SystemPart
+from ppmcal.diagnosis.scan_range import scan_range
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.kinematics.effect_response import lacking, setting
 from ppmcal.linalg import Bools, finite_rows
@@ -269,24 +270,7 @@ class _Kinds(Collector):
 
     @cached_property
     def _range(self) -> ScanRange:
-        """What scans may know of these rows."""
-        rows = [p.response.rows for p in self.system.parts]
-        numbers = np.unique(np.concatenate([r.row for r in rows]))
-        pasts = list({id(r.history): r.history for r in rows if r.history is not None}.values())
-        ratio = np.abs(self.system.parts[0].setting.ratio)
-        moves = np.concatenate([(ratio * np.abs(np.diff(h.q, axis=0))).ravel() for h in pasts]
-                               or [np.zeros(0)])
-        times = [h.time for h in pasts if h.timed and h.time.size > 1]
-        steps = np.concatenate([np.diff(t) for t in times] or [np.zeros(0)])
-        speed = np.abs(np.concatenate([p.setting.velocity.ravel() for p in self.system.parts]))
-        given = ScanRange(self._stroke(), np.unique(self.system.group).size,
-                          tuple(numbers.tolist()), tuple(np.sort(moves[moves > 0.0]).tolist()))
-        if (steps > 0.0).any():
-            given = replace(given, step=float(np.median(steps[steps > 0.0])),
-                            duration=max(float(np.ptp(t)) for t in times))
-        if (speed > 0.0).any():
-            given = replace(given, speed=float(np.median(speed[speed > 0.0])))
-        return given
+        return scan_range(self.system)
 
     def _lacks(self, spec: EffectParameter) -> bool:
         """Whether a column that only this parameter needs is missing."""
