@@ -392,3 +392,38 @@ def test_distances_between_two_positions_have_no_order() -> None:
     play = acting("play")
     assert missing_columns(play, environment_of(play, pair)) == (ORDER,)
 
+
+
+SLOPES = {**EFFECTS, "friction": {"kind": "friction", "parameters": {
+    "static": 3e-5, "dynamic": 1e-5, "speed": 0.02}}, **{
+    f"product {c}": {"kind": "product", "of": ["backlash", c], "parameters": {"width": 2e-6}}
+    for c in ("temperature", "travel")}}
+
+
+@pytest.mark.parametrize("name", SLOPES)
+def test_derivatives_against_differences(name: str) -> None:
+    """By every parameter, of kinds that are made of what a file says too."""
+    data = campaign()
+    speed = np.random.default_rng(5).uniform(-0.05, 0.05, data.q.shape)
+    data = replace(data, columns={**data.columns, **{
+        f"vel_{a}": v for a, v in zip(BENCH.actuators, speed.T, strict=True)}})
+    mechanism = with_effects(BENCH, [SLOPES[name]], SI, "effects.yaml")
+    pose = forward(Model(BENCH), data.q).pose
+    at = setting(Model(mechanism), environment_of(mechanism, data), data.q, pose)
+    effect = mechanism.effects[0]
+    values = {n: mechanism.parameters[p].value for n, p in effect.parameters.items()}
+    on = np.ones(3, dtype=bool)
+
+    def slots(shift: Any) -> Array:
+        return np.stack([np.broadcast_to(v, (len(data),)) for v in shift.slots.values()])[:, 1:]
+
+    for parameter in SLOPES[name]["parameters"]:
+        step = 1e-4 * values[parameter]
+        ahead, behind = (slots(effect.kind.evaluate(at, on, values | {
+            parameter: values[parameter] + s}).shift) for s in (step, -step))
+        found = slots(effect.kind.evaluate(at, on, values).by[parameter])
+        scale = np.abs(found).max()
+        assert scale > 0.0, parameter
+        apart = np.abs((ahead - behind) / (2.0 * step) - found) / scale
+        # where a move just crosses the play its slope jumps
+        assert np.mean(apart > 1e-6) < (0.02 if "play" in name else 1e-9), parameter
