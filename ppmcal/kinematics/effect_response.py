@@ -105,7 +105,8 @@ def _past_loads(mechanism: Mechanism, history: History | None) -> Array:
 
     def found() -> Array:
         nominal = Model(mechanism.nominal())
-        return loads(nominal, history.q, forward(nominal, history.q).pose, history.wrench)
+        found = loads(nominal, history.q, forward(nominal, history.q).pose, history.wrench)
+        return np.where(np.all(history.wrench == 0.0, axis=1)[:, None], 0.0, found)
 
     return history.load(found)
 

@@ -241,7 +241,9 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
         wrench[:, :3] += weight[:, None] * gravity
     temperature = columns.get("temperature", blank) - REFERENCE_TEMPERATURE
     time = columns.get("time", blank)
-    history, place = history_of(q, time, temperature, wrench, sequence)
+    # of a joint whose direction is 0 throughout nobody moves it: it stays where it is
+    rests = np.all(approach == 0.0, axis=0)
+    history, place = history_of(np.where(rests, 0.0, q), time, temperature, wrench, sequence)
     return Environment(approach, velocity, temperature, wrench, time, np.full(n, np.inf), history,
                        place).with_directions()
 

@@ -427,3 +427,23 @@ def test_derivatives_against_differences(name: str) -> None:
         apart = np.abs((ahead - behind) / (2.0 * step) - found) / scale
         # where a move just crosses the play its slope jumps
         assert np.mean(apart > 1e-6) < (0.02 if "play" in name else 1e-9), parameter
+
+
+def test_an_export_at_rest_says_what_it_leaves_out(tmp_path: Path) -> None:
+    """A table of poses has no past: the effects are 0 in it, and told."""
+    text = yaml.safe_load((CONFIGS / "3-RPR.yaml").read_text(encoding="utf-8"))
+    text["effects"] = [{"kind": "play", "parameters": {"width": 0.02}},
+                       {"kind": "creep", "parameters": {"give": 1e-5, "tau": 90}},
+                       {"kind": "leg_thermal", "parameters": {"expansion": 1e-5, "tau": 200}}]
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(text))
+    run = ppmcal("export", "grid", "m.yaml", "--out", "e", cwd=tmp_path)
+    assert run.code in (0, 1), run.err
+    for kind in ("play", "creep", "leg_thermal"):
+        assert f"effect {kind}" in " ".join((run.out + run.err).split())
+    bare = yaml.safe_load((CONFIGS / "3-RPR.yaml").read_text(encoding="utf-8"))
+    (tmp_path / "bare.yaml").write_text(yaml.safe_dump(bare))
+    ppmcal("export", "grid", "bare.yaml", "--out", "b", cwd=tmp_path)
+    table, plain = (rows(next((tmp_path / f).glob("*.csv"))) for f in ("e", "b"))
+    assert len(table) == len(plain)
+    for one, other in zip(table, plain, strict=True):
+        assert float(one["q_leg2"]) == pytest.approx(float(other["q_leg2"]), rel=1e-12)
