@@ -29,7 +29,7 @@ ADDS_NOTHING = 0.01
 AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
 
-MORE = float(np.log(0.05))
+MORE = float(np.log(0.2))
 """A more general kind is a rival of a special one to which it adds something: log p, over all
 constants of its grid."""
 
