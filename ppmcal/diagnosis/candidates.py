@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import product
@@ -18,6 +18,7 @@ from ppmcal.diagnosis.hypotheses import (
     shapes,
 )
 from ppmcal.diagnosis.linear_system import System, SystemPart
+from ppmcal.diagnosis.scan_range import scan_range
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.kinematics.effect_response import lacking, setting
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -87,6 +88,16 @@ def _lowest(spec: EffectParameter) -> float:
     return 0.0 if spec.reciprocal else spec.low
 
 
+NEAR = 4.0
+"""A size by which an effect nearly scales may be so many times that of its column, + or -."""
+
+
+def _plain(kind: EffectKind, motion: str, constants: Mapping[str, float]) -> list[str]:
+    """Return which constants are at the default with which the kind is a plain one."""
+    return [s.name for s in kind.parameters(motion)
+            if s.optional and constants.get(s.name) == s.default]
+
+
 def _weighed(part: SystemPart, to: Collector) -> Setting:
     """Return the setting of a part under the weight."""
     response = part.response
@@ -135,17 +146,17 @@ class _Kinds(Collector):
 
     def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
         specs = [s for s in kind.parameters(self.motion)
-                 if not s.constant and s.name not in constants]
+                 if not s.constant and (s.scaling or s.name not in constants)]
         values = start_values(kind, self.motion) | constants
         specs = [s for s in specs if self._varies(s)]
         if not specs:
             return
-        low = tuple(_lowest(s) for s in specs)
-        high = tuple(s.high for s in specs)
+        low = tuple(-NEAR * constants[s.name] if s.scaling else _lowest(s) for s in specs)
+        high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
         usual = tuple(usual_range(s, self._stroke()) for s in specs)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
-        searched = len(constants) - len(strokes)
+        searched = len(constants) - len(strokes) - len(_plain(kind, self.motion, constants))
         turns = self._stroke() / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
         of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
@@ -189,8 +200,10 @@ class _Kinds(Collector):
 
     def _made(self, kind: EffectKind, on: Bools, values: dict[str, float],
               specs: Sequence[EffectParameter]) -> list[Array]:
-        terms = [kind.evaluate(p.setting, on, values).by for p in self.system.parts]
-        return [_sign(s) * self.system.column([by[s.name] for by in terms]) for s in specs]
+        terms = [kind.evaluate(p.setting, on, values) for p in self.system.parts]
+        return [_sign(s) * self.system.column([
+            t.shift.times(1.0 / values[s.name]) if s.scaling else t.by[s.name] for t in terms])
+            for s in specs]
 
     @cached_property
     def _row_numbers(self) -> Array:
@@ -233,6 +246,8 @@ class _Kinds(Collector):
         rows = [p.response.rows for p in self.system.parts]
         out = []
         for need in kind.needs:
+            if need in ("order", "past"):
+                continue    # there is an order in two rows already
             if need in ("dir", "vel"):
                 values = [(r.approach if need == "dir" else r.velocity)[:, [a]] for r in rows]
                 name = f"{need}_{self.actuators[a]}"
@@ -258,9 +273,12 @@ class _Kinds(Collector):
 
     def _grids(self, kind: EffectKind) -> list[dict[str, float]]:
         """Return the values of a kind's nonlinear parameters that are tried, fitted ones first."""
-        rows = np.unique(np.concatenate([p.response.rows.row for p in self.system.parts]))
-        data = ScanRange(self._stroke(), np.unique(self.system.group).size, tuple(rows.tolist()))
-        tried = {s.name: s.scan(data) for s in kind.parameters(self.motion) if s.scan is not None}
+        data = self._range
+        specs = [s for s in kind.parameters(self.motion) if s.scan is not None]
+        tried = {s.name: s.scan(data) for s in specs if s.scan is not None}
+        for s in specs:
+            if s.optional and s.default is not None:
+                tried[s.name] = [s.default, *(() if self._lacks(s) else tried[s.name])]
         grid = [dict(zip(tried, map(float, values), strict=True))
                 for values in product(*tried.values())]
         if tried:
@@ -268,6 +286,16 @@ class _Kinds(Collector):
         known = np.isfinite(self.system.parts[0].setting.stroke).all()
         ends = {} if known else self._ends(kind.stroke_ends(self.motion))
         return [constants | ends for constants in grid]
+
+    @cached_property
+    def _range(self) -> ScanRange:
+        return scan_range(self.system)
+
+    def _lacks(self, spec: EffectParameter) -> bool:
+        """Whether a column that only this parameter needs is missing."""
+        on = range(len(self.actuators))
+        return any(lacking(spec.needs, self.actuators, on, p.response.rows)
+                   for p in self.system.parts)
 
     def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
         """Return what the fit has made of a kind's nonlinear parameters already."""

@@ -61,7 +61,9 @@ def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value
                       nominal=None if specs[n].reciprocal else 0.0)
              for n, v, s in zip(names, value, sigma, strict=True)}
     for n, v in hypothesis.constants.items():
-        given[n] = Given(v, free=not specs[n].constant)
+        if not specs[n].scaling:
+            plain = specs[n].optional and v == specs[n].default
+            given[n] = Given(v, free=not (specs[n].constant or plain))
     acts = tuple(not on or a in on for a in mechanism.actuators)
     before = len(mechanism.parameters)
     mechanism = with_effect(mechanism, kind, acts, given)

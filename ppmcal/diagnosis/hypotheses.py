@@ -62,6 +62,11 @@ class Hypothesis:
         return len(self.columns)
 
     @property
+    def scanned(self) -> bool:
+        """Whether a grid has chosen constants of it, or might have chosen others."""
+        return len(self.constants) > len(self.strokes)
+
+    @property
     def family(self) -> str:
         """What it is told apart as: the kind, the frozen slot, or the shape's place."""
         if self.anonymous:

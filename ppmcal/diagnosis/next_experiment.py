@@ -19,6 +19,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.stage import Stage, form_columns, of_single, without
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, finite_rows
@@ -193,8 +194,10 @@ def _old_blocks(stage: Stage, a: Hypothesis, b: Hypothesis) -> Blocks:
 def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Blocks | None:
     """Return the same of possible rows; None where a pose or a hypothesis does not exist there."""
     i = _template(stage)
+    # rows that are only proposed have no past
+    rows = replace(environment_of(stage.system.problem.mechanism, data), history=None, place=None)
     problem = replace(stage.system.problem, datasets=(data,),
-                      pivots=(stage.system.problem.opens[i].about,), given=None)
+                      pivots=(stage.system.problem.opens[i].about,), given=(rows,))
     start = State(stage.system.state.g, (stage.system.state.registrations[i],),
                   (pose_motor(np.nan_to_num(np.concatenate([data.position, data.rotation],
                                                            axis=1))),))

@@ -93,6 +93,9 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
             continue
         for column in dict.fromkeys("payload" if n in ("load", "wrench") else n
                                     for n in kind.needs):
+            if column == "dir" and all(d.approach == "sequence"
+                                       for d in found.before.problem.datasets):
+                continue    # the order of the rows has no other sign
             for key, value, factor in OTHER_UNITS.get(column, ()):
                 if _in_range(search, int(i), factor):
                     return _column_misreading(found, hypothesis, column, key, value, stage)

@@ -23,7 +23,7 @@ from ppmcal.diagnosis.linear_system import (
 )
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import own_log_p
-from ppmcal.diagnosis.stage import named_only, without
+from ppmcal.diagnosis.stage import named_only, scaling_columns, without
 from ppmcal.linalg import Array, Bools, finite_rows, subsample, unit_columns
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import EffectParameter
@@ -213,7 +213,9 @@ def own_values(fit: Fit, added: Sequence[Added], noise: Whitening, keep: Sequenc
     for key, own in where.items():
         alone = without(system, own)
         basis = range_basis(noise.apply(alone.jacobian, alone), INVISIBLE)
-        columns = noise.apply(system.jacobian[..., own], system)
+        scaling = scaling_columns(system, own)
+        columns = noise.apply(np.stack([scaling.get(c, system.jacobian[..., c]) for c in own],
+                                       axis=-1), system)
         left = noise.apply(alone.residual[..., None], alone)[:, 0]
         left = left - basis @ (basis.T @ left)
         columns = columns - basis @ (basis.T @ columns)

@@ -84,6 +84,8 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
     """
     if not _apart([search.hypotheses[i] for i in chosen if search.hypotheses[i].turns]):
         return False
+    if not _once([search.hypotheses[i] for i in chosen]):
+        return False
     columns = columns_of(search, chosen)
     value, covariance = search.test.fit(columns)
     slack = OUT_OF_RANGE * np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
@@ -99,6 +101,23 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
         if any(np.any(value[at] < np.array(low) - slack[at])
                or np.any(value[at] > np.array(high) + slack[at]) for low, high in ranges):
             return False
+    return True
+
+
+def _once(chosen: Sequence[Hypothesis]) -> bool:
+    """Whether no joint has two of a kind with other constants: of one width, one time constant.
+
+    Two of them make up for the steps of the grid. Waves and events may be several.
+    """
+    taken: set[tuple[str, str]] = set()
+    for hypothesis in chosen:
+        kind = hypothesis.effect
+        if kind is None or kind.onset or kind.period or not hypothesis.scanned:
+            continue
+        own = {(hypothesis.family, joint) for joint in hypothesis.on or ("",)}
+        if own & taken:
+            return False
+        taken |= own
     return True
 
 

@@ -114,7 +114,11 @@ def without(system: System, added: Sequence[int]) -> System:
     rest = [c for c in range(system.jacobian.shape[-1]) if c not in set(added)]
     scale = column_scale(system.problem)
     residual = system.residual.copy()
+    own = scaling_columns(system, added)
     for c in added:
+        if c in own:
+            residual += own[c]
+            continue
         parameter = system.problem.mechanism.parameters[system.problem.free[c]]
         value = float(system.state.g[system.problem.free[c]])
         if parameter.size is None:
@@ -123,6 +127,24 @@ def without(system: System, added: Sequence[int]) -> System:
             sign = -1.0 if parameter.reciprocal else 1.0
             residual += sign * system.jacobian[..., c] / scale[c] * value
     return replace(system, jacobian=system.jacobian[..., rest], residual=residual)
+
+
+def scaling_columns(system: System, columns: Sequence[int]) -> dict[int, Array]:
+    """Return what effects do (N, m) that scale with the parameter of one of some columns.
+
+    They are not their derivative times it.
+    """
+    place = {system.problem.free[c]: c for c in columns if c < len(system.problem.free)}
+    mechanism, out = system.problem.mechanism, {}
+    for effect in mechanism.effects:
+        scaling = [effect.parameters[s.name] for s in effect.kind.parameters(mechanism.motion)
+                   if s.scaling and effect.parameters[s.name] in place]
+        if scaling:
+            values = {n: float(system.state.g[p]) for n, p in effect.parameters.items()}
+            out[place[scaling[0]]] = system.column([
+                effect.kind.evaluate(p.setting, np.array(effect.on), values).shift
+                for p in system.parts])
+    return out
 
 
 def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,

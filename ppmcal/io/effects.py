@@ -238,9 +238,10 @@ def _written(mechanism: Mechanism, effect: Effect) -> dict[str, Any]:
     if not all(effect.on):
         out["on"] = [a for a, used in zip(mechanism.actuators, effect.on, strict=True) if used]
     entries: dict[str, Any] = {}
+    plain = {s.name: s.default for s in effect.kind.parameters(mechanism.motion) if s.optional}
     for name, i in effect.parameters.items():
         p = mechanism.parameters[i]
-        if np.isnan(p.value):
+        if np.isnan(p.value) or (p.value == plain.get(name) and not p.free):
             continue
         factor = mechanism.units.factor(p.quantity)
         parts: Mapping[str, float | None] = {

@@ -27,12 +27,18 @@ class ScanRange:
     """What a scan of constants may know of the data.
 
     ``stroke``: the longest of the joints, m or rad; ``poses``: number of different ones;
-    ``rows``: numbers of the rows in the campaign, in order.
+    ``rows``: numbers of the rows in the campaign, in order; ``moves``: of the joints from row to
+    row, m or rad, the shortest first; ``step``, ``duration``: median time from row to row, and
+    of the whole, s; ``speed``: median speed of the joints at the trigger, m/s or rad/s.
     """
 
     stroke: float
     poses: int
     rows: tuple[float, ...] = ()
+    moves: tuple[float, ...] = ()
+    step: float = 60.0
+    duration: float = 3600.0
+    speed: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,11 @@ class EffectParameter:
     ``scan``: the values that a search tries, SI, of a parameter in which the effect is not
     linear; a plan has to be given it. ``stroke_end``: ``low`` or ``high``, for a constant that is
     that end of the stroke where the file leaves it open (nan). ``component``: of the wrench,
-    ``fx`` ... ``mz``, without which the parameter does nothing.
+    ``fx`` ... ``mz``, without which the parameter does nothing. ``optional``: a search tries the
+    kind with it at its default too, as a plain one for which it is not fitted. ``needs``: further
+    columns that it depends on where it is not at its default. ``scaling``: the effect nearly scales
+    with it: at each value of its scan the effect, over that value, is a column, whose coefficient
+    is the parameter.
     """
 
     name: str
@@ -66,6 +76,9 @@ class EffectParameter:
     scan: Callable[[ScanRange], Sequence[float]] | None = None
     stroke_end: str = ""
     component: str = ""
+    optional: bool = False
+    needs: tuple[str, ...] = ()
+    scaling: bool = False
 
     @property
     def nonlinear(self) -> bool:
@@ -122,7 +135,9 @@ class EffectKind:
         equation: what it adds, one line.
         source: standard or paper.
         parameters: motion -> its parameters.
-        needs: columns: ``dir``, ``vel``, ``temperature``, ``load``, ``wrench``, ``time``.
+        needs: columns: ``dir``, ``vel``, ``temperature``, ``load``, ``wrench``, ``time``; ``row``;
+            ``order``: of the rows, in which joints went straight from one to the next; ``past``:
+            the rows' times, in all of the file.
         evaluate: (setting, on (k,), parameter -> value) -> :class:`Terms`.
         per_actuator: whether it belongs to single actuators; else to the whole machine.
         joints: ``any``, ``turning``: which actuators it can act on.
@@ -148,6 +163,7 @@ class EffectKind:
         from_file: of a kind that is only made of what a file says.
         written: of a kind that was made so: units of the file -> its entries.
         variants: motion -> the kinds that a search tries in its place; None: itself.
+        contains: kinds of which it is a more general one, which are enough where they do as well.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
     """
 
@@ -176,13 +192,15 @@ class EffectKind:
     from_file: FromFile | None = None
     written: Callable[[Units], Mapping[str, object]] | None = None
     variants: Callable[[str], Sequence[EffectKind]] | None = None
+    contains: tuple[str, ...] = ()
     title: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a name, column or period that means something else, or nothing (ValueError)."""
         if self.name == GEOMETRY:
             raise ValueError(f"effect '{GEOMETRY}' is an error of slots already")
-        strange = [n for n in self.needs if n not in BY_NEED]
+        asked = {n for m in self.motions for s in self.parameters(m) for n in s.needs}
+        strange = [n for n in (*self.needs, *sorted(asked)) if n not in BY_NEED]
         if strange:
             raise ValueError(f"effect '{self.name}' needs {', '.join(strange)}; "
                              f"columns are {', '.join(BY_NEED)}")
@@ -211,7 +229,8 @@ class EffectKind:
 class Worked:
     """A worked case: one actuator or pose coordinate, plain numbers.
 
-    ``setting``: field -> number for a single row; ``values``: the parameters;
+    ``setting``: field -> number for a single row, ``travel_before`` ... of the row before it, at
+    time 0; ``values``: the parameters;
     ``result``: the change of u of the actuator, of the first changed slot, of the first
     pose coordinate or of a measured 1 m, SI.
     """
