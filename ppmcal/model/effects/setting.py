@@ -108,6 +108,7 @@ class Setting:
         row: number in the campaign (N,); inf after it.
         limbs: one each.
         load_of: gives the load on the actuators (N, k), N or N m.
+        place_of: gives the closed pose of the platform (N, 6), base axes, rotation as a vector.
         until: row from which on another event takes this one's place, by joint (k,); None: never.
     """
 
@@ -124,11 +125,17 @@ class Setting:
     limbs: tuple[LimbSetting, ...]
     load_of: Callable[[], Array]
     until: Array | None = None
+    place_of: Callable[[], Array] | None = None
 
     @cached_property
     def load(self) -> Array:
         """F = J_q^T wrench (N, k): positive when it pushes towards larger u."""
         return self.load_of()
+
+    @cached_property
+    def place(self) -> Array:
+        """The platform's closed pose (N, 6) x, y, z, rx, ry, rz, m and rad; nan if unknown."""
+        return self.place_of() if self.place_of else np.full((self.time.size, 6), np.nan)
 
     def since(self, row: float) -> Array:
         """Return 1 from a row on, until another event takes its place, else 0, by joint (N, k)."""
