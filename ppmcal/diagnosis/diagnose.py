@@ -104,6 +104,10 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     others = _alternatives(found.last)
     effects = with_onsets(_effects(found, others), onsets)
     out = left_out(final or whole)
+    if not out.suspicious:
+        # the tests were made in the training rows: what they went without counts as much
+        trained = left_out(found.after)
+        out = trained if trained.suspicious else out
     if out.follows:
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(
             out.p_value, left.p_value))

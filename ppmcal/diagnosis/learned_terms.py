@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.diagnosis.held_out_blocks import schemes
-from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_gap
+from ppmcal.diagnosis.held_out_blocks import BlockGap, schemes
+from ppmcal.diagnosis.held_out_gap import HeldOutErrors, gap_of, measure_gap
 from ppmcal.diagnosis.learning import Learned, Term, learn, relearned
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, Whitening, build, range_basis
 from ppmcal.diagnosis.refit import with_mechanism
@@ -78,7 +78,7 @@ def _judged(base: Fit, whole: Fit, found: Learned, held: Sequence[Dataset], outl
     except PpmcalError:
         return None
     blocks = tuple(_block_gaps(seen, learned.terms, noise, seed))
-    if any(b.worse for _, b in blocks):
+    if any(b.gap.worse for b in blocks):
         return None
     return LearnedTerms(learned, seen, whole, final, gap, blocks)
 
@@ -122,7 +122,7 @@ def with_terms(mechanism: Mechanism, found: Learned) -> Mechanism:
 
 
 def _block_gaps(seen: Visible, terms: Sequence[Term], noise: float, seed: int
-                ) -> list[tuple[str, Gap]]:
+                ) -> list[BlockGap]:
     """Return the gap over stretches of time and conditions left out, without and with the terms.
 
     To first order: geometry and terms solved for without the block's rows, lengths and sizes kept.
@@ -148,7 +148,7 @@ def _block_gaps(seen: Visible, terms: Sequence[Term], noise: float, seed: int
         if errors:
             old, new = (HeldOutErrors(*(np.concatenate([getattr(p[k], n) for p in errors])
                         for n in ("square", "variance", "count", "group"))) for k in (0, 1))
-            out.append((by, gap_of(old, new, noise, seed)))
+            out.append(BlockGap(by, gap_of(old, new, noise, seed)))
     return out
 
 

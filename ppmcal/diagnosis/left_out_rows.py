@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import bdtrc, gammaln
@@ -27,7 +28,7 @@ FEWEST = 4
 """Fewer rows have no pattern."""
 THIRDS = 3
 STRETCHES = 8
-"""Parts of a joint's travel: what is worn in one of them hits the rows there."""
+"""Parts of a joint's travel, which overlap: what is worn in one of them hits the rows there."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,8 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
         yield f"come after the longest moves of {name}", thirds(move[:, a])[-1]
     for a, name in enumerate(mechanism.actuators):
         factor, unit = mechanism.joint_units[a]
-        for mask in parts_of(data.q[:, a], STRETCHES):
+        fine = parts_of(data.q[:, a], 2 * STRETCHES)
+        for mask in (x | y for x, y in pairwise(fine)):
             if mask.any():
                 low_end, high_end = (f(data.q[mask, a]) / factor for f in (np.min, np.max))
                 yield (f"have {name} between {low_end:.6g} and {high_end:.6g} {unit}".rstrip(),

@@ -109,7 +109,7 @@ class LearnedTerms:
         learned: terms and curves, from all rows; seen: those rows.
         without, fit: of all rows, without and with the terms.
         gap: on held-out poses, the terms learned without them.
-        blocks: left out by -> the same where stretches are left out in turn.
+        blocks: the same where stretches are left out in turn.
     """
 
     learned: Learned
@@ -117,7 +117,7 @@ class LearnedTerms:
     without: Fit
     fit: Fit
     gap: Gap
-    blocks: tuple[tuple[str, Gap], ...]
+    blocks: tuple[BlockGap, ...]
 
 
 @dataclass(frozen=True, eq=False)
