@@ -7,20 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.learning import Term
 from ppmcal.diagnosis.result import LearnedTerms
 from ppmcal.diagnosis.search import by_size
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible, columns_of
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import INPUTS, JOINT, Curve
+from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
 from ppmcal.model.effects.setting import PLACE
 
-POINTS, DRAWN = 121, 600
-"""Points of the curve, and partial residuals, that a picture has at most."""
+POINTS = 121
+"""Points of the curve that a picture has."""
 MOSTLY = 0.9
-"""It looks even, odd or periodic where so much of its mean square is."""
+"""It looks even, odd or repeating where so much of its mean square is."""
 KINK = 4.0
 """It looks kinked where its bend is at most so many times the rms bend."""
 LEAST_PERIODS, MOST_PERIODS = 1.5, 10.0
@@ -35,13 +34,13 @@ class LearnedShape:
     Attributes:
         curve: the function; on: joints, empty for the machine.
         rms: over the rows; gain: in log marginal likelihood.
-        looks: even, odd, kinked, periodic, hysteretic; period in units of the input or None.
+        looks: even, odd, kinked, repeating, hysteretic; period in units of the input or None.
         near: label of a kind of effect -> cosine of what both do that geometry cannot.
         x, value, sigma: the curve and its standard deviation, over the range.
         at, partial: input and partial residual of rows.
     """
 
-    curve: Curve
+    curve: LearnedCurve
     on: tuple[str, ...]
     rms: float
     gain: float
@@ -66,7 +65,8 @@ def shapes(found: LearnedTerms, stage: Stage) -> tuple[LearnedShape, ...]:
         found.learned.terms, found.learned.curves, found.learned.gains, strict=True))
 
 
-def _shape(seen: Visible, term: Term, curve: Curve, gain: float, stage: Stage) -> LearnedShape:
+def _shape(seen: Visible, term: Term, curve: LearnedCurve, gain: float, stage: Stage
+           ) -> LearnedShape:
     x = np.linspace(curve.nodes[0], curve.nodes[-1], POINTS)
     basis = curve.basis(x)
     value = basis @ curve.values
@@ -81,13 +81,14 @@ def _shape(seen: Visible, term: Term, curve: Curve, gain: float, stage: Stage) -
                         _near(stage, curve, term.candidate.on), x, value, sigma, at, partial)
 
 
-def _partial(seen: Visible, term: Term, curve: Curve) -> tuple[Array, Array]:
+def _partial(seen: Visible, term: Term, curve: LearnedCurve) -> tuple[Array, Array]:
     """Return inputs and partial residuals: the term and what is left along its own direction."""
     terms = term.candidate.free @ curve.values
     shape = seen.system.residual.shape
     rest = seen.left - terms
     at, partial = [], []
-    for a in np.flatnonzero(term.candidate.on) if curve.acts == JOINT else [0]:
+    joints = [a for a, used in enumerate(term.candidate.on) if used]
+    for a in joints if curve.acts == JOINT else [0]:
         for i, part in enumerate(seen.system.parts):
             unit = (seen.by_joint[i][..., a] if curve.acts == JOINT
                     else seen.by_place[i][..., PLACE[curve.acts]])
@@ -105,11 +106,11 @@ def _partial(seen: Visible, term: Term, curve: Curve) -> tuple[Array, Array]:
     return np.concatenate(at), np.concatenate(partial)
 
 
-def _looks(curve: Curve, x: Array, value: Array) -> tuple[tuple[str, ...], float | None]:
+def _looks(curve: LearnedCurve, x: Array, value: Array) -> tuple[tuple[str, ...], float | None]:
     """Return words for a curve, and its period where it has one."""
     words = ["hysteretic"] if curve.signed else []
     low, high = curve.nodes[0], curve.nodes[-1]
-    middle = 0.0 if low < 0.0 < high and not curve.input == "travel" else 0.5 * (low + high)
+    middle = 0.0 if low < 0.0 < high and curve.input != "travel" else 0.5 * (low + high)
     reach = min(high - middle, middle - low)
     t = np.linspace(0.0, reach, POINTS // 2)
     up, down = curve.at(middle + t), curve.at(middle - t)
@@ -122,7 +123,7 @@ def _looks(curve: Curve, x: Array, value: Array) -> tuple[tuple[str, ...], float
         words.append("odd")
     period = _period(x, value)
     if period is not None:
-        words.append("periodic")
+        words.append("repeating")
     bend = np.abs(np.diff(value, 2))
     if period is None and bend.max() > KINK * np.sqrt(np.mean(bend**2)):
         words.append("kinked")
@@ -144,7 +145,7 @@ def _period(x: Array, value: Array) -> float | None:
     return found if best > MOSTLY else None
 
 
-def _near(stage: Stage, curve: Curve, on: Sequence[bool]) -> tuple[tuple[str, float], ...]:
+def _near(stage: Stage, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[str, float], ...]:
     """Return the kinds of effect that do nearly the same, best first."""
     seen = Visible(stage.system, stage.noise, stage.basis, stage.residual)
     columns = columns_of(seen, curve, on)
@@ -161,12 +162,10 @@ def _near(stage: Stage, curve: Curve, on: Sequence[bool]) -> tuple[tuple[str, fl
     best: dict[str, float] = {}
     for which, groups in by_size(some):
         explained, _ = likened.explained(groups)
-        for h, part in zip(_of(some, which), explained, strict=True):
+        for i, part in zip(which.tolist(), explained.tolist(), strict=True):
+            h = some[i]
             cosine = float(np.sqrt(min(max(part, 0.0) / max(square, 1e-300), 1.0)))
             best[h.label] = max(best.get(h.label, 0.0), cosine)
     ranked = sorted(best.items(), key=lambda pair: -pair[1])
     return tuple((label, c) for label, c in ranked[:FEW] if c >= NEAR)
 
-
-def _of(some: Sequence[Hypothesis], which: Array) -> list[Hypothesis]:
-    return [some[int(i)] for i in which]

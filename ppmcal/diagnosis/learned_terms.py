@@ -17,7 +17,7 @@ from ppmcal.diagnosis.learning import Learned, Term, learn, relearned
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, Whitening, build, range_basis
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.diagnosis.term_candidates import Candidate, Visible, all_settings, candidates
+from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, all_settings, candidates
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
@@ -83,17 +83,19 @@ def _judged(base: Fit, whole: Fit, found: Learned, held: Sequence[Dataset], outl
     return LearnedTerms(learned, seen, whole, final, gap, blocks)
 
 
-def _fitted(fit: Fit, rows: Sequence[Bools], chosen: Sequence[Candidate], whitening: Whitening,
+def _fitted(fit: Fit, rows: Sequence[Bools], chosen: Sequence[TermCandidate], whitening: Whitening,
             options: FitOptions) -> tuple[Learned, Visible, Fit]:
     """Return the terms, the rows they are from, and the fit with them.
 
-    ``rows``: those to start with, by data set. They are learned again where the fit with them uses more rows.
+    ``rows``: those to start with, by data set. They are learned again where the fit with them
+    uses more rows.
     """
     keep = list(rows)
     for _ in range(ROUNDS):
         seen = visible(fit, keep, whitening)
         found = relearned(seen, chosen)
-        after = with_mechanism(fit, with_terms(fit.problem.mechanism, found), options)
+        machine = with_terms(fit.problem.mechanism, found)
+        after = with_mechanism(fit, machine, options)
         more = _rows(fit, after)
         if sum(k.sum() for k in more) <= sum(k.sum() for k in keep):
             break

@@ -11,7 +11,7 @@ over all that were tried.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,14 +19,16 @@ from scipy.linalg import eigh
 
 from ppmcal.diagnosis.adequacy import LEVEL
 from ppmcal.diagnosis.stage import WEAK_SURVIVAL
-from ppmcal.diagnosis.term_candidates import Candidate, Visible, again
+from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, again
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import JOINT, Curve
+from ppmcal.model.effects.learned import JOINT, LearnedCurve
 
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
 """Lengths of the kernel that are tried, in parts of the range."""
 SIZES = np.geomspace(1e-2, 1e4, 25)
 """Sizes that are tried: the standard deviation of a column's whole effect, in sigmas."""
+NEGLIGIBLE = 12.0
+"""Lengths and sizes that are so much less likely (log) count for nothing."""
 MOST_TERMS = 8
 SWEEPS = 3
 JOINTS_FIRST = 3.0
@@ -40,18 +42,26 @@ UNSEEN = 1e-4
 class Shape:
     """What the prior lets a term be: values = ``root`` z, z standard normal times its size.
 
-    ``length``: of the kernel, in parts of the range.
+    ``length``: of the kernel, in parts of the range. ``lost`` (n, d): values that geometry does as
+    well; ``held`` (d, n): what a term has of them, by its values: nothing.
     """
 
     length: float
     root: Array
+    lost: Array
+    held: Array
+
+    def gauged(self, values: Array) -> Array:
+        """Return values at the nodes (n,) less what geometry does as well."""
+        amount = np.linalg.lstsq(self.held @ self.lost, self.held @ values, rcond=None)[0]
+        return np.asarray(values - self.lost @ amount)
 
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """A candidate with its shape and size, and what geometry does as well taken out (gauge)."""
+    """A candidate with its shape and size."""
 
-    candidate: Candidate
+    candidate: TermCandidate
     shape: Shape
     size: float
 
@@ -63,16 +73,18 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """Terms with their curves; ``sigma`` of the noise, over the whitened one; ``gain`` in log
-    marginal likelihood of each."""
+    """Terms with their curves and the gain in log marginal likelihood of each.
+
+    ``sigma``: of the noise, over the whitened one.
+    """
 
     terms: tuple[Term, ...]
-    curves: tuple[Curve, ...]
+    curves: tuple[LearnedCurve, ...]
     sigma: float
     gains: tuple[float, ...] = ()
 
 
-def learn(seen: Visible, tried: Sequence[Candidate], most: int = MOST_TERMS) -> Learned | None:
+def learn(seen: Visible, tried: Sequence[TermCandidate], most: int = MOST_TERMS) -> Learned | None:
     """Return the terms that the rows ask for, None if none."""
     enough = float(np.log(max(len(tried), 1) / LEVEL))
     shapes = {id(c): shapes_of(c) for c in tried}
@@ -93,10 +105,10 @@ def learn(seen: Visible, tried: Sequence[Candidate], most: int = MOST_TERMS) -> 
         terms.append(best[1])
         gains.append(best[2])
         terms = _swept(seen, terms, shapes)
-    return solved(seen, terms, gains) if terms else None
+    return solved(seen, terms, shapes, gains) if terms else None
 
 
-def relearned(seen: Visible, chosen: Sequence[Candidate]) -> Learned:
+def relearned(seen: Visible, chosen: Sequence[TermCandidate]) -> Learned:
     """Return terms that were chosen in other rows, learned from these."""
     terms: list[Term] = []
     gains: list[float] = []
@@ -106,7 +118,7 @@ def relearned(seen: Visible, chosen: Sequence[Candidate]) -> Learned:
         term, gain = _Rest(seen, terms).fitted(candidate, shapes[id(candidate)])
         terms.append(term)
         gains.append(gain)
-    return solved(seen, _swept(seen, terms, shapes), gains)
+    return solved(seen, _swept(seen, terms, shapes), shapes, gains)
 
 
 def _swept(seen: Visible, terms: list[Term], shapes: dict[int, list[Shape]]) -> list[Term]:
@@ -119,7 +131,7 @@ def _swept(seen: Visible, terms: list[Term], shapes: dict[int, list[Shape]]) -> 
     return terms
 
 
-def shapes_of(candidate: Candidate) -> list[Shape]:
+def shapes_of(candidate: TermCandidate) -> list[Shape]:
     """Return the shapes that a candidate may have, one for each length of the kernel."""
     nodes = candidate.curve.nodes
     far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
@@ -131,12 +143,16 @@ def shapes_of(candidate: Candidate) -> list[Shape]:
         x = np.sqrt(5.0) * far / length
         kernel = (1.0 + x + x**2 / 3.0) * np.exp(-x)
         w, v = np.linalg.eigh(kernel)
-        root = v[:, w > 1e-10 * w[-1]] * (scale * np.sqrt(w[w > 1e-10 * w[-1]]))
-        out.append(Shape(length, root @ _kept(candidate, seen, root)))
+        keep = w > 1e-10 * w[-1]
+        root = v[:, keep] * (scale * np.sqrt(w[keep]))
+        lost, held = absorbed(candidate, root)
+        free = np.linalg.svd(held)[2][len(held):].T if len(held) else np.eye(root.shape[1])
+        back = (v[:, keep] / (scale * np.sqrt(w[keep]))).T
+        out.append(Shape(length, root @ free, root @ lost, held @ back))
     return [s for s in out if s.root.shape[1]]
 
 
-def absorbed(candidate: Candidate, root: Array) -> tuple[Array, Array]:
+def absorbed(candidate: TermCandidate, root: Array) -> tuple[Array, Array]:
     """Return which shapes geometry does as well, and how much of each z has.
 
     Shapes (r, d) in units of z; the second (d, r) is 0 where a term has nothing of them.
@@ -147,14 +163,6 @@ def absorbed(candidate: Candidate, root: Array) -> tuple[Array, Array]:
     part, v = eigh(0.5 * (gone + gone.T), metric)
     lost = v[:, part > 1.0 - WEAK_SURVIVAL**2]
     return lost, lost.T @ metric
-
-
-def _kept(candidate: Candidate, seen: Array, root: Array) -> Array:
-    """Return an orthonormal basis (r, r - d) of the shapes that geometry cannot do as well."""
-    held = absorbed(candidate, root)[1]
-    if not len(held):
-        return np.eye(root.shape[1])
-    return np.asarray(np.linalg.svd(held)[2][len(held):].T)
 
 
 class _Rest:
@@ -168,41 +176,74 @@ class _Rest:
         self.right = self.z.T @ seen.left
         self.square = float(seen.left @ seen.left - self.right @ self.inner @ self.right)
 
-    def fitted(self, candidate: Candidate, shapes: Sequence[Shape]) -> tuple[Term, float]:
+    def fitted(self, candidate: TermCandidate, shapes: Sequence[Shape]) -> tuple[Term, float]:
         """Return a candidate at its likeliest length and size, and the gain in log likelihood."""
+        tried = self._tried(candidate, shapes)
+        value = np.stack([t.value for t in tried])
+        n, i = np.unravel_index(int(np.argmax(value)), value.shape)
+        return Term(candidate, shapes[n], float(tried[n].size[i])), float(value[n, i])
+
+    def posterior(self, candidate: TermCandidate, shapes: Sequence[Shape]) -> tuple[Array, Array]:
+        """Return mean (n,) and covariance (n, n) of a candidate's values at its nodes.
+
+        Over all lengths and sizes, each as likely as it is: the likeliest alone would be too sure.
+        """
+        tried = self._tried(candidate, shapes)
+        top = max(float(t.value.max()) for t in tried)
+        means, spreads, weights = [], [], []
+        for t in tried:
+            for i in np.flatnonzero(t.value > top - NEGLIGIBLE):
+                shrink = t.size[i] ** 2 / (1.0 + t.size[i] ** 2 * t.strength)
+                means.append(t.modes @ (shrink * t.right))
+                spreads.append(t.sigma2[i] * (t.modes * shrink) @ t.modes.T)
+                weights.append(np.exp(t.value[i] - top))
+        share = np.array(weights) / np.sum(weights)
+        mean = share @ np.array(means)
+        away = np.array(means) - mean
+        return mean, np.asarray(np.einsum("i,ijk->jk", share, np.array(spreads))
+                                + (away * share[:, None]).T @ away)
+
+    def _tried(self, candidate: TermCandidate, shapes: Sequence[Shape]) -> list[_Tried]:
+        """Return what each shape (length) would give at every size."""
         cross = candidate.free.T @ self.z
         gram = candidate.gram - cross @ self.inner @ cross.T
-        right = candidate.free.T @ self.seen.left - cross @ self.inner @ self.right
-        best, found = -np.inf, Term(candidate, shapes[0], 0.0)
-        freedom = self.seen.freedom
+        toward = candidate.free.T @ self.seen.left - cross @ self.inner @ self.right
+        freedom, size = self.seen.freedom, SIZES / np.sqrt(candidate.curve.nodes.size)
+        out = []
         for shape in shapes:
             w, v = np.linalg.eigh(shape.root.T @ gram @ shape.root)
-            w = np.maximum(w, 0.0)
-            u = (v.T @ (shape.root.T @ right)) ** 2
-            spread = SIZES[:, None] ** 2 * w / candidate.curve.nodes.size
-            gone = np.sum(SIZES[:, None] ** 2 * u / candidate.curve.nodes.size / (1.0 + spread),
-                          axis=1)
+            w, right = np.maximum(w, 0.0), v.T @ (shape.root.T @ toward)
+            spread = 1.0 + size[:, None] ** 2 * w
+            gone = np.sum(size[:, None] ** 2 * right**2 / spread, axis=1)
             left = np.maximum(self.square - gone, 1e-9 * self.square)
-            value = (-0.5 * np.sum(np.log1p(spread), axis=1)
-                     - 0.5 * freedom * np.log(left / self.square))
-            i = int(np.argmax(value))
-            if value[i] > best:
-                best = float(value[i])
-                found = Term(candidate, shape, float(SIZES[i]) / np.sqrt(
-                    candidate.curve.nodes.size))
-        return found, best
+            value = -0.5 * np.sum(np.log(spread), axis=1) - 0.5 * freedom * np.log(
+                left / self.square)
+            out.append(_Tried(shape.root @ v, w, right, size, value, left / freedom))
+        return out
 
 
-def solved(seen: Visible, terms: Sequence[Term], gains: Sequence[float] = ()) -> Learned:
-    """Return the curves of terms whose lengths and sizes are known."""
-    rest = _Rest(seen, terms)
-    sigma2 = rest.square / seen.freedom
-    mean = rest.inner @ rest.right
-    curves, begin = [], 0
-    for t in terms:
-        own = slice(begin, begin + t.shape.root.shape[1])
-        begin = own.stop
-        root = t.size * t.shape.root
-        curves.append(replace(t.candidate.curve, values=root @ mean[own],
-                              covariance=sigma2 * root @ rest.inner[own, own] @ root.T))
-    return Learned(tuple(terms), tuple(curves), float(np.sqrt(sigma2)), tuple(gains))
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A shape at all sizes (s,): its independent modes (n, r), how strongly rows see each.
+
+    ``right`` (r,): what they say of it; ``value``, ``sigma2`` (s,): log likelihood and noise.
+    """
+
+    modes: Array
+    strength: Array
+    right: Array
+    size: Array
+    value: Array
+    sigma2: Array
+
+
+def solved(seen: Visible, terms: Sequence[Term], shapes: Mapping[int, list[Shape]],
+           gains: Sequence[float] = ()) -> Learned:
+    """Return the curves of terms that are chosen, each given the others."""
+    curves = []
+    for i, t in enumerate(terms):
+        rest = _Rest(seen, [*terms[:i], *terms[i + 1:]])
+        mean, covariance = rest.posterior(t.candidate, shapes[id(t.candidate)])
+        curves.append(replace(t.candidate.curve, values=mean, covariance=covariance))
+    sigma = float(np.sqrt(_Rest(seen, terms).square / seen.freedom))
+    return Learned(tuple(terms), tuple(curves), sigma, tuple(gains))

@@ -7,7 +7,7 @@ geometry and named effects could do instead.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,7 +20,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
 from ppmcal.linalg import Array, finite_rows, without_range
 from ppmcal.model.effects import Setting, Shift
-from ppmcal.model.effects.learned import INPUTS, JOINT, Curve, LearnedInput, spline_basis
+from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput, spline_basis
 from ppmcal.model.effects.setting import PLACE
 
 FINE, COARSE, FEWEST = 24, 12, 3
@@ -48,7 +48,7 @@ class Visible:
     @property
     def freedom(self) -> int:
         """Values less what was fitted."""
-        return max(self.system.count - self.basis.shape[1], 1)
+        return max(self.system.count - int(self.basis.shape[1]), 1)
 
     @cached_property
     def by_joint(self) -> list[Array]:
@@ -65,15 +65,15 @@ class Visible:
                                   for c in range(6)]) for p in self.system.parts]
 
 
-def _units(column, shifts: Sequence[Shift]) -> Array:  # type: ignore[no-untyped-def]
+def _units(column: Callable[[Shift], Array], shifts: Sequence[Shift]) -> Array:
     return np.stack([column(s) for s in shifts], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class TermCandidate:
     """A term that could be learned: a curve without values, the joints, its columns (n, K)."""
 
-    curve: Curve
+    curve: LearnedCurve
     on: tuple[bool, ...]
     columns: Array
     free: Array
@@ -95,7 +95,7 @@ def all_settings(fit: Fit) -> list[Setting]:
     return out
 
 
-def candidates(seen: Visible, everywhere: Sequence[Setting]) -> list[Candidate]:
+def candidates(seen: Visible, everywhere: Sequence[Setting]) -> list[TermCandidate]:
     """Return the terms that these rows could tell, those of joints first.
 
     Args:
@@ -106,18 +106,18 @@ def candidates(seen: Visible, everywhere: Sequence[Setting]) -> list[Candidate]:
     for curve, on in _forms(seen, everywhere):
         columns = columns_of(seen, curve, on)
         if np.isfinite(columns).all():
-            out.append(Candidate(curve, on, columns, without_range(columns, seen.basis)))
+            out.append(TermCandidate(curve, on, columns, without_range(columns, seen.basis)))
     return out
 
 
-def again(seen: Visible, term: Candidate) -> Candidate:
+def again(seen: Visible, term: TermCandidate) -> TermCandidate:
     """Return a candidate's columns in other rows, or at another state."""
     columns = columns_of(seen, term.curve, term.on)
     return replace(term, columns=columns, free=without_range(columns, seen.basis))
 
 
 def _forms(seen: Visible, everywhere: Sequence[Setting]
-           ) -> Iterator[tuple[Curve, tuple[bool, ...]]]:
+           ) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
     mechanism = seen.system.problem.mechanism
     k = len(mechanism.actuators)
     each = [tuple(a == b for b in range(k)) for a in range(k)]
@@ -151,12 +151,12 @@ def _recorded(source: LearnedInput, here: Sequence[Setting], coordinates: Sequen
 
 
 def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[Setting],
-           on: tuple[bool, ...], joint: str) -> Curve | None:
+           on: tuple[bool, ...], joint: str) -> LearnedCurve | None:
     """Return a curve over the range of an input, None where that takes too few values."""
     def values(rows: Sequence[Setting]) -> Array:
         x = np.concatenate([source.value(s) for s in rows])
         x = x if x.ndim == 1 else x[:, np.array(on)].ravel()
-        return x[np.isfinite(x)]
+        return np.asarray(x[np.isfinite(x)])
 
     used, whole = values(here), values(everywhere)
     width = float(np.ptp(whole))
@@ -169,10 +169,10 @@ def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[S
         return None
     low, high = float(whole.min()) - MARGIN * width, float(whole.max()) + MARGIN * width
     nodes = np.linspace(low, high, count)
-    return Curve(source.name, nodes, np.zeros(count), np.zeros((count, count)), joint=joint)
+    return LearnedCurve(source.name, nodes, np.zeros(count), np.zeros((count, count)), joint=joint)
 
 
-def columns_of(seen: Visible, curve: Curve, on: Sequence[bool]) -> Array:
+def columns_of(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> Array:
     """Return the whitened columns of a curve's values at its nodes (n, K)."""
     system = seen.system
     out = np.zeros((*system.residual.shape, curve.nodes.size))

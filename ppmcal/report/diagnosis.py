@@ -29,7 +29,7 @@ def diagnosis_section(d: Diagnosed) -> str:
     """Return everything about one diagnosis."""
     r = d.record
     out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r), _learned(r),
-           _pictures(r),           _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
+           _pictures(r), _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
     return "".join(out) + figures(residual_figures(d.residuals, r.units))
 
 

@@ -9,7 +9,7 @@ from ppmcal.io.results.diagnosis_wording import learned_name
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.linalg import Array
 from ppmcal.plotting.canvas import Drawing
-from ppmcal.plotting.plot import between, dots, line, plotted, span, zero
+from ppmcal.plotting.plot import between, line, marks, plotted, span, zero
 from ppmcal.report.diagnosis_format import INPUTS, finer
 from ppmcal.report.format import number, with_label
 
@@ -44,11 +44,11 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
     name = learned_name(record, entry)
     return plotted(
         f"Learned: {name}",
-        "Line: what was learned, with its 95 % band; dots: what single rows say of it, all else "
+        "Line: what was learned, with its 95 % band; rings: what single rows say of it, all else "
         "taken out. It is a shape, not a cause; nothing is known beyond the ends.",
         f"{name}: {number(entry.rms)} {entry.unit} rms.", span(curve[0], margin=0.02), up,
         (with_label(INPUTS.get(entry.input, entry.input), entry.input_unit),
          with_label(f"error of {what}", unit)),
-        [zero(), dots(rows[0], factor * rows[1], "before", 2.5),
+        [zero(), marks(rows[0], factor * rows[1], "before", "o", 3.0),
          between(curve[0], factor * (curve[1] - half), factor * (curve[1] + half)),
          line(curve[0], factor * curve[1])])

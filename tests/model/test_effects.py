@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.machines import KINDS, Array, delta, difference, full, mixed, spread
+from helpers.machines import FURTHER, KINDS, Array, delta, difference, full, mixed, spread
 from helpers.paths import ROOT
 
 from ppmcal import algebra as cga
@@ -115,7 +115,7 @@ def acting(mechanism: Mechanism, *effects: Mapping[str, Any]) -> Mechanism:
 def with_kind(mechanism: Mechanism, kind: str, free: bool = False) -> Mechanism:
     """Return the machine with one effect of a kind, at moderate values."""
     constant = {s.name for s in effect_kinds()[kind].parameters(mechanism.motion) if s.constant}
-    return acting(mechanism, {"kind": kind, "parameters": {
+    return acting(mechanism, {"kind": kind, **FURTHER.get(kind, {}), "parameters": {
         n: {"value": v, "free": free and n not in constant}
         for n, v in sizes(mechanism, kind).items()}})
 
@@ -306,7 +306,8 @@ def test_zero_parameters_change_nothing(name: str, kind: str) -> None:
     """Neither the pose nor the joints nor what is measured, to the last digit."""
     mechanism = machine(name)
     q, rows = sample(mechanism)
-    still = acting(mechanism, {"kind": kind, "parameters": nothing(mechanism, kind)})
+    still = acting(mechanism, {"kind": kind, **FURTHER.get(kind, {}),
+                               "parameters": nothing(mechanism, kind)})
     still = still.with_values(np.where(still.values == 1e12, 1e30, still.values))
     found = reached_poses(Model(still), q, rows)
     for i in range(len(mechanism.limbs)):

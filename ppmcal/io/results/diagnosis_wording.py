@@ -137,7 +137,7 @@ def learned_gap(record: DiagnosisRecord) -> str:
 
 def _look(entry: LearnedEntry) -> str:
     words = [f"{w} (every {number(entry.period, 3)} {entry.input_unit})"
-             if w == "periodic" and entry.period else w for w in entry.looks]
+             if w == "repeating" and entry.period else w for w in entry.looks]
     like = [f"{n.effect} (cosine {number(n.cosine, 2)})" for n in entry.near[:1]]
     return (f"; it looks {', '.join(words)}" if words else "") + (
         f"; nearest in the library: {like[0]}" if like else "")

@@ -29,7 +29,7 @@ class LearnedEntry(Part):
     ``joint`` or a pose coordinate; ``by``: ``direction`` where its sign is that of the approach.
     ``rms`` over the rows, in ``unit``; ``low`` to ``high``: where it is known, in ``input_unit``.
     ``gap``: on held-out poses, without and with all that was learned. ``looks``: even, odd,
-    kinked, periodic (``period``), hysteretic. ``x``, ``value``, ``sigma``: the curve; ``at``,
+    kinked, repeating (``period``), hysteretic. ``x``, ``value``, ``sigma``: the curve; ``at``,
     ``partial``: what single rows say of it.
     """
 

@@ -74,7 +74,7 @@ FOLLOWED = {"travel": TRAVEL, "velocity": VELOCITY, "load": LOAD, "temperature":
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class LearnedCurve:
     """A function of an input: spline through ``values`` (n,) at ``nodes`` (n,), SI.
 
     Attributes:
@@ -166,7 +166,7 @@ def spline_basis(nodes: Array, x: Array) -> Array:
     return np.asarray(np.where(inside[..., None], found, np.nan))
 
 
-def learned_kind(curve: Curve) -> EffectKind:
+def learned_kind(curve: LearnedCurve) -> EffectKind:
     """Return the kind of effect that is this function."""
     source = INPUTS[curve.input]
     needs = (*source.needs, *(("dir",) if curve.signed else ()))
@@ -218,10 +218,10 @@ def _from_file(given: Mapping[str, object], units: Units, joint: str) -> EffectK
             or np.linalg.eigvalsh(covariance).min() < -SYMMETRIC * largest):
         raise BadInput("this is no covariance: not symmetric, or of a negative variance",
                        "covariance", "Copy it whole, or write zeros where the values are certain")
-    found = Curve(source.name, nodes, values, covariance, by is not None, str(acts), joint)
+    found = LearnedCurve(source.name, nodes, values, covariance, by is not None, str(acts), joint)
     own = units.factor(found.quantity)
     per = _factor(units, found.input_quantity)
-    return learned_kind(Curve(source.name, (nodes - source.zero) * per, values * own,
+    return learned_kind(LearnedCurve(source.name, (nodes - source.zero) * per, values * own,
                               covariance * own**2, by is not None, str(acts), joint))
 
 
@@ -242,7 +242,7 @@ LEARNED = "learned"
 SCALE = EffectParameter("scale", "1", 1.0, size=1e-3)
 FROM_FILE = FromFile(("input", "by", "acts", "nodes", "values", "covariance"), _from_file)
 WORKED = Worked({"scale": 1.0}, {"travel": 0.5}, 1e-5)
-register(learned_kind(Curve("travel", np.array([0.0, 1.0]), np.array([0.0, 2e-5]),
+register(learned_kind(LearnedCurve("travel", np.array([0.0, 1.0]), np.array([0.0, 2e-5]),
                             np.zeros((2, 2)))))
 
-__all__ = ["INPUTS", "JOINT", "Curve", "LearnedInput", "learned_kind", "spline_basis"]
+__all__ = ["INPUTS", "JOINT", "LearnedCurve", "LearnedInput", "learned_kind", "spline_basis"]
