@@ -180,7 +180,7 @@ class _Rest:
         """Return a candidate at its likeliest length and size, and the gain in log likelihood."""
         tried = self._tried(candidate, shapes)
         value = np.stack([t.value for t in tried])
-        n, i = np.unravel_index(int(np.argmax(value)), value.shape)
+        n, i = (int(j) for j in np.unravel_index(int(np.argmax(value)), value.shape))
         return Term(candidate, shapes[n], float(tried[n].size[i])), float(value[n, i])
 
     def posterior(self, candidate: TermCandidate, shapes: Sequence[Shape]) -> tuple[Array, Array]:
