@@ -21,7 +21,7 @@ from ppmcal.calibration.summary import far_from_nominal, report
 from ppmcal.calibration.validation import split
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
-from ppmcal.diagnosis.adequacy import Remainder, remainder
+from ppmcal.diagnosis.adequacy import LEVEL, Remainder, remainder
 from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import Added, with_named
 from ppmcal.diagnosis.held_out_blocks import block_gaps
@@ -108,7 +108,8 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         # the tests were made in the training rows: what they went without counts as much
         trained = left_out(found.after)
         out = trained if trained.suspicious else out
-    if out.follows:
+    # where what is left follows an input, that says more than a stretch of it
+    if out.follows and not (out.of_travel and left.p_value < LEVEL):
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(
             out.p_value, left.p_value))
     blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()

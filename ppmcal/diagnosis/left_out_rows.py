@@ -27,6 +27,7 @@ LEVEL = 0.01
 FEWEST = 4
 """Fewer rows have no pattern."""
 THIRDS = 3
+STRETCH = "have"
 STRETCHES = 8
 """Parts of a joint's travel, which overlap: what is worn in one of them hits the rows there."""
 
@@ -53,6 +54,11 @@ class LeftOut:
     def suspicious(self) -> bool:
         """Whether these were not gross errors only."""
         return self.too_many or bool(self.follows)
+
+    @property
+    def of_travel(self) -> bool:
+        """Whether what they have in common is a stretch of a joint's travel."""
+        return self.follows.startswith(STRETCH)
 
     @property
     def sentence(self) -> str:
@@ -129,7 +135,7 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
         for mask in (x | y for x, y in pairwise(fine)):
             if mask.any():
                 low_end, high_end = (f(data.q[mask, a]) / factor for f in (np.min, np.max))
-                yield (f"have {name} between {low_end:.6g} and {high_end:.6g} {unit}".rstrip(),
+                yield (f"{STRETCH} {name} between {low_end:.6g} and {high_end:.6g} {unit}".rstrip(),
                        mask)
     order = np.arange(n, dtype=float)
     low = ("lowest", "middle", "highest")

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.linalg import Array, Bools
@@ -156,6 +155,8 @@ class LearnedCurve:
 
 def spline_basis(nodes: Array, x: Array) -> Array:
     """Return the natural cubic spline's weights (..., n) of values at nodes (n,); nan outside."""
+    from scipy.interpolate import CubicSpline  # reading files needs no scipy
+
     inside = np.isfinite(x) & (x >= nodes[0]) & (x <= nodes[-1])
     safe = np.where(inside, x, nodes[0])
     if nodes.size == 2:
