@@ -204,7 +204,8 @@ def _sigma(model: Model, registration: Registration, full: Array, q: Array, good
     jacobian = prediction_jacobian(model, registration, full[good], q[good], knowledge, dataset,
                                    rows.take(good))
     covariance = jacobian @ knowledge.covariance @ np.swapaxes(jacobian, -1, -2)
-    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1) + _own_variance(
+        model, registration, full[good], q[good], dataset, rows.take(good))
     places = sum(1 for c in model.mechanism.dof if c < 3)
     left = knowledge.unexplained
     position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[0] ** 2)
@@ -254,17 +255,11 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
         (N, m, C), m and rad in the measuring frame per unit of a column, SI; 0 in columns of
         other data sets' frames and of unknown names.
     """
-    mechanism = model.mechanism
     names = knowledge.names
-    place = {n: i for i, n in enumerate(mechanism.names)}
+    place = {n: i for i, n in enumerate(model.mechanism.names)}
     free = tuple(place[n] for n in names if n in place)
-    # planar machines measure x, y, rz only
-    flat = np.array([False, False, True, True, True, False]) & (mechanism.motion == "planar")
-    data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
     about = knowledge.pivots.get(dataset, np.zeros(3))
-    problem = Problem(mechanism, (data,), free, (about,), (rows,))
-    closed = reached_poses(model, q, rows, pose_motor(full), q).closed
-    state = State(mechanism.values, (registration,), (closed,))
+    problem, state = _as_measured(model, registration, full, q, dataset, rows, free, about)
     found = [r.jacobian for r in problem.rows(state)]
     own = {name: c for c, name in enumerate(problem.columns)}
     stacked = np.concatenate(found)
@@ -272,4 +267,36 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
     for c, name in enumerate(names):
         if name in own:
             out[..., c] = stacked[..., own[name]]
+    return out
+
+
+def _as_measured(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
+                 rows: Environment, free: tuple[int, ...], about: Array) -> tuple[Problem, State]:
+    """Return poses as rows of a problem, with sigmas of 1 m and 1 rad; as the function above."""
+    mechanism = model.mechanism
+    # planar machines measure x, y, rz only
+    flat = np.array([False, False, True, True, True, False]) & (mechanism.motion == "planar")
+    data = Dataset.of_poses(dataset, q, np.where(flat, np.nan, full), (1.0, 1.0), fitted=True)
+    closed = reached_poses(model, q, rows, pose_motor(full), q).closed
+    return (Problem(mechanism, (data,), free, (about,), (rows,)),
+            State(mechanism.values, (registration,), (closed,)))
+
+
+def _own_variance(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
+                  rows: Environment) -> Array:
+    """Return the variance (N, m) of poses by what effects are uncertain by of themselves."""
+    mechanism = model.mechanism
+    uncertain = [e for e in mechanism.effects if e.kind.spread is not None]
+    out = np.zeros((len(full), len(mechanism.dof)))
+    if not uncertain:
+        return out
+    problem, state = _as_measured(model, registration, full, q, dataset, rows, (), np.zeros(3))
+    for r in problem.rows(state):
+        assert r.response is not None
+        at = r.response.setting()
+        for effect in uncertain:
+            assert effect.kind.spread is not None
+            values = {n: float(mechanism.values[p]) for n, p in effect.parameters.items()}
+            for shift in effect.kind.spread(at, np.array(effect.on), values):
+                out[r.index] += r.response.column(shift) ** 2
     return out

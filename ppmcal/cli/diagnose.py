@@ -56,7 +56,8 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     gap is gone; or says that nothing is missing, what cannot be told apart and what to
     measure next. Writes model.yaml, effects.csv, residuals.csv, diagnosis.json and the
     pictures gap.svg, actuators.svg, inputs.svg, ranking.svg and, where effects cannot be told
-    apart, alternatives.svg.
+    apart, alternatives.svg. What is left of an unnamed or partly named disagreement is learned
+    as smooth functions, if unseen poses confirm them: terms.svg.
     """
     from ppmcal.api.diagnose import diagnose
     from ppmcal.calibration.misread import Misread
@@ -104,6 +105,8 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     from ppmcal.io.results.diagnosis_wording import (
         gap_closed,
         imitated,
+        learned,
+        learned_gap,
         next_step,
         verdict,
         worst_block,
@@ -114,7 +117,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     for line in [*_effects(record), *_suspected(result), *_left(result)]:
         console.say(line)
     for line in (gap_closed(record) if record.effects else "", worst_block(record),
-                 imitated(record)):
+                 imitated(record), *learned(record), learned_gap(record)):
         if line:
             console.say(line)
     if record.not_testable:

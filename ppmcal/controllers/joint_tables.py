@@ -19,7 +19,7 @@ from ppmcal.controllers.joint_tables_file import DIGITS, MOST, Triplets, correct
 from ppmcal.controllers.pose_grid import at_rest, refuse_open
 from ppmcal.errors import NoResult
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.effect_response import setting, shifted
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Effect, Mechanism
@@ -78,6 +78,7 @@ COARSE = 1e-6
 SAMPLES = 8001
 ROUNDS = 100
 SETTLED = 1e-14
+INSIDE = 1e-6
 JOINT_SLOTS = ("offset", "ratio")
 
 
@@ -139,12 +140,15 @@ def corrected_commands(mechanism: Mechanism, nominal: Array, way: Array) -> Arra
     actuator = np.array([limb.actuator for limb in mechanism.limbs])
     share = (actuator[:, None] == np.arange(nominal.shape[1])) / ratio[:, None]
     share /= np.bincount(actuator, minlength=nominal.shape[1])
-    out: Array = nominal.copy()
+    low, high = known_commands(mechanism).T
+    out: Array = np.clip(nominal, low, high)
     for _ in range(ROUNDS):
-        step = (want - _coordinates(real, out, way)) @ share
+        whole = (want - _coordinates(real, out, way)) @ share
+        step = np.clip(out + whole, low, high) - out
         out += step
         if np.all(np.abs(step) <= SETTLED * scale):
-            return out
+            # held back at the end of what is known: there is no such command
+            return np.where(np.abs(whole) <= INSIDE * scale, out, np.nan)
     worst = int(np.argmax(np.max(np.abs(step), axis=0) / scale))
     raise NoResult(f"the effects of {mechanism.actuators[worst]} are steeper than the joint itself",
                    mechanism.source, "Check their parameters and units")
@@ -187,7 +191,7 @@ def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
         BadInput: an actuator has no limits. NoResult: as :func:`corrected_commands`.
     """
     refuse_open(mechanism, "the table")
-    low, high = mechanism.limits.T
+    low, high = known_limits(mechanism).T
     even = low + np.linspace(0.0, 1.0, SAMPLES)[:, None] * (high - low)
     wanted = _both_ways(mechanism, even)
     # other points to look at, so that nothing hides between the first ones
@@ -210,6 +214,39 @@ def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
             table, error = tables[best], off[best][0]
         out.append(CorrectionTable(name, unit, factor, table, error / factor, coarse))
     return tuple(out)
+
+
+def known_commands(mechanism: Mechanism) -> Array:
+    """Return the joint values (k, 2) between which all effects of the joints are known."""
+    k = len(mechanism.actuators)
+    out = np.tile([-np.inf, np.inf], (k, 1))
+    ones = np.ones((1, k))
+    ratio = setting(Model(mechanism), at_rest(mechanism, 1), ones, np.full((1, 8), np.nan)).travel
+    for effect in joint_effects(mechanism):
+        known = effect.kind.known
+        for a in np.flatnonzero(effect.on) if known is not None else ():
+            assert known is not None
+            ends = np.sort(np.array([known.low, known.high]) / ratio[0, a])
+            # a little inside, so that rounding stays there
+            ends += np.array([1.0, -1.0]) * INSIDE * float(np.ptp(ends))
+            out[a] = max(out[a, 0], ends[0]), min(out[a, 1], ends[1])
+    return out
+
+
+def known_limits(mechanism: Mechanism) -> Array:
+    """Return the joint range (k, 2), as nominal kinematics counts, of which commands are known."""
+    out, ends = mechanism.limits.copy(), known_commands(mechanism)
+    real = replace(mechanism, effects=joint_effects(mechanism))
+    steps = np.array([[0.0], [1.0]]) * np.ones(len(out))
+    meant = _coordinates(mechanism.nominal(), steps, np.ones_like(steps))
+    owner = [limb.actuator for limb in mechanism.limbs]
+    for a in np.flatnonzero(np.isfinite(ends).all(axis=1)):
+        q = np.where(np.arange(len(out)) == a, ends[a][:, None], np.nan)
+        i = owner.index(int(a))
+        at = np.stack([_coordinates(real, q, np.full_like(q, way))[:, i] for way in (1.0, -1.0)])
+        n = (at - meant[0, i]) / (meant[1, i] - meant[0, i])
+        out[a] = max(out[a, 0], n[:, 0].max()), min(out[a, 1], n[:, 1].min())
+    return out
 
 
 def _table(mechanism: Mechanism, actuator: int, at: Array, factor: float) -> Triplets:

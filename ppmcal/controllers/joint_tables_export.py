@@ -15,6 +15,7 @@ from ppmcal.controllers.joint_tables import (
     joint_effects,
     joint_parameters,
     joint_tables,
+    known_limits,
     table_command,
 )
 from ppmcal.controllers.joint_tables_file import MOST, format_triplets, parse_triplets
@@ -150,6 +151,12 @@ def _notes(mechanism: Mechanism, tables: tuple[CorrectionTable, ...]) -> Iterato
     yield f"between its points a table is off by {size} at most ({worst.actuator})"
     yield ("forward is written so that the command plus nominal - forward is right; it differs "
            "from the joint's actual position there by errors times slopes")
+    known = known_limits(mechanism)
+    for t, have, want in zip(tables, known, mechanism.limits, strict=True):
+        if have[0] > want[0] or have[1] < want[1]:
+            yield (f"the table of {t.actuator} ends at {have[0] / t.factor:.6g} and "
+                   f"{have[1] / t.factor:.6g} {t.unit}".rstrip() + ": beyond, an effect of the "
+                   "model is not known")
     bare = [t.actuator for t in tables if not t.unit]
     if bare:
         yield (f"{', '.join(bare)} counts in the mechanism file's bare numbers: so must the "

@@ -21,12 +21,13 @@ from ppmcal.calibration.summary import far_from_nominal, report
 from ppmcal.calibration.validation import split
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
-from ppmcal.diagnosis.adequacy import Remainder, remainder
+from ppmcal.diagnosis.adequacy import LEVEL, Remainder, remainder
 from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import Added, with_named
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
 from ppmcal.diagnosis.left_out_rows import left_out
 from ppmcal.diagnosis.localization import Place, localise
 from ppmcal.diagnosis.onsets import refined, with_onsets
@@ -34,7 +35,7 @@ from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import usable, with_whole_rows
 from ppmcal.diagnosis.refit import confirm, nothing_named, of_rows, with_mechanism
-from ppmcal.diagnosis.result import Diagnosis, Found, NamedEffect, Onset
+from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset
 from ppmcal.diagnosis.rivals import rivals
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.session_effects import with_sessions
@@ -109,7 +110,12 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     others = _alternatives(found.last)
     effects = with_onsets(_effects(found, others), onsets)
     out = left_out(final or whole)
-    if out.follows:
+    if not out.suspicious:
+        # the tests were made in the training rows: what they went without counts as much
+        trained = left_out(found.after)
+        out = trained if trained.suspicious else out
+    # where what is left follows an input, that says more than a stretch of it
+    if out.follows and not (out.of_travel and left.p_value < LEVEL):
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(
             out.p_value, left.p_value))
     blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
@@ -126,7 +132,11 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     named = bool(effects) and verdict != "unnamed"
     if final is None or not named:
         final = whole
-    reported = report(final, options.fit, 0.0, options.seed)
+    terms = None
+    if verdict in LEARNED_AFTER:
+        say("learning what is left")
+        terms = _terms(found, final, held, named, options)
+    reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed)
     far = "" if named else far_from_nominal(reported.estimates)
     if far:
         told.append(far)
@@ -137,14 +147,31 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         gap, _places(found, named, options.seed),
         tables.candidates(found, effects if named else ()),
         found.first.library.untestable, tables.swallowed(whole, final),
-        reported.fit if final is whole else whole, reported, found,
+        reported.fit if final is whole and not terms else whole, reported, found,
         next_step(found.last, others, verdict, options.seed, gap),
-        tuple(told), blocks, _others(whole, found, others, options) if named else ())
+        tuple(told), blocks, _others(whole, found, others, terms, options) if named else (), terms)
 
 
-def _others(whole: Fit, found: Found, alternatives: Alternatives, options: DiagnosisOptions
-            ) -> tuple[Reading, ...]:
-    """Return the machine with each rival that was recorded, and without effects."""
+LEARNED_AFTER = ("unnamed", "partial")
+"""Verdicts that leave something to learn."""
+
+
+def _terms(found: Found, whole: Fit, held: Sequence[Dataset], named: bool,
+           options: DiagnosisOptions) -> LearnedTerms | None:
+    """Return what is learned from the rest; ``whole``: the fit of all rows so far."""
+    return learned_terms(found.after if named else found.before, whole, held, found.last.noise,
+                         _noise(found), options.seed, options.fit)
+
+
+def _others(whole: Fit, found: Found, alternatives: Alternatives, terms: LearnedTerms | None,
+            options: DiagnosisOptions) -> tuple[Reading, ...]:
+    """Return the machine with each rival that was recorded, and without effects.
+
+    What was learned is part of each of them.
+    """
+    if terms is not None and any(r for r, _ in alternatives.values()):
+        machine = with_terms(whole.problem.mechanism, terms.learned)
+        whole = with_mechanism(whole, machine, options.fit)
     return other_models(whole, found.last, {i: r for i, (r, _) in alternatives.items()},
                         options.fit)
 

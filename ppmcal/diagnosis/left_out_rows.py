@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import bdtrc, gammaln
@@ -26,6 +27,9 @@ LEVEL = 0.01
 FEWEST = 4
 """Fewer rows have no pattern."""
 THIRDS = 3
+STRETCH = "have"
+STRETCHES = 8
+"""Parts of a joint's travel, which overlap: what is worn in one of them hits the rows there."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,11 @@ class LeftOut:
     def suspicious(self) -> bool:
         """Whether these were not gross errors only."""
         return self.too_many or bool(self.follows)
+
+    @property
+    def of_travel(self) -> bool:
+        """Whether what they have in common is a stretch of a joint's travel."""
+        return self.follows.startswith(STRETCH)
 
     @property
     def sentence(self) -> str:
@@ -120,6 +129,14 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
     move[move == 0.0] = np.nan  # a row at rest comes after no move
     for a, name in enumerate(mechanism.actuators):
         yield f"come after the longest moves of {name}", thirds(move[:, a])[-1]
+    for a, name in enumerate(mechanism.actuators):
+        factor, unit = mechanism.joint_units[a]
+        fine = parts_of(data.q[:, a], 2 * STRETCHES)
+        for mask in (x | y for x, y in pairwise(fine)):
+            if mask.any():
+                low_end, high_end = (f(data.q[mask, a]) / factor for f in (np.min, np.max))
+                yield (f"{STRETCH} {name} between {low_end:.6g} and {high_end:.6g} {unit}".rstrip(),
+                       mask)
     order = np.arange(n, dtype=float)
     low = ("lowest", "middle", "highest")
     for values, what, parts in (
@@ -135,9 +152,14 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
 
 def thirds(values: Array) -> list[Bools]:
     """Return which rows are in each third of the values (N,); nobody where they are unknown."""
+    return parts_of(values, THIRDS)
+
+
+def parts_of(values: Array, count: int) -> list[Bools]:
+    """Return the same of so many parts, equal in rows."""
     known = np.isfinite(values)
     if not known.any():
-        return [np.zeros(values.size, dtype=bool)] * THIRDS
-    edges = np.quantile(values[known], np.linspace(0.0, 1.0, THIRDS + 1)[1:-1])
+        return [np.zeros(values.size, dtype=bool)] * count
+    edges = np.quantile(values[known], np.linspace(0.0, 1.0, count + 1)[1:-1])
     place = np.searchsorted(edges, np.where(known, values, np.nan), side="left")
-    return [known & (place == k) for k in range(THIRDS)]
+    return [known & (place == k) for k in range(count)]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.least_squares import least_squares, prior_weights
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.hypotheses import Hypothesis
@@ -87,7 +88,7 @@ class PlotData:
 
 def plot_data(result: Diagnosis) -> PlotData:
     """Return the data of a diagnosis's pictures."""
-    fit = result.identification.fit
+    fit = _explained(result)
     rows, left_out = _rows(result)
     before, after, inputs, row = gather(result.before, fit, rows)
     return PlotData(_actuators(result, before, after),
@@ -100,12 +101,17 @@ def _rows(result: Diagnosis) -> tuple[list[Bools], int]:
 
     A robust fit takes what nothing explains for outliers; without them nothing is to be seen.
     """
-    fit = result.identification.fit
+    fit = _explained(result)
     everything = [finite_rows(p) for p in fit.state.poses]
     out = sum(int((e & ~k).sum()) for e, k in zip(everything, fit.keep, strict=True))
     if result.verdict not in ("unnamed", "weak") or out <= MANY_OUT * sum(k.size for k in fit.keep):
         return list(fit.keep), 0
     return everything, out
+
+
+def _explained(result: Diagnosis) -> Fit:
+    """Return the fit with what is named; what was learned has pictures of its own."""
+    return result.learned.without if result.learned else result.identification.fit
 
 
 def _actuators(

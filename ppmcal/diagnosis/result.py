@@ -13,9 +13,11 @@ from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
+from ppmcal.diagnosis.learning import Learned
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.next_experiment import Proposal
 from ppmcal.diagnosis.stage import Stage
+from ppmcal.diagnosis.term_candidates import Visible
 from ppmcal.linalg import Array
 
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
@@ -121,6 +123,25 @@ class Found:
 
 
 @dataclass(frozen=True, eq=False)
+class LearnedTerms:
+    """What was learned.
+
+    Attributes:
+        learned: terms and curves, from all rows; seen: those rows.
+        without, fit: of all rows, without and with the terms.
+        gap: on held-out poses, the terms learned without them.
+        blocks: the same where stretches are left out in turn.
+    """
+
+    learned: Learned
+    seen: Visible
+    without: Fit
+    fit: Fit
+    gap: Gap
+    blocks: tuple[BlockGap, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Diagnosis:
     """Everything that a diagnosis found.
 
@@ -138,6 +159,8 @@ class Diagnosis:
         others: the machine with each rival in place of what it rivals; last, with no effect and
             odds 1, the one without effects.
         blocks: the gap where stretches of time, temperature or load are left out in turn.
+        learned: terms learned from what was left, which claim no cause; they are in the
+            identification.
     """
 
     verdict: str
@@ -157,3 +180,4 @@ class Diagnosis:
     findings: tuple[str, ...]
     blocks: tuple[BlockGap, ...] = ()
     others: tuple[Reading, ...] = ()
+    learned: LearnedTerms | None = None

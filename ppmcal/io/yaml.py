@@ -16,6 +16,7 @@ import yaml
 
 from ppmcal.errors import BadInput
 from ppmcal.io.folder import note_read
+from ppmcal.units import to_file as to_file
 
 MAX_BYTES = 20_000_000
 MAX_DEPTH = 60
@@ -220,23 +221,6 @@ def dump_yaml(tree: dict[str, Any], comment: str = "") -> str:
     body = yaml.dump(tree, Dumper=_Dumper, sort_keys=False, default_flow_style=None,
                      allow_unicode=True, width=110)
     return head + body
-
-
-def to_file(value: float, factor: float) -> float:
-    """Return the double f with f * factor == value, or the nearest where none exists.
-
-    Every value that was read from a file in the same units has one; so what is read, written
-    and read again is equal to the last bit.
-    """
-    first = value / factor
-    if factor == 1.0 or not math.isfinite(first) or first * factor == value:
-        return first
-    candidates = [first]
-    low = high = first
-    for _ in range(3):
-        low, high = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
-        candidates += [low, high]
-    return min(candidates, key=lambda f: abs(f * factor - value))
 
 
 def decimals(value: float) -> int:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import solve_rows
@@ -92,7 +93,8 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         ratio * environment.velocity, environment.temperature, environment.wrench, environment.time,
         environment.row, tuple(limbs), lambda: loads(loaded or model, q, pose, environment.wrench),
         history=environment.history, place=environment.place, ratio=ratio,
-        past_load_of=lambda: _past_loads(mechanism, environment.history))
+        past_load_of=lambda: _past_loads(mechanism, environment.history),
+        pose_of=lambda: np.concatenate([cga.translation(pose), cga.rotation_vector(pose)], axis=1))
 
 
 def _past_loads(mechanism: Mechanism, history: History | None) -> Array:
@@ -184,6 +186,37 @@ def _shifted(model: Model, environment: Environment, q: Array, pose: Array) -> M
     n = q.shape[0]
     slots = {s: np.broadcast_to(v, (n,)) for s, v in whole.slots.items()}
     return replace(model, shift=replace(whole, slots=slots))
+
+
+def beyond(model: Model, environment: Environment, q: Array, pose: Array) -> list[str]:
+    """Return which effect is not known at each row, in words, with the range where it is (N,).
+
+    Empty where none is beyond its range; arguments as in :func:`shifted`.
+    """
+    out = [""] * len(q)
+    effects = model.mechanism.effects
+    if not any(e.kind.known for e in effects):
+        return out
+    at = setting(replace(model, shift=None), environment, q, pose, model)
+    units = model.mechanism.units
+    for number, effect in enumerate(effects, 1):
+        known = effect.kind.known
+        if known is None:
+            continue
+        celsius = known.quantity == "deg C"
+        factor = 1.0 if celsius else units.factor(known.quantity)
+        unit = known.quantity if celsius else units.name(known.quantity)
+        on = np.array(effect.on)
+        x, outside = known.outside(at, on)
+        names = [n for n, used in zip(model.mechanism.actuators, on, strict=True) if used]
+        low, high = (v / factor + known.zero for v in (known.low, known.high))
+        for n in np.flatnonzero(outside.any(axis=1)):
+            j = int(np.argmax(outside[n]))
+            whose = f"{names[j]} " if x.shape[1] == len(names) else ""
+            out[n] = out[n] or (
+                f"effects[{number}] of the model is not known here: {whose}{known.input} = "
+                f"{x[n, j] / factor + known.zero:.6g} {unit}, known {low:.6g} to {high:.6g}")
+    return out
 
 
 def final_shift(mechanism: Mechanism) -> Shift:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import shifted
+from ppmcal.kinematics.effect_response import beyond, shifted
 from ppmcal.kinematics.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
 from ppmcal.kinematics.forward import moved
 from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_blocks, solve_rows
@@ -86,7 +87,8 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
         now = shifted(model, rows, found.q, pose)
         usable = row_known(now.shift, len(asked))
         before = found.q
-        found = _inverse_named(now, convention, np.where(usable[:, None], asked, np.nan), ~usable)
+        lacking = _lacking(model, rows, found, usable)
+        found = _inverse_named(now, convention, np.where(usable[:, None], asked, np.nan), lacking)
         miss = _missed(model.mechanism, convention, coordinates,
                        platform_pose(found.pose, now.shift))
         asked = asked + miss
@@ -96,6 +98,16 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
                 and np.max(np.abs(miss), initial=0.0) < NEAR * max(1.0, model.mechanism.reach)):
             break
     return Inverse(found.q, platform_pose(found.pose, now.shift), found.reason)
+
+
+def _lacking(model: Model, rows: Environment, found: Inverse, usable: NDArray[np.bool_]
+             ) -> list[str]:
+    """Return why the effects are not known, row by row; empty where they are ``usable``."""
+    if usable.all():
+        return [""] * len(usable)
+    why = beyond(model, rows, found.q, found.pose)
+    return ["" if u else old or w or LACKING
+            for u, old, w in zip(usable, found.reason, why, strict=True)]
 
 
 def _missed(mechanism: Mechanism, convention: PoseConvention, wanted: Array, real: Array) -> Array:
@@ -122,15 +134,15 @@ def _miss_of_euler(wanted: Array, vector: Array, euler: str) -> Array:
 
 
 def _inverse_named(model: Model, convention: PoseConvention, coordinates: Array,
-                   lacking: NDArray[np.bool_] | None = None) -> Inverse:
+                   lacking: Sequence[str] = ()) -> Inverse:
     """Inverse kinematics of full or partial poses, without regard to platform twists.
 
-    ``lacking`` marks rows whose environment is not known.
+    ``lacking``: why effects are not known, row by row; empty where they are.
     """
     mechanism = model.mechanism
     full, failed = wanted_poses(model, convention.registration, coordinates, convention.euler)
-    if lacking is not None:
-        failed = [LACKING if lack else f for f, lack in zip(failed, lacking, strict=True)]
+    if lacking:
+        failed = [lack or f for f, lack in zip(failed, lacking, strict=True)]
     ready = np.array([not f for f in failed], dtype=bool)
     pose = np.full((full.shape[0], 8), np.nan)
     q = np.full((full.shape[0], len(mechanism.actuators)), np.nan)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import beyond
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import Forward, forward, smallest_singular_value
 from ppmcal.kinematics.inverse import home_state, solve_rows
@@ -24,7 +25,7 @@ from ppmcal.kinematics.partial_pose import (
 )
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import Dataset, Environment
+from ppmcal.model.dataset import Dataset, Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 
@@ -100,8 +101,9 @@ def forward_table(model: Model, q: Array, rows: Environment | None = None,
     pose = found.pose
     if model.mechanism.effects:
         pose = reached_poses(model, q, rows, found.pose, q).pose
+        unknown = beyond(model, rows or unknown_environment(*q.shape), q, found.pose)
         for n in np.flatnonzero(finite_rows(found.pose) & ~finite_rows(pose)):
-            status[n], reason[n] = "not converged", LACKING
+            status[n], reason[n] = "not converged", unknown[n] or LACKING
     return _judged(model, q, pose, status, reason)
 
 

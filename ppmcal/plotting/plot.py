@@ -172,6 +172,17 @@ def band(low: float, high: float) -> Layer:
         low, high, facecolor=AFTER, alpha=0.12, linewidth=0.0, clip_on=False)
 
 
+def between(x: ArrayLike, low: ArrayLike, high: ArrayLike) -> Layer:
+    """Fill between two lines over ``x``, cut off at the axes."""
+    def draw(axes: Axes) -> None:
+        at = np.asarray(x, dtype=float)
+        ends = [np.clip(np.asarray(v, dtype=float), *axes.get_ylim()) for v in (low, high)]
+        corners = np.stack([np.append(at, at[::-1]), np.append(ends[0], ends[1][::-1])], axis=-1)
+        axes.add_patch(PathPatch(Path(corners, closed=False), facecolor=AFTER, alpha=0.2,
+                                 linewidth=0.0, clip_on=False))
+    return draw
+
+
 def columns(edges: Array, tops: Array) -> Layer:
     """Draw the bars of a histogram as one path."""
     left, right = edges[:-1] + 0.06 * np.diff(edges), edges[1:] - 0.06 * np.diff(edges)

@@ -9,6 +9,8 @@ from ppmcal.io.results.diagnosis_wording import (
     gap_closed,
     headline,
     imitated,
+    learned,
+    learned_gap,
     name_of,
     next_step,
     rivals,
@@ -26,8 +28,8 @@ from ppmcal.wording import where
 def diagnosis_section(d: Diagnosed) -> str:
     """Return everything about one diagnosis."""
     r = d.record
-    out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r), _pictures(r),
-           _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
+    out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r), _learned(r),
+           _pictures(r), _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
     return "".join(out) + figures(residual_figures(d.residuals, r.units))
 
 
@@ -96,6 +98,11 @@ def _remainder(r: DiagnosisRecord) -> str:
     elif ratio is not None:
         text += "What is left follows nothing that was recorded."
     return paragraph(text)
+
+
+def _learned(r: DiagnosisRecord) -> str:
+    """Return the shapes that were learned from what is left."""
+    return bullets([*learned(r), learned_gap(r)]) if r.learned else ""
 
 
 def _swallowed(r: DiagnosisRecord) -> str:

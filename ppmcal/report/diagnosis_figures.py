@@ -25,6 +25,7 @@ from ppmcal.report.diagnosis_format import finer, left_out, odds_to
 from ppmcal.report.diagnosis_inputs import input_pictures
 from ppmcal.report.diagnosis_ranking import ranking
 from ppmcal.report.format import number, sig
+from ppmcal.report.learned_figures import term_pictures
 from ppmcal.wording import shorter
 
 LONG_ODDS = 150.0
@@ -36,7 +37,7 @@ def pictures(record: DiagnosisRecord) -> dict[str, list[Drawing]]:
     found: dict[str, Sequence[Drawing | None]] = {
         "gap": [gap(record)], "actuators": [by_actuator(record)],
         "inputs": input_pictures(record), "ranking": [ranking(record)],
-        "alternatives": [confusion(record)]}
+        "alternatives": [confusion(record)], "terms": term_pictures(record)}
     drawn = {name: [p for p in some if p is not None] for name, some in found.items()}
     return {name: some for name, some in drawn.items() if some}
 

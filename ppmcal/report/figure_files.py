@@ -13,7 +13,8 @@ PNG_SCALE = 2.5
 """Pixels of a PNG for one point of the drawing."""
 TITLES = {"gap": "How the gap closes", "ranking": "What could be missing",
           "actuators": "Where it is", "inputs": "What the residuals follow",
-          "alternatives": "What these data cannot tell apart"}
+          "alternatives": "What these data cannot tell apart",
+          "terms": "What was learned from the rest"}
 
 
 def diagnosis_files(record: DiagnosisRecord, png: bool = False) -> dict[str, str | bytes]:

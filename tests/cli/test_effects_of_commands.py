@@ -97,6 +97,10 @@ CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
         effect("target_shift", x=0.02, y=0.01, z=-0.03, rx=0.002, ry=-0.003, rz=0.004, from_row=20),
         effect("base_shift", x=0.04, y=-0.05, z=0.03, rx=0.001, ry=0.002, rz=-0.003,
                from_row=36)]),
+    "from the file": ("6-UPS", [effect("learned", ["leg2"], scale=1.0) | {
+        "input": "travel", "nodes": [1000, 1900, 2000, 2100, 2200, 4000],
+        "values": [0.0, 0.0, 0.05, -0.05, 0.0, 0.0],
+        "covariance": [[0.0] * 6] * 6}]),
 }
 
 

@@ -565,3 +565,11 @@ def rows_of(mechanism: Mechanism) -> list[slice]:
         out.append(slice(row, row + (2 if limb.kind.name == "R(P)S" else 1)))
         row = out[-1].stop
     return out
+
+
+FURTHER: dict[str, dict[str, object]] = {
+    "product": {"of": ["backlash", "temperature"]},
+    "learned": {"input": "travel", "nodes": [-1e4, -3e3, 4e3, 1e4],
+                "values": [2e-5, -1e-5, 3e-5, 0.0],
+                "covariance": [[1e-12 * (i == j) for j in range(4)] for i in range(4)]}}
+"""What a file says beside joints and parameters of a kind that is made of that."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers import machines
+from helpers.machines import FURTHER
 from helpers.paths import ROOT
 
 from ppmcal.errors import BadInput
@@ -204,7 +205,8 @@ def test_round_trip(tmp_path: Path, name: str, kind: str) -> None:
     """What is written reads back equal: values, joints, what is free, tolerances, sigmas."""
     plain = read(tmp_path, name, [])
     for seed, units in enumerate((Units("mm", "deg"), Units("in", "rad"), Units("um", "deg"))):
-        effect: dict[str, Any] = {"kind": kind, "parameters": awkward(plain, kind, seed)}
+        effect: dict[str, Any] = {
+            "kind": kind, **FURTHER.get(kind, {}), "parameters": awkward(plain, kind, seed)}
         if seed and effect_kinds()[kind].per_actuator:
             effect["on"] = list(plain.actuators[1:])
         mechanism = read(tmp_path, name, [effect])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.machines import KINDS, Array, delta, difference, full, mixed, spread
+from helpers.machines import FURTHER, KINDS, Array, delta, difference, full, mixed, spread
 from helpers.paths import ROOT
 
 from ppmcal import algebra as cga
@@ -109,10 +109,6 @@ def sizes(mechanism: Mechanism, kind: str) -> dict[str, float]:
     return {s.name: length * (1.0 - 0.3 * (i % 4)) * (
         0.04 / max(1.0, mechanism.reach) if s.name.startswith("r") else 1.0)
         / (mechanism.reach if "_m" in s.name else 1.0) for i, s in enumerate(specs)}
-
-
-FURTHER: dict[str, dict[str, Any]] = {"product": {"of": ["backlash", "temperature"]}}
-"""What a file says of a kind besides joints and parameters."""
 
 
 def acting(mechanism: Mechanism, *effects: Mapping[str, Any]) -> Mechanism:

@@ -307,7 +307,8 @@ def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], 
                                                   ) -> None:
     case = cases(verdict)
     wanted = {"gap.svg", "actuators.svg", "inputs.svg", "ranking.svg"}
-    assert set(case.files) == wanted | ({"alternatives.svg"} if verdict == "named-set" else set())
+    own = {"named-set": {"alternatives.svg"}, "unnamed": {"terms.svg"}}
+    assert set(case.files) == wanted | own.get(verdict, set())
     for name, text in case.files.items():
         assert isinstance(text, str)
         root = parsed(text)
@@ -475,7 +476,9 @@ def test_diagnosis_of_something_unknown(cases: Callable[[str], Case]) -> None:
     assert worst["name"] == "leg3"
     assert worst["rms_before"] > 2.0 * worst["noise"]
     out = case.plot_data["left_out_rows"]
-    assert out == len(case.record["excluded"]) > 4
+    # with what was learned, most of them are no outliers any more
+    assert out > 4
+    assert out > len(case.record["excluded"])
     assert f"With {out} rows that the fit took for outliers." in text
     assert case.plot_data["series"][0]["on"] == ["leg3"]
     assert case.plot_data["series"][0]["input"] == "travel"

@@ -122,6 +122,10 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
         raise BadInput(f"{name} jumps where the load changes its sign; without payload the sign "
                        "is not known", "--payload", "Give two payloads above 0")
     given = {e.kind.name for e in mechanism.effects}
+    if kind.from_file is not None and kind.variants is not None and name not in given and (
+            not kind.variants(mechanism.motion)):
+        raise BadInput(f"{name} is made of what a file says, and the file has none", PLACE,
+                       f"Put it with its {kind.from_file.entries[0]} among the file's `effects`")
     for spec in kind.parameters(mechanism.motion):
         if name not in given and _must_be_given(spec):
             raise BadInput(f"{name} cannot be planned for without its {spec.name}", PLACE,

@@ -24,6 +24,7 @@ from ppmcal.io.results.diagnosis_parts import (
     UntestableKind,
 )
 from ppmcal.io.results.diagnosis_plots import DiagnosisPlots
+from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, other_files
 from ppmcal.io.results.record import Flag, Provenance, Record, Text, UnitNames
@@ -40,6 +41,7 @@ class DiagnosisRecord(Record):
     misreadings: tuple[MisreadingEntry, ...] = ()
     effects: tuple[DiagnosedEffect, ...] = ()
     possible: tuple[SuspectedEffect, ...] = ()
+    learned: tuple[LearnedEntry, ...] = ()
     remainder: ResidualAfter = ResidualAfter()
     gap: HeldOutGap = HeldOutGap()
     confirmed: Flag | None = None
@@ -69,6 +71,7 @@ class DiagnosisRecord(Record):
                     d, fit.problem.mechanism)], units),
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
+            learned=LearnedEntry.all_of(result),
             remainder=ResidualAfter(
                 follows=None if left.p_value >= 0.01 else left.follows, p_value=left.p_value,
                 rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -155,7 +155,7 @@ class HeldOutGap(Part):
     blocks: tuple[HeldOutGap, ...] = ()
 
     @classmethod
-    def of(cls, gap: Gap | None, blocks: tuple[BlockGap, ...]) -> HeldOutGap:
+    def of(cls, gap: Gap | None, blocks: Sequence[BlockGap]) -> HeldOutGap:
         """Return the gap on held-out poses, and on blocks."""
         return cls(**_gap(gap), blocks=tuple(cls(by=b.by, **_gap(b.gap)) for b in blocks))
 

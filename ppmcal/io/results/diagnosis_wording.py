@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from ppmcal.diagnosis.held_out_blocks import SESSION
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
+from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.model.effects import GEOMETRY
-from ppmcal.wording import counted, shorter, where
+from ppmcal.wording import counted, number, shorter, where
 
 VERDICTS = {
     "misread": "The measurements were read wrongly; nothing was diagnosed.",
@@ -104,6 +105,43 @@ def gap_closed(record: DiagnosisRecord) -> str:
     if closed is None:
         return f"{text}; nothing exceeded the noise before."
     return f"{text}: {_percent(closed)} of what exceeds the noise is gone{_interval(gap)}."
+
+
+def learned(record: DiagnosisRecord) -> list[str]:
+    """Return a sentence for each shape that was learned."""
+    return [f"Learned, with no cause claimed: {learned_name(record, e)}, {number(e.rms, 3)} "
+            f"{e.unit} rms over {number(e.low)} to {number(e.high)} {e.input_unit}{_look(e)}."
+            for e in record.learned]
+
+
+def learned_name(record: DiagnosisRecord, entry: LearnedEntry) -> str:
+    """Return ``error of leg3 by its travel``, ``platform's z by x``."""
+    what = (f"error of {where(entry.on, actuators(record))} by travel" if entry.on
+            else f"platform's {entry.acts} by travel").removesuffix("travel")
+    own = "" if not entry.on else "its " if len(entry.on) == 1 else "their own "
+    source = "temperature" if entry.input == "temperature" else own + entry.input
+    return f"{what}{source}" + (", with the sign of the approach" if entry.by else "")
+
+
+def learned_gap(record: DiagnosisRecord) -> str:
+    """Return what unseen poses say of all that was learned, empty where nothing was."""
+    if not record.learned:
+        return ""
+    gap = record.learned[0].gap
+    before, after, closed = (finite(v) for v in (gap.before, gap.after, gap.closed))
+    if before is None or after is None:
+        return ""
+    tail = "" if closed is None else f": {_percent(closed)} of what exceeds the noise is gone"
+    return (f"With what was learned, residuals on {gap.poses} poses that no fit has seen go from "
+            f"{_ratio(before)} to {_ratio(after)} times the noise{tail}{_interval(gap)}.")
+
+
+def _look(entry: LearnedEntry) -> str:
+    words = [f"{w} (every {number(entry.period, 3)} {entry.input_unit})"
+             if w == "repeating" and entry.period else w for w in entry.looks]
+    like = [f"{n.effect} (cosine {number(n.cosine, 2)})" for n in entry.near[:1]]
+    return (f"; it looks {', '.join(words)}" if words else "") + (
+        f"; nearest in the library: {like[0]}" if like else "")
 
 
 def worst_block(record: DiagnosisRecord) -> str:

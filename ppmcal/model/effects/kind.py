@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.linalg import Bools
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.inputs import BY_NEED, TRAVEL, EffectInput
 from ppmcal.model.effects.setting import Setting, Shift, total
 from ppmcal.model.registry import Registry
@@ -98,6 +98,30 @@ class Terms:
 
 
 Evaluate = Callable[[Setting, Bools, Mapping[str, float]], Terms]
+Spread = Callable[[Setting, Bools, Mapping[str, float]], Sequence[Shift]]
+"""As an evaluation: the shifts of independent errors, one standard deviation each."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRange:
+    """Where an effect is known: its input from ``low`` to ``high``, SI.
+
+    ``quantity``: of the input, ``deg C`` for temperatures; ``zero``: what files call SI's 0;
+    ``value``: setting -> the input of each joint (N, k), or of the machine (N,).
+    """
+
+    input: str
+    quantity: str
+    low: float
+    high: float
+    zero: float
+    value: Callable[[Setting], Array]
+
+    def outside(self, setting: Setting, on: Bools) -> tuple[Array, Bools]:
+        """Return the inputs that matter (N, j), and which of them are outside."""
+        x = self.value(setting)
+        x = x[:, None] if x.ndim == 1 else x[:, on]
+        return x, (x < self.low) | (x > self.high)
 
 
 @dataclass(frozen=True)
@@ -142,7 +166,7 @@ class EffectKind:
         per_actuator: whether it belongs to single actuators; else to the whole machine.
         joints: ``any``, ``turning``: which actuators it can act on.
         motions: in which it exists.
-        uses_load: whether the shift depends on the pose through the actuators' load.
+        uses_load: whether the shift depends on the pose, through the actuators' load or itself.
         worked: a case with numbers: (parameters, setting changes, expected); see tests.
         derived: figures that follow from the parameters, told beside them.
         follows: what its residuals are plotted against; None: the first column that it needs, or
@@ -164,6 +188,8 @@ class EffectKind:
         written: of a kind that was made so: units of the file -> its entries.
         variants: motion -> the kinds that a search tries in its place; None: itself.
         contains: kinds of which it is a more general one, which are enough where they do as well.
+        known: the range of its input beyond which nothing is known of it; None: everywhere.
+        spread: what it is uncertain by beside its parameters, if anything.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
     """
 
@@ -193,6 +219,8 @@ class EffectKind:
     written: Callable[[Units], Mapping[str, object]] | None = None
     variants: Callable[[str], Sequence[EffectKind]] | None = None
     contains: tuple[str, ...] = ()
+    known: KnownRange | None = None
+    spread: Spread | None = None
     title: str = ""
 
     def __post_init__(self) -> None:

@@ -109,6 +109,7 @@ class Setting:
         row: number in the campaign (N,); inf after it.
         limbs: one each.
         load_of: gives the load on the actuators (N, k), N or N m.
+        pose_of: gives the closed pose of the platform (N, 6), base axes, rotation as a vector.
         until: row from which on another event takes this one's place, by joint (k,); None: never.
         history: all rows in the order of their visit, None where that is not known; ``place`` of
             these rows in it (N,), -1 where they have none; ``ratio`` of the drives (k,).
@@ -132,11 +133,17 @@ class Setting:
     place: Ints | None = None
     ratio: Array | float = 1.0
     past_load_of: Callable[[], Array] | None = None
+    pose_of: Callable[[], Array] | None = None
 
     @cached_property
     def load(self) -> Array:
         """F = J_q^T wrench (N, k): positive when it pushes towards larger u."""
         return self.load_of()
+
+    @cached_property
+    def pose(self) -> Array:
+        """The platform's closed pose (N, 6) x, y, z, rx, ry, rz, m and rad; nan if unknown."""
+        return self.pose_of() if self.pose_of else np.full((self.time.size, 6), np.nan)
 
     def since(self, row: float) -> Array:
         """Return 1 from a row on, until another event takes its place, else 0, by joint (N, k)."""

@@ -1,0 +1,171 @@
+"""What a learned term looks like, in words and in numbers for pictures. It describes only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ppmcal.diagnosis.learning import Term
+from ppmcal.diagnosis.result import LearnedTerms
+from ppmcal.diagnosis.search import by_size
+from ppmcal.diagnosis.stage import Stage
+from ppmcal.diagnosis.term_candidates import Visible, columns_of
+from ppmcal.linalg import Array
+from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
+from ppmcal.model.effects.setting import PLACE
+
+POINTS = 121
+"""Points of the curve that a picture has."""
+MOSTLY = 0.9
+"""It looks even, odd or repeating where so much of its mean square is."""
+KINK = 4.0
+"""It looks kinked where its bend is at most so many times the rms bend."""
+LEAST_PERIODS, MOST_PERIODS = 1.5, 10.0
+NEAR, FEW = 0.8, 3
+"""Kinds of effect that do nearly the same have at least this cosine; so many are told."""
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedShape:
+    """One learned term as people read it, SI.
+
+    Attributes:
+        curve: the function; on: joints, empty for the machine.
+        rms: over the rows; gain: in log marginal likelihood.
+        looks: even, odd, kinked, repeating, hysteretic; period in units of the input or None.
+        near: label of a kind of effect -> cosine of what both do that geometry cannot.
+        x, value, sigma: the curve and its standard deviation, over the range.
+        at, partial: input and partial residual of rows.
+    """
+
+    curve: LearnedCurve
+    on: tuple[str, ...]
+    rms: float
+    gain: float
+    looks: tuple[str, ...]
+    period: float | None
+    near: tuple[tuple[str, float], ...]
+    x: Array
+    value: Array
+    sigma: Array
+    at: Array
+    partial: Array
+
+
+def shapes(found: LearnedTerms, stage: Stage) -> tuple[LearnedShape, ...]:
+    """Return what the learned terms look like.
+
+    Args:
+        found: the terms.
+        stage: whose library they are compared with.
+    """
+    return tuple(_shape(found.seen, t, c, g, stage) for t, c, g in zip(
+        found.learned.terms, found.learned.curves, found.learned.gains, strict=True))
+
+
+def _shape(seen: Visible, term: Term, curve: LearnedCurve, gain: float, stage: Stage
+           ) -> LearnedShape:
+    x = np.linspace(curve.nodes[0], curve.nodes[-1], POINTS)
+    basis = curve.basis(x)
+    value = basis @ curve.values
+    sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis), 0.0))
+    at, partial = _partial(seen, term, curve)
+    looks, period = _looks(curve, x, value)
+    names = seen.system.problem.mechanism.actuators
+    on = tuple(a for a, used in zip(names, term.candidate.on, strict=True) if used)
+    own = curve.at(at)
+    return LearnedShape(curve, on if curve.acts == JOINT else (),
+                        float(np.sqrt(np.mean(own**2))), gain, looks, period,
+                        _near(stage, curve, term.candidate.on), x, value, sigma, at, partial)
+
+
+def _partial(seen: Visible, term: Term, curve: LearnedCurve) -> tuple[Array, Array]:
+    """Return inputs and partial residuals: the term and what is left along its own direction."""
+    terms = term.candidate.free @ curve.values
+    shape = seen.system.residual.shape
+    rest = seen.left - terms
+    at, partial = [], []
+    joints = [a for a, used in enumerate(term.candidate.on) if used]
+    for a in joints if curve.acts == JOINT else [0]:
+        for i, part in enumerate(seen.system.parts):
+            unit = (seen.by_joint[i][..., a] if curve.acts == JOINT
+                    else seen.by_place[i][..., PLACE[curve.acts]])
+            x = INPUTS[curve.input].value(part.setting)
+            x = x if x.ndim == 1 else x[:, a]
+            if curve.signed:
+                unit = unit * part.setting.approach[:, [a]]
+            whole = np.zeros((*shape, 1))
+            whole[part.at, :unit.shape[1], 0] = unit
+            white = seen.noise.apply(whole, seen.system).reshape(shape)[part.at]
+            mine = rest.reshape(shape)[part.at]
+            length = np.maximum(np.sum(white**2, axis=1), 1e-300)
+            at.append(x)
+            partial.append(curve.at(x) + np.sum(white * mine, axis=1) / length)
+    return np.concatenate(at), np.concatenate(partial)
+
+
+def _looks(curve: LearnedCurve, x: Array, value: Array) -> tuple[tuple[str, ...], float | None]:
+    """Return words for a curve, and its period where it has one."""
+    words = ["hysteretic"] if curve.signed else []
+    low, high = curve.nodes[0], curve.nodes[-1]
+    middle = 0.0 if low < 0.0 < high and curve.input != "travel" else 0.5 * (low + high)
+    reach = min(high - middle, middle - low)
+    t = np.linspace(0.0, reach, POINTS // 2)
+    up, down = curve.at(middle + t), curve.at(middle - t)
+    mean = 0.5 * float(np.mean(up + down))
+    even, odd = 0.5 * (up + down) - mean, 0.5 * (up - down)
+    total = float(np.mean(even**2) + np.mean(odd**2)) or 1.0
+    if np.mean(even**2) > MOSTLY * total:
+        words.append("even")
+    if np.mean(odd**2) > MOSTLY * total:
+        words.append("odd")
+    period = _period(x, value)
+    if period is not None:
+        words.append("repeating")
+    bend = np.abs(np.diff(value, 2))
+    if period is None and bend.max() > KINK * np.sqrt(np.mean(bend**2)):
+        words.append("kinked")
+    return tuple(words), period
+
+
+def _period(x: Array, value: Array) -> float | None:
+    """Return the period of the one wave that most of a curve is, None if it is no wave."""
+    away = value - value.mean()
+    total = float(np.sum(away**2)) or 1.0
+    best, found = 0.0, None
+    for turns in np.arange(LEAST_PERIODS, MOST_PERIODS, 0.1):
+        w = 2.0 * np.pi * turns * (x - x[0]) / (x[-1] - x[0])
+        columns = np.stack([np.ones_like(w), np.cos(w), np.sin(w)], axis=-1)
+        fitted = columns @ np.linalg.lstsq(columns, away, rcond=None)[0]
+        part = float(np.sum(fitted**2)) / total
+        if part > best:
+            best, found = part, float((x[-1] - x[0]) / turns)
+    return found if best > MOSTLY else None
+
+
+def _near(stage: Stage, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[str, float], ...]:
+    """Return the kinds of effect that do nearly the same, best first."""
+    seen = Visible(stage.system, stage.noise, stage.basis, stage.residual)
+    columns = columns_of(seen, curve, on)
+    if not np.isfinite(columns).all():
+        return ()
+    whole = columns @ curve.values
+    free = whole - stage.basis @ (stage.basis.T @ whole)
+    square = float(free @ free)
+    test, count = stage.search.test, stage.columns.shape[1]
+    right = stage.columns.T @ free / test.length[:count]
+    likened = replace(test, right=np.append(right, np.zeros(test.right.size - count)))
+    some = [h for h in stage.hypotheses if not h.anonymous and not h.slot
+            and max(h.columns) < count]
+    best: dict[str, float] = {}
+    for which, groups in by_size(some):
+        explained, _ = likened.explained(groups)
+        for i, part in zip(which.tolist(), explained.tolist(), strict=True):
+            h = some[i]
+            cosine = float(np.sqrt(min(max(part, 0.0) / max(square, 1e-300), 1.0)))
+            best[h.label] = max(best.get(h.label, 0.0), cosine)
+    ranked = sorted(best.items(), key=lambda pair: -pair[1])
+    return tuple((label, c) for label, c in ranked[:FEW] if c >= NEAR)
+

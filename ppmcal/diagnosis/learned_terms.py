@@ -1,0 +1,180 @@
+"""Terms learned from what named effects leave, kept only where unseen rows agree.
+
+Learned on the training rows, judged on the poses that were held out and on stretches of time and
+conditions left out in turn, then learned again from all rows. They claim no cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.diagnosis.held_out_blocks import BlockGap, schemes
+from ppmcal.diagnosis.held_out_gap import HeldOutErrors, gap_of, measure_gap
+from ppmcal.diagnosis.learning import Learned, Term, learn, relearned
+from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, Whitening, build, range_basis
+from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.result import LearnedTerms
+from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, all_settings, candidates
+from ppmcal.errors import PpmcalError
+from ppmcal.linalg import Array, Bools, finite_rows, subsample
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.effects.learned import learned_kind
+from ppmcal.model.mechanism import Mechanism, with_effect
+
+ROUNDS = 2
+"""Rows that looked like outliers may be what the terms explain: learned again with them."""
+SEEN = 1e-10
+
+
+def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whitening,
+                  noise: float, seed: int, options: FitOptions) -> LearnedTerms | None:
+    """Return what is learned beyond a fit, None where unseen rows do not confirm it.
+
+    Args:
+        base: the fit of the training rows with the named effects.
+        whole: the same of all rows.
+        held: rows that no fit has seen.
+        whitening: of the residuals.
+        noise: over the stated one.
+        seed: of the bootstrap.
+        options: of the fits.
+    """
+    if not held:
+        return None
+    everywhere = all_settings(whole)
+    several = any(o.any() for o in base.outliers)
+    # what looks like gross errors may be what is missing
+    for outliers in (False, True) if several else (False,):
+        seen = visible(base, _start(base, outliers), whitening)
+        found = learn(seen, candidates(seen, everywhere))
+        while found is not None:
+            kept = _judged(base, whole, found, held, outliers, whitening, noise, seed, options)
+            if kept is not None:
+                return kept
+            # what comes first is surest
+            found = relearned(seen, [found.terms[0].candidate]) if len(found.terms) > 1 else None
+    return None
+
+
+def _start(fit: Fit, outliers: bool) -> list[Bools]:
+    """Return the rows that a fit uses, with those that it left out as outliers if wanted."""
+    return [k | o if outliers else k for k, o in zip(fit.keep, fit.outliers, strict=True)]
+
+
+def _judged(base: Fit, whole: Fit, found: Learned, held: Sequence[Dataset], outliers: bool,
+            whitening: Whitening, noise: float, seed: int, options: FitOptions
+            ) -> LearnedTerms | None:
+    """Return the terms learned from all rows if those of the training rows predict the others."""
+    chosen = [t.candidate for t in found.terms]
+    try:
+        fit = _fitted(base, _start(base, outliers), chosen, whitening, options)[2]
+        gap = measure_gap(base, fit, held, noise, seed)
+        if gap is None or not gap.confirmed or gap.worse:
+            return None
+        learned, seen, final = _fitted(whole, _start(whole, outliers), chosen, whitening, options)
+    except PpmcalError:
+        return None
+    blocks = tuple(_block_gaps(seen, learned.terms, noise, seed))
+    if any(b.gap.worse for b in blocks):
+        return None
+    return LearnedTerms(learned, seen, whole, final, gap, blocks)
+
+
+def _fitted(fit: Fit, rows: Sequence[Bools], chosen: Sequence[TermCandidate], whitening: Whitening,
+            options: FitOptions) -> tuple[Learned, Visible, Fit]:
+    """Return the terms, the rows they are from, and the fit with them.
+
+    ``rows``: those to start with, by data set. They are learned again where the fit with them
+    uses more rows.
+    """
+    keep = list(rows)
+    for _ in range(ROUNDS):
+        seen = visible(fit, keep, whitening)
+        found = relearned(seen, chosen)
+        machine = with_terms(fit.problem.mechanism, found)
+        after = with_mechanism(fit, machine, options)
+        more = _rows(fit, after)
+        if sum(k.sum() for k in more) <= sum(k.sum() for k in keep):
+            break
+        keep = more
+    return found, seen, after
+
+
+def _rows(before: Fit, after: Fit) -> list[Bools]:
+    """Return the rows that the second fit uses and that the first one has poses for."""
+    return [k & finite_rows(p) for k, p in zip(after.keep, before.state.poses, strict=True)]
+
+
+def visible(fit: Fit, keep: Sequence[Bools], whitening: Whitening) -> Visible:
+    """Return rows of a fit with what geometry and effects cannot do there."""
+    system = build(fit.problem, fit.state, subsample(list(keep), MOST_ROWS))
+    basis = range_basis(whitening.apply(system.jacobian, system), INVISIBLE)
+    residual = whitening.apply(system.residual[..., None], system)[:, 0]
+    return Visible(system, whitening, basis, residual - basis @ (basis.T @ residual))
+
+
+def with_terms(mechanism: Mechanism, found: Learned) -> Mechanism:
+    """Return the machine with learned terms as effects that no fit changes."""
+    for term, curve in zip(found.terms, found.curves, strict=True):
+        mechanism = with_effect(mechanism, learned_kind(curve), term.candidate.on, {})
+    return mechanism
+
+
+def _block_gaps(seen: Visible, terms: Sequence[Term], noise: float, seed: int
+                ) -> list[BlockGap]:
+    """Return the gap over stretches of time and conditions left out, without and with the terms.
+
+    To first order: geometry and terms solved for without the block's rows, lengths and sizes kept.
+    """
+    system = seen.system
+    shape = system.residual.shape
+    white = seen.noise.apply(np.concatenate(
+        [system.jacobian, system.residual[..., None]], axis=-1), system)
+    z = np.concatenate([np.zeros((len(white), 0)), *(
+        t.candidate.columns @ (t.size * t.shape.root) for t in terms)], axis=1)
+    flat = np.concatenate([white[:, :-1], z], axis=1)
+    out = []
+    for by, folds in schemes(system.problem):
+        errors: list[tuple[HeldOutErrors, HeldOutErrors]] = []
+        for fold in folds:
+            mine = np.array([fold[d][n] for d, n in zip(system.dataset, system.row, strict=True)])
+            if not mine.any() or mine.all():
+                continue
+            block = np.repeat(mine, shape[1])
+            pair = [_predicted(flat[:, :c], white[:, -1], block, white.shape[1] - 1)
+                    for c in (white.shape[1] - 1, flat.shape[1])]
+            errors.append((_errors(seen, pair[0], mine), _errors(seen, pair[1], mine)))
+        if errors:
+            old, new = (HeldOutErrors(*(np.concatenate([getattr(p[k], n) for p in errors])
+                        for n in ("square", "variance", "count", "group"))) for k in (0, 1))
+            gap = gap_of(old, new, noise, seed)
+            out.append(BlockGap(by, gap, gap.interval))
+    return out
+
+
+def _predicted(columns: Array, residual: Array, block: Bools, free: int) -> Array:
+    """Return the residual (b,) of a block as the rest of the rows predicts it.
+
+    The first ``free`` columns are as they come; the others are standard normal times sigma.
+    """
+    rest = columns[~block]
+    normal = rest.T @ rest + np.diag(np.arange(columns.shape[1]) >= free).astype(float)
+    w, v = np.linalg.eigh(normal)
+    use = w > SEEN * max(float(w[-1]), 1e-300)
+    step = (v[:, use] / w[use]) @ (v[:, use].T @ (rest.T @ residual[~block]))
+    left = np.asarray(residual[block] - columns[block] @ step)
+    # frame and target of a session left out are those of its own rows
+    own = np.sum(rest[:, :free] ** 2, axis=0) <= SEEN * np.sum(columns[:, :free] ** 2, axis=0)
+    basis = range_basis(columns[block][:, :free][:, own])
+    return np.asarray(left - basis @ (basis.T @ left))
+
+
+def _errors(seen: Visible, left: Array, mine: Bools) -> HeldOutErrors:
+    system = seen.system
+    square = np.sum(left.reshape(-1, system.residual.shape[1]) ** 2, axis=1)
+    count = system.observed[mine].sum(axis=1).astype(float)
+    return HeldOutErrors(square, np.zeros(square.size), count, system.group[mine])
+

@@ -1,0 +1,249 @@
+"""Learning terms from what is left: additive, smooth, sized by marginal likelihood.
+
+With M what is free of geometry and named effects, r the white residual and C_j the columns of
+term j, M r = sum_j M C_j v_j + noise, v_j ~ N(0, sigma^2 size_j^2 K_j). K_j is a Matern kernel
+(5/2) over the nodes; its length and size maximise the marginal likelihood with sigma taken out
+(Rasmussen & Williams 2006, 5.4.1). What of a term geometry does as well is held at nothing
+(Plumlee 2017): a sum over the rows that is zero, and so on, so that it moves no parameter's
+meaning. Terms are added one at a time while the likelihood grows by more than chance would give
+over all that were tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import eigh
+
+from ppmcal.diagnosis.adequacy import LEVEL
+from ppmcal.diagnosis.stage import WEAK_SURVIVAL
+from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, again
+from ppmcal.linalg import Array
+from ppmcal.model.effects.learned import JOINT, LearnedCurve
+
+LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
+"""Lengths of the kernel that are tried, in parts of the range."""
+SIZES = np.geomspace(1e-2, 1e4, 25)
+"""Sizes that are tried: the standard deviation of a column's whole effect, in sigmas."""
+NEGLIGIBLE = 12.0
+"""Lengths and sizes that are so much less likely (log) count for nothing."""
+MOST_TERMS = 8
+SWEEPS = 3
+JOINTS_FIRST = 3.0
+"""A term of the platform must be likelier than one of a joint by this (log): a physical cause
+sits in a leg more often than in space."""
+UNSEEN = 1e-4
+"""Directions that rows see by less than this part of the strongest keep what the kernel says."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What the prior lets a term be: values = ``root`` z, z standard normal times its size.
+
+    ``length``: of the kernel, in parts of the range. ``lost`` (n, d): values that geometry does as
+    well; ``held`` (d, n): what a term has of them, by its values: nothing.
+    """
+
+    length: float
+    root: Array
+    lost: Array
+    held: Array
+
+    def gauged(self, values: Array) -> Array:
+        """Return values at the nodes (n,) less what geometry does as well."""
+        amount = np.linalg.lstsq(self.held @ self.lost, self.held @ values, rcond=None)[0]
+        return np.asarray(values - self.lost @ amount)
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A candidate with its shape and size."""
+
+    candidate: TermCandidate
+    shape: Shape
+    size: float
+
+    @property
+    def columns(self) -> Array:
+        """Free columns of z (n, r), of which each is standard normal times sigma."""
+        return np.asarray(self.candidate.free @ (self.size * self.shape.root))
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """Terms with their curves and the gain in log marginal likelihood of each.
+
+    ``sigma``: of the noise, over the whitened one.
+    """
+
+    terms: tuple[Term, ...]
+    curves: tuple[LearnedCurve, ...]
+    sigma: float
+    gains: tuple[float, ...] = ()
+
+
+def learn(seen: Visible, tried: Sequence[TermCandidate], most: int = MOST_TERMS) -> Learned | None:
+    """Return the terms that the rows ask for, None if none."""
+    enough = float(np.log(max(len(tried), 1) / LEVEL))
+    shapes = {id(c): shapes_of(c) for c in tried}
+    terms: list[Term] = []
+    gains: list[float] = []
+    while len(terms) < most:
+        best: tuple[float, Term, float] | None = None
+        now = _Rest(seen, terms)
+        for candidate in tried:
+            if any(t.candidate is candidate for t in terms):
+                continue
+            term, gain = now.fitted(candidate, shapes[id(candidate)])
+            judged = gain - (0.0 if candidate.curve.acts == JOINT else JOINTS_FIRST)
+            if best is None or judged > best[0]:
+                best = judged, term, gain
+        if best is None or best[0] < enough:
+            break
+        terms.append(best[1])
+        gains.append(best[2])
+        terms = _swept(seen, terms, shapes)
+    return solved(seen, terms, shapes, gains) if terms else None
+
+
+def relearned(seen: Visible, chosen: Sequence[TermCandidate]) -> Learned:
+    """Return terms that were chosen in other rows, learned from these."""
+    terms: list[Term] = []
+    gains: list[float] = []
+    shapes: dict[int, list[Shape]] = {}
+    for candidate in (again(seen, c) for c in chosen):
+        shapes[id(candidate)] = shapes_of(candidate)
+        term, gain = _Rest(seen, terms).fitted(candidate, shapes[id(candidate)])
+        terms.append(term)
+        gains.append(gain)
+    return solved(seen, _swept(seen, terms, shapes), shapes, gains)
+
+
+def _swept(seen: Visible, terms: list[Term], shapes: dict[int, list[Shape]]) -> list[Term]:
+    """Return the terms with lengths and sizes fitted again, each given the others."""
+    if len(terms) > 1:
+        for _ in range(SWEEPS):
+            for i, term in enumerate(terms):
+                rest = _Rest(seen, terms[:i] + terms[i + 1:])
+                terms[i] = rest.fitted(term.candidate, shapes[id(term.candidate)])[0]
+    return terms
+
+
+def shapes_of(candidate: TermCandidate) -> list[Shape]:
+    """Return the shapes that a candidate may have, one for each length of the kernel."""
+    nodes = candidate.curve.nodes
+    far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
+    seen = candidate.columns.T @ candidate.columns
+    # one unit of z moves all rows together by one sigma
+    scale = 1.0 / np.sqrt(max(float(np.trace(seen)) / nodes.size, 1e-300))
+    out = []
+    for length in LENGTHS:
+        x = np.sqrt(5.0) * far / length
+        kernel = (1.0 + x + x**2 / 3.0) * np.exp(-x)
+        w, v = np.linalg.eigh(kernel)
+        keep = w > 1e-10 * w[-1]
+        root = v[:, keep] * (scale * np.sqrt(w[keep]))
+        lost, held = absorbed(candidate, root)
+        free = np.linalg.svd(held)[2][len(held):].T if len(held) else np.eye(root.shape[1])
+        back = (v[:, keep] / (scale * np.sqrt(w[keep]))).T
+        out.append(Shape(length, root @ free, root @ lost, held @ back))
+    return [s for s in out if s.root.shape[1]]
+
+
+def absorbed(candidate: TermCandidate, root: Array) -> tuple[Array, Array]:
+    """Return which shapes geometry does as well, and how much of each z has.
+
+    Shapes (r, d) in units of z; the second (d, r) is 0 where a term has nothing of them.
+    """
+    seen = root.T @ candidate.columns.T @ candidate.columns @ root
+    gone = seen - root.T @ candidate.gram @ root
+    metric = seen + UNSEEN * float(np.linalg.eigvalsh(seen)[-1]) * np.eye(len(seen))
+    part, v = eigh(0.5 * (gone + gone.T), metric)
+    lost = v[:, part > 1.0 - WEAK_SURVIVAL**2]
+    return lost, lost.T @ metric
+
+
+class _Rest:
+    """The rows with some terms in the model: inner products weighted by their covariance."""
+
+    def __init__(self, seen: Visible, terms: Sequence[Term]) -> None:
+        self.seen = seen
+        n = seen.left.size
+        self.z = np.concatenate([np.zeros((n, 0)), *(t.columns for t in terms)], axis=1)
+        self.inner = np.linalg.inv(np.eye(self.z.shape[1]) + self.z.T @ self.z)
+        self.right = self.z.T @ seen.left
+        self.square = float(seen.left @ seen.left - self.right @ self.inner @ self.right)
+
+    def fitted(self, candidate: TermCandidate, shapes: Sequence[Shape]) -> tuple[Term, float]:
+        """Return a candidate at its likeliest length and size, and the gain in log likelihood."""
+        tried = self._tried(candidate, shapes)
+        value = np.stack([t.value for t in tried])
+        n, i = (int(j) for j in np.unravel_index(int(np.argmax(value)), value.shape))
+        return Term(candidate, shapes[n], float(tried[n].size[i])), float(value[n, i])
+
+    def posterior(self, candidate: TermCandidate, shapes: Sequence[Shape]) -> tuple[Array, Array]:
+        """Return mean (n,) and covariance (n, n) of a candidate's values at its nodes.
+
+        Over all lengths and sizes, each as likely as it is: the likeliest alone would be too sure.
+        """
+        tried = self._tried(candidate, shapes)
+        top = max(float(t.value.max()) for t in tried)
+        means, spreads, weights = [], [], []
+        for t in tried:
+            for i in np.flatnonzero(t.value > top - NEGLIGIBLE):
+                shrink = t.size[i] ** 2 / (1.0 + t.size[i] ** 2 * t.strength)
+                means.append(t.modes @ (shrink * t.right))
+                spreads.append(t.sigma2[i] * (t.modes * shrink) @ t.modes.T)
+                weights.append(np.exp(t.value[i] - top))
+        share = np.array(weights) / np.sum(weights)
+        mean = share @ np.array(means)
+        away = np.array(means) - mean
+        return mean, np.asarray(np.einsum("i,ijk->jk", share, np.array(spreads))
+                                + (away * share[:, None]).T @ away)
+
+    def _tried(self, candidate: TermCandidate, shapes: Sequence[Shape]) -> list[_Tried]:
+        """Return what each shape (length) would give at every size."""
+        cross = candidate.free.T @ self.z
+        gram = candidate.gram - cross @ self.inner @ cross.T
+        toward = candidate.free.T @ self.seen.left - cross @ self.inner @ self.right
+        freedom, size = self.seen.freedom, SIZES / np.sqrt(candidate.curve.nodes.size)
+        out = []
+        for shape in shapes:
+            w, v = np.linalg.eigh(shape.root.T @ gram @ shape.root)
+            w, right = np.maximum(w, 0.0), v.T @ (shape.root.T @ toward)
+            spread = 1.0 + size[:, None] ** 2 * w
+            gone = np.sum(size[:, None] ** 2 * right**2 / spread, axis=1)
+            left = np.maximum(self.square - gone, 1e-9 * self.square)
+            value = -0.5 * np.sum(np.log(spread), axis=1) - 0.5 * freedom * np.log(
+                left / self.square)
+            out.append(_Tried(shape.root @ v, w, right, size, value, left / freedom))
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A shape at all sizes (s,): its independent modes (n, r), how strongly rows see each.
+
+    ``right`` (r,): what they say of it; ``value``, ``sigma2`` (s,): log likelihood and noise.
+    """
+
+    modes: Array
+    strength: Array
+    right: Array
+    size: Array
+    value: Array
+    sigma2: Array
+
+
+def solved(seen: Visible, terms: Sequence[Term], shapes: Mapping[int, list[Shape]],
+           gains: Sequence[float] = ()) -> Learned:
+    """Return the curves of terms that are chosen, each given the others."""
+    curves = []
+    for i, t in enumerate(terms):
+        rest = _Rest(seen, [*terms[:i], *terms[i + 1:]])
+        mean, covariance = rest.posterior(t.candidate, shapes[id(t.candidate)])
+        curves.append(replace(t.candidate.curve, values=mean, covariance=covariance))
+    sigma = float(np.sqrt(_Rest(seen, terms).square / seen.freedom))
+    return Learned(tuple(terms), tuple(curves), sigma, tuple(gains))

@@ -1,0 +1,191 @@
+"""What a learned term could follow and act on, and its whitened columns, one for each node.
+
+A term is a spline through values at nodes (:mod:`ppmcal.model.effects.learned`). Each of its
+columns says how residuals move with the value at one node; ``free`` is that column without what
+geometry and named effects could do instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.diagnosis.adequacy import varies
+from ppmcal.diagnosis.linear_system import System, Whitening
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import setting
+from ppmcal.linalg import Array, finite_rows, without_range
+from ppmcal.model.effects import Setting, Shift
+from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput, spline_basis
+from ppmcal.model.effects.setting import PLACE
+
+FINE, COARSE, FEWEST = 24, 12, 3
+"""Nodes over the travel of a joint, where wear is local, and over other inputs; and the fewest."""
+PER_NODE = 3
+"""Rows that a node must have, in the mean."""
+MARGIN = 0.005
+"""The first and the last node are beyond the data by this part of their range."""
+PASSING = ("time",)
+"""Inputs that no later command can have again: what follows them is told, and not learned."""
+
+
+@dataclass(frozen=True, eq=False)
+class Visible:
+    """Rows with a fit's residual, white, and what geometry and named effects cannot do there.
+
+    ``basis`` (n, r) of what they can do; ``left`` (n,) the residual free of it.
+    """
+
+    system: System
+    noise: Whitening
+    basis: Array
+    left: Array
+
+    @property
+    def freedom(self) -> int:
+        """Values less what was fitted."""
+        return max(self.system.count - int(self.basis.shape[1]), 1)
+
+    @cached_property
+    def by_joint(self) -> list[Array]:
+        """Column (N, m) of one unit of each joint coordinate, by part of the system."""
+        return [_units(p.column, [
+            Shift({(i, "offset"): np.ones(len(p.response.pose))
+                   for i, limb in enumerate(p.setting.limbs) if limb.actuator == a})
+            for a in range(p.setting.turning.size)]) for p in self.system.parts]
+
+    @cached_property
+    def by_place(self) -> list[Array]:
+        """The same of one unit of each pose coordinate."""
+        return [_units(p.column, [Shift(pose=np.tile(np.eye(6)[c], (len(p.response.pose), 1)))
+                                  for c in range(6)]) for p in self.system.parts]
+
+
+def _units(column: Callable[[Shift], Array], shifts: Sequence[Shift]) -> Array:
+    return np.stack([column(s) for s in shifts], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class TermCandidate:
+    """A term that could be learned: a curve without values, the joints, its columns (n, K)."""
+
+    curve: LearnedCurve
+    on: tuple[bool, ...]
+    columns: Array
+    free: Array
+
+    @cached_property
+    def gram(self) -> Array:
+        """Inner products of the free columns (K, K)."""
+        return np.asarray(self.free.T @ self.free)
+
+
+def all_settings(fit: Fit) -> list[Setting]:
+    """Return what effects may know of all rows that have a pose, used or not."""
+    problem, out = fit.problem, []
+    for i, rows in enumerate(problem.environments):
+        for q, pose in problem.ends(i, fit.state):
+            good = finite_rows(pose) & finite_rows(q)
+            model = Model(problem.mechanism, fit.state.g)
+            out.append(setting(model, rows.take(good), q[good], pose[good]))
+    return out
+
+
+def candidates(seen: Visible, everywhere: Sequence[Setting]) -> list[TermCandidate]:
+    """Return the terms that these rows could tell, those of joints first.
+
+    Args:
+        seen: the rows.
+        everywhere: all rows that the model has to hold in, for the nodes.
+    """
+    out = []
+    for curve, on in _forms(seen, everywhere):
+        columns = columns_of(seen, curve, on)
+        if np.isfinite(columns).all():
+            out.append(TermCandidate(curve, on, columns, without_range(columns, seen.basis)))
+    return out
+
+
+def again(seen: Visible, term: TermCandidate) -> TermCandidate:
+    """Return a candidate's columns in other rows, or at another state."""
+    columns = columns_of(seen, term.curve, term.on)
+    return replace(term, columns=columns, free=without_range(columns, seen.basis))
+
+
+def _forms(seen: Visible, everywhere: Sequence[Setting]
+           ) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
+    mechanism = seen.system.problem.mechanism
+    k = len(mechanism.actuators)
+    each = [tuple(a == b for b in range(k)) for a in range(k)]
+    alike = len(set(mechanism.actuator_quantity)) == 1
+    groups = each + ([(True,) * k] if alike and k > 1 else [])
+    here = [p.setting for p in seen.system.parts]
+    sided = all(np.isfinite(s.approach).all() for s in here) and any(
+        varies(s.approach).any() for s in here)
+    for source in INPUTS.values():
+        if source.name in PASSING or not _recorded(source, here, mechanism.coordinates):
+            continue
+        for on in groups:
+            joint = mechanism.actuator_quantity[on.index(True)]
+            curve = _curve(source, here, everywhere, on, joint)
+            if curve is None or source.name in PLACE:
+                continue
+            yield curve, on
+            if sided and source.name == "travel":
+                yield replace(curve, signed=True), on
+        if source.of_machine:
+            curve = _curve(source, here, everywhere, (True,) * k, "length")
+            for acts in mechanism.coordinates if curve is not None else ():
+                assert curve is not None
+                yield replace(curve, acts=acts), (True,) * k
+
+
+def _recorded(source: LearnedInput, here: Sequence[Setting], coordinates: Sequence[str]) -> bool:
+    if source.name in PLACE and source.name not in coordinates:
+        return False
+    return all(np.isfinite(source.value(s)).all() for s in here)
+
+
+def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[Setting],
+           on: tuple[bool, ...], joint: str) -> LearnedCurve | None:
+    """Return a curve over the range of an input, None where that takes too few values."""
+    def values(rows: Sequence[Setting]) -> Array:
+        x = np.concatenate([source.value(s) for s in rows])
+        x = x if x.ndim == 1 else x[:, np.array(on)].ravel()
+        return np.asarray(x[np.isfinite(x)])
+
+    used, whole = values(here), values(everywhere)
+    width = float(np.ptp(whole))
+    if not width > 1e-9 * float(np.abs(whole).max()):
+        return None
+    different = np.unique(np.round((used - whole.min()) / width, 6)).size
+    most = FINE if source.name == "travel" else COARSE
+    count = min(most, different, used.size // PER_NODE)
+    if count < FEWEST:
+        return None
+    low, high = float(whole.min()) - MARGIN * width, float(whole.max()) + MARGIN * width
+    nodes = np.linspace(low, high, count)
+    return LearnedCurve(source.name, nodes, np.zeros(count), np.zeros((count, count)), joint=joint)
+
+
+def columns_of(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> Array:
+    """Return the whitened columns of a curve's values at its nodes (n, K)."""
+    system = seen.system
+    out = np.zeros((*system.residual.shape, curve.nodes.size))
+    for i, part in enumerate(system.parts):
+        at = part.setting
+        weight = spline_basis(curve.nodes, INPUTS[curve.input].value(at))
+        if curve.acts != JOINT:
+            unit = seen.by_place[i][..., PLACE[curve.acts]]
+            out[part.at, :unit.shape[1]] += unit[..., None] * weight[:, None, :]
+            continue
+        for a in np.flatnonzero(on):
+            own = weight if weight.ndim == 2 else weight[:, a]
+            own = own * at.approach[:, [a]] if curve.signed else own
+            unit = seen.by_joint[i][..., a]
+            out[part.at, :unit.shape[1]] += unit[..., None] * own[:, None, :]
+    return seen.noise.apply(out, system)

@@ -1,0 +1,211 @@
+"""What is left is learned: hidden shapes outside of the library, none where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from helpers.commands import ppmcal
+from helpers.diagnoses import BOXES, CONFIGS, STATION
+from scipy.stats import binom
+
+import ppmcal as face
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import FitOptions as FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, _split
+from ppmcal.diagnosis.held_out_gap import measure_gap
+from ppmcal.diagnosis.learned_terms import learned_terms, visible
+from ppmcal.diagnosis.learning import learn, relearned, shapes_of
+from ppmcal.diagnosis.linear_system import build, plain
+from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates
+from ppmcal.io import read_campaign, read_mechanism
+from ppmcal.linalg import Array
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+
+ROBUST = FitOptions()
+
+
+def hidden(input_: str, x: Array, y: Array, **more: Any) -> dict[str, Any]:
+    """Return an effect of the simulator that is any function, known without error."""
+    return {"kind": "learned", "input": input_, "nodes": x.tolist(), "values": y.tolist(),
+            "covariance": np.zeros((x.size, x.size)).tolist()} | more
+
+
+def dip(at: float = 440.0, wide: float = 18.0, deep: float = 0.05) -> dict[str, Any]:
+    """A worn place of one leg's screw."""
+    x = np.linspace(250.0, 650.0, 161)
+    return hidden("travel", x, -deep * np.exp(-(((x - at) / wide) ** 2)), on=["leg2"])
+
+
+def squared(size: float = 0.02) -> dict[str, Any]:
+    """An error of all joints with the square of speed."""
+    x = np.linspace(-40.0, 40.0, 41)
+    return hidden("velocity", x, size * (x / 30.0) ** 2)
+
+
+def bowl(size: float = 0.03) -> list[dict[str, Any]]:
+    """A bent bed: the platform is turned with x^2 and y^2."""
+    x, y = np.linspace(430.0, 570.0, 41), np.linspace(220.0, 360.0, 41)
+    return [hidden("x", x, size * ((x - 500.0) / 60.0) ** 4, acts="y"),
+            hidden("y", y, size * ((y - 290.0) / 60.0) ** 4, acts="x")]
+
+
+def campaign(folder: Path, effects: list[dict[str, Any]], seed: int, count: int = 40,
+             out: str = "s", **changes: Any) -> tuple[Mechanism, tuple[Dataset, ...]]:
+    """Return a machine and measurements of it with effects that the machine's file has not."""
+    name = "3-RPR"
+    machine = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))
+    (folder / "m.yaml").write_text(yaml.safe_dump(machine, sort_keys=False))
+    scenario = {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+                "poses": {"random": BOXES[name] | {"count": count}}, "effects": effects,
+                "instrument": {"kind": "pose", "sigma": {"position": 0.005, "rotation": 0.001}},
+                "approach": "both", "conditions": {"velocity": 30, "payload": [0, 20]},
+                "errors": {"random": {"scale": 1.0}}, "seed": seed} | STATION[name] | changes
+    (folder / f"{out}.yaml").write_text(yaml.safe_dump(scenario))
+    result = face.simulate(str(folder / "m.yaml"), str(folder / f"{out}.yaml"))
+    result.save(folder / out)
+    mechanism = read_mechanism(folder / "m.yaml")
+    return mechanism, read_campaign([folder / out / "measurements.csv"], mechanism)
+
+
+def fitted(mechanism: Mechanism, data: tuple[Dataset, ...]) -> Fit:
+    return identify(Problem(mechanism, data, mechanism.free), ROBUST)
+
+
+def told(folder: Path, effects: list[dict[str, Any]]) -> Mechanism:
+    """Return the machine that knows what is hidden."""
+    tree = yaml.safe_load((folder / "m.yaml").read_text())
+    (folder / "told.yaml").write_text(yaml.safe_dump(tree | {"effects": effects}))
+    return read_mechanism(folder / "told.yaml")
+
+
+SHAPES = {"dip": [dip()], "speed squared": [squared()], "bowl": bowl()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: str, seed: int
+                                                         ) -> None:
+    mechanism, data = campaign(tmp_path, SHAPES[shape], seed, count=80)
+    whole = fitted(mechanism, data)
+    base, held = _split(whole, DiagnosisOptions(seed=seed))
+    noise = plain(build(base.problem, base.state, base.keep))
+    found = learned_terms(base, whole, held, noise, 1.0, seed, ROBUST)
+    assert found is not None
+    best = measure_gap(base, with_mechanism(base, told(tmp_path, SHAPES[shape]), ROBUST), held, 1.0,
+                       seed)
+    assert best is not None
+    assert best.closed is not None
+    assert found.gap.closed is not None
+    assert found.gap.confirmed
+    assert found.gap.closed >= 0.8 * best.closed
+    assert not any(b.gap.worse for b in found.blocks)
+    assert all(p.fixed for p in found.fit.problem.mechanism.parameters
+               if p.name.startswith("learned."))
+
+
+@pytest.mark.slow
+def test_nothing_is_learned_where_nothing_is_hidden(tmp_path: Path) -> None:
+    """False terms before any held-out pose is asked: no more than 5 % of campaigns."""
+    seeds, wrong = 40, 0
+    for seed in range(seeds):
+        fit = fitted(*campaign(tmp_path, [], seed, count=24, out=f"s{seed}"))
+        seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+        tried = candidates(seen, all_settings(fit))
+        assert {c.curve.input for c in tried} == {"travel", "velocity", "load", "x", "y", "rz"}
+        wrong += learn(seen, tried) is not None
+    assert binom.sf(wrong - 1, seeds, 0.05) > 0.05, wrong
+
+
+@pytest.mark.slow
+def test_the_band_holds_the_truth(tmp_path: Path) -> None:
+    """Pointwise over the range and campaigns, what geometry does as well taken out of both."""
+    inside = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        effect = dip(rng.uniform(395.0, 485.0), rng.uniform(15.0, 45.0), 0.02)
+        fit = fitted(*campaign(tmp_path, [effect], seed, count=50, out=f"s{seed}"))
+        seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+        tried = [c for c in candidates(seen, all_settings(fit)) if c.curve.input == "travel"
+                 and not c.curve.signed and c.on == (False, True, False)]
+        found = relearned(seen, tried)
+        curve, shape = found.curves[0], found.terms[0].shape
+        true = 1e-3 * np.interp(1e3 * curve.nodes, effect["nodes"], effect["values"])
+        basis = curve.basis(np.linspace(curve.nodes[0], curve.nodes[-1], 100)[2:-2])
+        sigma = np.sqrt(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis))
+        away = basis @ (curve.values - shape.gauged(true))
+        inside.append(np.mean(np.abs(away) <= 1.96 * sigma))
+    assert 0.93 <= np.mean(inside) <= 0.97, np.mean(inside)
+
+
+@cache
+def _seen() -> Visible:
+    """Rows of a machine with a dip, made once."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        fit = fitted(*campaign(Path(folder), [dip()], 1, count=30))
+        return replace(visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep))))
+
+
+@pytest.mark.slow
+def test_what_is_learned_is_free_of_what_geometry_does() -> None:
+    """A free offset: no constant is learned, so the term moves no zero of a joint."""
+    seen = _seen()
+    (term,) = [c for c in candidates(seen, [p.setting for p in seen.system.parts])
+               if c.curve.input == "travel" and not c.curve.signed and c.on == (False, True, False)]
+    assert np.abs(seen.basis.T @ term.free).max() < 1e-9 * np.abs(term.columns).max()
+    for shape in shapes_of(term):
+        assert shape.lost.shape[1] >= 1
+        np.testing.assert_allclose(shape.held @ shape.root, 0.0, atol=1e-6 * np.abs(
+            shape.held).max() * np.abs(shape.root).max())
+        constant = np.ones(term.curve.nodes.size)
+        assert np.linalg.norm(term.columns @ shape.gauged(constant)) < 0.25 * np.linalg.norm(
+            term.columns @ constant)
+
+
+@pytest.mark.slow
+def test_a_diagnosis_learns_and_its_model_helps_the_next_session(tmp_path: Path) -> None:
+    """From files: the verdict stays, the model has the term, another session fits it better."""
+    campaign(tmp_path, [dip(deep=0.06)], 5, count=60)
+    run = ppmcal("diagnose", "m.yaml", "s/measurements.csv", "--draws", "1000", "--out", "d",
+                 cwd=tmp_path)
+    assert run.code == 1
+    found = yaml.safe_load((tmp_path / "d" / "diagnosis.json").read_text())
+    assert found["verdict"] in ("unnamed", "partial")
+    (entry,) = found["learned"]
+    assert (entry["input"], entry["on"], entry["acts"]) == ("travel", ["leg2"], "joint")
+    assert entry["unit"] == entry["input_unit"] == "mm"
+    assert entry["gap"]["after"] < entry["gap"]["before"]
+    at = np.interp(440.0, entry["x"], entry["value"]) - np.median(entry["value"])
+    assert at == pytest.approx(-0.06, abs=0.015)
+    assert "Learned, with no cause claimed: error of leg2 by its travel" in run.out
+    assert (tmp_path / "d" / "terms.svg").exists()
+    model = yaml.safe_load((tmp_path / "d" / "model.yaml").read_text())
+    (term,) = [e for e in model["effects"] if e["kind"] == "learned"]
+    assert term["nodes"][0] == pytest.approx(entry["low"])
+    # the same machine again, from elsewhere
+    plan = yaml.safe_load((tmp_path / "s.yaml").read_text())
+    half = {k: 0.9 * v for k, v in plan["poses"]["random"]["half_range"].items()}
+    truth = yaml.safe_load((tmp_path / "s" / "truth.json").read_text())
+    plan |= {"errors": truth["errors"], "frame": {"x": -20, "y": 11, "rz": -3}, "seed": 77}
+    plan["poses"]["random"] |= {"half_range": half, "count": 25}
+    (tmp_path / "again.yaml").write_text(yaml.safe_dump(plan))
+    ppmcal("simulate", "m.yaml", "again.yaml", "--out", "again", cwd=tmp_path, expect=0)
+    without = {**model, "effects": [e for e in model["effects"] if e is not term]}
+    (tmp_path / "without.yaml").write_text(yaml.safe_dump(without))
+    (tmp_path / "with.yaml").write_text(yaml.safe_dump(model))
+    fits = [face.identify(str(tmp_path / f"{w}.yaml"), str(tmp_path / "again/measurements.csv"),
+                          free="none", keep_outliers=True) for w in ("without", "with")]
+    rms = [f.record.entries()["residual"]["after"]["position"]["rms"] for f in fits]
+    assert rms[1] < 0.6 * rms[0]
