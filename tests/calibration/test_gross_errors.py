@@ -67,6 +67,7 @@ def test_values_typed_wrong_cost_no_honest_row(tmp_path: Path,
     assert left_out(typed) == left_out(honest) | wrong
 
 
+@pytest.mark.slow
 def test_two_typed_wrong_end_where_the_fit_without_them_ends(tmp_path: Path) -> None:
     fit = identify(problem(session(tmp_path / "a", both)))
 

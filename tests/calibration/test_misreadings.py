@@ -215,6 +215,7 @@ def test_commands_tell_the_mistakes(tmp_path: Path) -> None:
     assert "q_leg2 and q_leg3 are exchanged" in diagnosed.err
 
 
+@pytest.mark.slow
 def test_stale_rows_are_left_out_and_told(tmp_path: Path) -> None:
     def repeated(rows: list[Row]) -> None:
         for i in (10, 31):

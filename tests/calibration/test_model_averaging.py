@@ -150,6 +150,7 @@ def test_what_is_unexplained_is_in_the_promise(tmp_path: Path) -> None:
     assert true_error(tmp_path, tmp_path / "c" / "commands.csv") < 1.5 * promise
 
 
+@pytest.mark.slow
 def test_a_fit_at_the_noise_leaves_nothing_unexplained(tmp_path: Path) -> None:
     campaign(tmp_path, "")
     ppmcal("identify", MACHINE, "sim/measurements.csv", "--out", "i", cwd=tmp_path)

@@ -345,6 +345,7 @@ def test_what_cannot_be_told_apart_is_a_set(made: Callable[[str], Path]) -> None
     assert not (made("scale") / "d" / "next.csv").exists()
 
 
+@pytest.mark.slow
 def test_no_measurements_are_not_zero_measurements(made: Callable[[str], Path]) -> None:
     assert "0 further" not in found_in(made("scale"))["next_measurements"]["reason"]
 
@@ -376,6 +377,7 @@ def test_next_measurements_can_be_taken(made: Callable[[str], Path]) -> None:
     assert found["next_measurements"]["odds_after"] >= 20.0
 
 
+@pytest.mark.slow
 def test_next_measurements_move_the_way_they_come(made: Callable[[str], Path]) -> None:
     """A joint that comes from below moves up."""
     for r in rows(made("thermal") / "d" / "next.csv"):

@@ -285,6 +285,7 @@ def test_turning_joints_are_in_degrees_and_metres_become_mm(tmp_path: Path) -> N
     assert run.json["tables"]["leg1"]["unit"] == "mm"
 
 
+@pytest.mark.slow
 def test_short_waves_need_more_points_than_there_are(tmp_path: Path) -> None:
     effect = [{"kind": "periodic", "on": ["leg3"], "parameters": {"sin": 0.02, "period": 3.0}}]
     path = machine(tmp_path, effects=effect)
@@ -381,6 +382,7 @@ def test_a_machine_without_limits_is_refused(tmp_path: Path) -> None:
                                                 expect=2).err
 
 
+@pytest.mark.slow
 def test_an_effect_steeper_than_the_joint_has_no_table(tmp_path: Path) -> None:
     effect = [{"kind": "periodic", "on": ["leg2"], "parameters": {"sin": 5.0, "period": 1.0}}]
     run = ppmcal("export", "joints", machine(tmp_path, effects=effect), cwd=tmp_path, expect=3)

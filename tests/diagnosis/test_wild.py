@@ -485,6 +485,7 @@ def assert_same(typed: Fit, other: Fit, wrong: set[int]) -> None:
     assert typed.converged and typed.iterations <= other.iterations + 3
 
 
+@pytest.mark.slow
 def test_two_of_240_rows_typed_wrong(tmp_path: Path) -> None:
     simulate(tmp_path, "6-UPS", [], count=240, approach="one", conditions={})
     wrong = {37: ("y", 0.0), 181: ("q_leg2", 100.0)}

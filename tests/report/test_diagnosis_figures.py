@@ -511,6 +511,7 @@ def test_diagnosis_of_effects_that_look_alike(cases: Callable[[str], Case]) -> N
         assert other in text
 
 
+@pytest.mark.slow
 def test_records_cut_down_still_draw(cases: Callable[[str], Case]) -> None:
     """Older or shortened records: less is drawn, nothing fails."""
     record = cases("named").record
