@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
@@ -19,7 +19,7 @@ from ppmcal.diagnosis.hypotheses import (
 )
 from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.diagnosis.search import Search, columns_of
-from ppmcal.kinematics.effect_response import lacking, setting
+from ppmcal.kinematics.effect_response import carried_by, lacking, setting
 from ppmcal.linalg import Bools, finite_rows
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import (
@@ -32,6 +32,7 @@ from ppmcal.model.effects import (
 )
 from ppmcal.model.mechanism import limbs_with_free
 
+UNBORNE = "it shows only through what gives way to the load, of which the model has nothing"
 ALIKE = 0.5
 """It looks like an effect if it explains this part of what the effect does."""
 
@@ -47,7 +48,7 @@ def unrecorded_load(to: Collector) -> None:
 
 
 def _under_weight(to: Collector, kind: EffectKind, settings: Sequence[Setting]) -> None:
-    specs = [s for s in kind.parameters(to.motion) if not s.constant]
+    specs = [s for s in kind.parameters(to.motion) if not s.constant and not s.extra]
     values = start_values(kind, to.motion)
     own = {}
     for a, name in enumerate(to.actuators):
@@ -74,7 +75,7 @@ def usual_range(spec: EffectParameter, stroke: float) -> tuple[float, float]:
     low, high = spec.usual
     if spec.reciprocal:
         return 1.0 / high, 1.0 / low if low > 0.0 else np.inf
-    scale = stroke if spec.of_stroke else 1.0
+    scale = spec.usual_scale(stroke)
     return scale * low, scale * high
 
 
@@ -116,7 +117,17 @@ def look_alikes(search: Search, hypotheses: Sequence[Hypothesis], chosen: Sequen
 
 
 class _Kinds(Collector):
-    """Makes the hypotheses of every kind of effect."""
+    """Makes the hypotheses of every kind of effect.
+
+    ``tried``: parameters that the fit frees only under test.
+    """
+
+    def __init__(self, system: System, tried: Sequence[int] = ()) -> None:
+        super().__init__(system)
+        model, under_test = system.problem.mechanism, set(tried)
+        bearing = [e for e in model.effects if e.kind.uses_load and e.kind.carried is None]
+        self.bears = bool(bearing)
+        self.leans = all(set(e.parameters.values()) & under_test for e in bearing)
 
     def kind(self, kind: EffectKind) -> None:
         """Add all hypotheses of one kind."""
@@ -130,25 +141,35 @@ class _Kinds(Collector):
                 kind.name, missing, "not recorded, or the same in every row"))
         if not on.any():
             return
+        if kind.carried is not None and not self.bears:
+            self.untestable.append(Untestable(kind.name, ("a compliance in the model",), UNBORNE))
+            return
         for constants in self._grids(kind):
             self._hypotheses(kind, on, constants)
 
     def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
         specs = [s for s in kind.parameters(self.motion)
-                 if not s.constant and s.name not in constants]
-        values = start_values(kind, self.motion) | constants
+                 if not s.constant and not s.extra and s.name not in constants]
         specs = [s for s in specs if self._varies(s)]
-        if not specs:
-            return
+        for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
+            self._of_parameters(kind, on, constants, some)
+
+    def _of_parameters(self, kind: EffectKind, on: Bools, constants: dict[str, float],
+                       specs: Sequence[EffectParameter]) -> None:
+        values = start_values(kind, self.motion) | constants
         low = tuple(_lowest(s) for s in specs)
         high = tuple(s.high for s in specs)
         usual = tuple(usual_range(s, self._stroke()) for s in specs)
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
-        searched = len(constants) - len(strokes)
+        # an extra is paid for twice: its value, and that it was looked for
+        searched = len(constants) - len(strokes) + sum(
+            s.extra and s.name in constants for s in kind.parameters(self.motion))
         turns = self._stroke() / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
-        of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes)
+        of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
+                          part=names[0] if kind.one_by_one else "",
+                          leans=kind.carried is not None and self.leans)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
             self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, constants))
@@ -177,7 +198,8 @@ class _Kinds(Collector):
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
         """Add one column for each parameter of an effect; return where they are."""
-        terms = [kind.evaluate(p.setting, on, values).by for p in self.system.parts]
+        terms = [carried_by(kind, p.response.closure.model, p.setting) if kind.carried is not None
+                 else kind.evaluate(p.setting, on, values).by for p in self.system.parts]
         return tuple(self.add(_sign(s) * self.system.column([by[s.name] for by in terms]))
                      for s in specs)
 
@@ -238,17 +260,42 @@ class _Kinds(Collector):
         return out
 
     def _grids(self, kind: EffectKind) -> list[dict[str, float]]:
-        """Return the values of a kind's nonlinear parameters that are tried, fitted ones first."""
-        rows = np.unique(np.concatenate([p.response.rows.row for p in self.system.parts]))
-        data = ScanRange(self._stroke(), np.unique(self.system.group).size, tuple(rows.tolist()))
-        tried = {s.name: s.scan(data) for s in kind.parameters(self.motion) if s.scan is not None}
-        grid = [dict(zip(tried, map(float, values), strict=True))
-                for values in product(*tried.values())]
-        if tried:
-            grid = self._fitted(kind, tried) + grid
+        """Return the values of a kind's nonlinear parameters that are tried, fitted ones first.
+
+        What is extra is tried one at a time, after the kind without.
+        """
+        specs = kind.parameters(self.motion)
+        scans = {s.name: s.scan for s in specs if s.scan is not None}
+        tried = {n: scan(self._range) for n, scan in scans.items()}
+        extras = [s.name for s in specs if s.extra]
+        own = {n: v for n, v in tried.items() if n not in extras}
+        grid = self._combined(kind, own)
+        for name in extras:
+            grid += [c for c in self._combined(kind, {**own, name: tried[name]}) if c[name] != 0.0]
         known = np.isfinite(self.system.parts[0].setting.stroke).all()
         ends = {} if known else self._ends(kind.stroke_ends(self.motion))
-        return [constants | ends for constants in grid]
+        spread = [s for s in specs if s.of_stroke or s.per_stroke]
+        return [constants | ends if any(not s.extra or s.name in constants for s in spread)
+                else constants for constants in grid]
+
+    def _combined(self, kind: EffectKind, tried: Mapping[str, Sequence[float]]
+                  ) -> list[dict[str, float]]:
+        grid = [dict(zip(tried, map(float, values), strict=True))
+                for values in product(*tried.values())]
+        return self._fitted(kind, tried) + grid if tried else grid
+
+    @cached_property
+    def _range(self) -> ScanRange:
+        """What a scan may know of these rows."""
+        rows = np.unique(np.concatenate([p.response.rows.row for p in self.system.parts]))
+        settings = [p.setting for p in self.system.parts]
+        load = max(float(np.max(np.abs(s.load)[np.isfinite(s.load)], initial=0.0))
+                   for s in settings)
+        size = max((float(np.max(np.linalg.norm(p[:, :, None] - p[:, None], axis=-1)))
+                    for s in settings[:1] for p in (s.points("base"), s.points("platform"))),
+                   default=0.0)
+        return ScanRange(self._stroke(), np.unique(self.system.group).size,
+                         tuple(rows.tolist()), load, size)
 
     def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
         """Return what the fit has made of a kind's nonlinear parameters already."""
@@ -280,7 +327,7 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
 
     ``kinds``: only these; ``tried``: parameters that the fit frees only under test.
     """
-    maker = _Kinds(system)
+    maker = _Kinds(system, tried)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
             maker.kind(kind)

@@ -65,7 +65,7 @@ def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value
     before = len(mechanism.parameters)
     mechanism = with_effect(mechanism, kind, acts, given)
     return mechanism, tuple(p.name for p in mechanism.parameters[before:]
-                            if p.free or p.value != 0.0)
+                            if p.free or not (p.value == 0.0 or np.isnan(p.value)))
 
 
 def _start(spec: EffectParameter, value: float, sigma: float) -> float:

@@ -33,6 +33,8 @@ class Hypothesis:
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
         columns: where its columns are in the library.
+        part: of a kind whose parameters are causes of their own, the one that it has.
+        leans: whether it does nothing without another chosen effect that gives way to the load.
         caution: by which its evidence is divided: what a step explains grows with the noise's
             long-run variance, which is known less well than the noise itself.
     """
@@ -53,6 +55,8 @@ class Hypothesis:
     strokes: tuple[str, ...] = ()
     choices: float = 0.0
     caution: float = 1.0
+    part: str = ""
+    leans: bool = False
 
     @property
     def size(self) -> int:
@@ -69,11 +73,16 @@ class Hypothesis:
         """What it is told apart as: the kind, the frozen slot, or the shape's place."""
         if self.anonymous:
             return self.label
-        return f"{GEOMETRY} {self.slot}" if self.slot else self.kind
+        return f"{GEOMETRY} {self.slot}" if self.slot else f"{self.kind} {self.part}".rstrip()
 
     def apart(self, other: Hypothesis) -> float:
-        """Return by how much the constants of two hypotheses of a grid differ."""
-        return sum(abs(v - other.constants.get(n, v)) for n, v in self.constants.items())
+        """Return by how much the constants of two hypotheses of a grid differ, part by part.
+
+        A constant that only one of them has is 0 in the other.
+        """
+        names = {*self.constants, *other.constants} - {*self.strokes, *other.strokes}
+        pairs = [(self.constants.get(n, 0.0), other.constants.get(n, 0.0)) for n in names]
+        return sum(abs(a - b) / (abs(a) + abs(b)) for a, b in pairs if a != b)
 
     def alike(self, other: Hypothesis) -> bool:
         """Whether the constants are the same; each joint may have a stroke of its own."""
@@ -88,7 +97,7 @@ class Hypothesis:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
             return f"an unknown shape along {' '.join(self.on) or 'the position'}"
-        return f"{self.kind} on {', '.join(self.on)}" if self.on else self.kind
+        return f"{self.kind} on {', '.join(self.on)}" if self.on else self.family
 
 
 def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:

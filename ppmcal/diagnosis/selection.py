@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.special import gammaln
@@ -82,7 +83,9 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
 
     ``usual``: they have to be in the range of machines too, not only to have a meaning.
     """
-    if not _apart([search.hypotheses[i] for i in chosen if search.hypotheses[i].turns]):
+    hypotheses = [search.hypotheses[i] for i in chosen]
+    if not _apart([f for f in hypotheses if f.turns]) or _twice(hypotheses) or (
+            len(borne(search, chosen)) < len(chosen)):
         return False
     columns = columns_of(search, chosen)
     value, covariance = search.test.fit(columns)
@@ -112,6 +115,21 @@ def _apart(waves: Sequence[Hypothesis]) -> bool:
         if len(alike) >= MOST_PERIODS or any(abs(w.turns - wave.turns) < 1.0 for w in alike):
             return False
     return True
+
+
+def _twice(hypotheses: Sequence[Hypothesis]) -> bool:
+    """Whether one cause is there twice on a joint, or in the machine, with different constants."""
+    return any(a.family == b.family and (not a.on or set(a.on) & set(b.on)) and not a.alike(b)
+               for a, b in combinations(hypotheses, 2)
+               if a.effect is not None and (a.effect.extras or a.effect.one_by_one))
+
+
+def borne(search: Search, chosen: Sequence[int]) -> list[int]:
+    """Return the chosen hypotheses without those that show only through what is not chosen."""
+    kinds = [search.hypotheses[i].effect for i in chosen]
+    if any(k is not None and k.uses_load and k.carried is None for k in kinds):
+        return list(chosen)
+    return [i for i in chosen if not search.hypotheses[i].leans]
 
 
 def _grown(search: Search, chosen: list[int], level: float) -> list[int]:
@@ -146,6 +164,7 @@ def pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
         if values[weakest] <= level:
             break
         left.pop(weakest)
+        left = borne(search, left)
     return left
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ppmcal.kinematics.closure import Model
+from ppmcal import algebra as cga
+from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import solve_rows
 from ppmcal.linalg import Array, finite_rows
@@ -18,8 +21,9 @@ from ppmcal.model.dataset import (
     unknown_environment,
     with_platform_directions,
 )
-from ppmcal.model.effects import LimbSetting, Setting, Shift, Terms, total
-from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.model.effects import EffectKind, LimbSetting, Setting, Shift, Terms, total
+from ppmcal.model.mechanism import Effect, Mechanism, with_effect
+from ppmcal.model.parameters import Parameter
 
 ROUNDS = 40
 SETTLED = 1e-12
@@ -77,11 +81,28 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         ends = [{s: np.asarray(v, dtype=float) for s, v in values.items()
                  if s.startswith(f"{end}.point.")} for end in ("base", "platform")]
         limbs.append(LimbSetting(limb.actuator, struts, ends[0], ends[1]))
-    return Setting(
+    closed = loaded or model
+    known = Setting(
         mechanism.motion, np.array([q == "angle" for q in mechanism.actuator_quantity]),
         ratio * q, np.sort(ratio[:, None] * mechanism.limits, axis=1), environment.approach,
         ratio * environment.velocity, environment.temperature, environment.wrench, environment.time,
-        environment.row, tuple(limbs), lambda: loads(loaded or model, q, pose, environment.wrench))
+        environment.row, tuple(limbs), lambda wrench: loads(closed, q, pose, wrench),
+        lambda wrench: limb_forces(closed, q, pose, wrench), environment.weight, mechanism.gravity,
+        cga.rotation_matrix(pose))
+    return _carrying(mechanism, model.parameters, known)
+
+
+def _carrying(mechanism: Mechanism, g: Array, known: Setting) -> Setting:
+    """Return the setting with what the platform carries according to the effects at ``g`` (P,)."""
+    weight, wrench = known.weight, known.wrench
+    for effect in mechanism.effects:
+        if effect.kind.carried is not None:
+            values = {name: float(g[p]) for name, p in effect.parameters.items()}
+            weight, wrench = effect.kind.carried(
+                replace(known, weight=weight, wrench=wrench), values)
+    if wrench is known.wrench:
+        return known
+    return replace(known, weight=weight, wrench=wrench, known=known)
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -91,16 +112,42 @@ def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
     the platform's wrench (N, 6), base axes at the platform origin, to the joints.
     """
     out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
-    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose) & finite_rows(wrench))
+    rows, closure, lines, reaction = _reaction(model, q, pose, wrench)
     if rows.size:
-        closure = model.take(rows).closure(q[rows])
-        lines = closure.lines(pose[rows])
-        a = closure.pose_matrix(pose[rows], lines)
         jq = closure.joint_matrix(pose[rows], lines, drive=False)
-        # f = -Jq^T A^-T w; at a singular pose nothing bears the load: nan
-        reaction = solve_rows(np.swapaxes(a, -1, -2), wrench[rows][:, model.mechanism.dof])
+        # f = -Jq^T A^-T w
         out[rows] = -(np.swapaxes(jq, -1, -2) @ reaction[..., None])[..., 0]
     return out
+
+
+def limb_forces(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
+    """Return the force with which the platform pushes on each limb, and that on the base (N, L, 3).
+
+    The wrench (N, 6) is the sum of A's lines times the reactions: what a limb carries of it acts
+    along the line of its closure, base axes, N.
+    """
+    out = np.full((q.shape[0], len(model.mechanism.limbs), 3), np.nan)
+    rows, closure, lines, reaction = _reaction(model, q, pose, wrench)
+    if rows.size:
+        force = reaction[..., None] * lines[..., :3]
+        first = np.cumsum([0, *(len(b.point_moves) for b in closure.bodies)])
+        out[rows] = np.stack([force[:, a:b].sum(axis=1)
+                              for a, b in pairwise(first)], axis=1)
+    return out
+
+
+def _reaction(model: Model, q: Array, pose: Array, wrench: Array
+              ) -> tuple[NDArray[np.int64], Closure, Array, Array]:
+    """Return usable rows (n,), their closure, lines and A^-T w (n, d).
+
+    At a singular pose nothing bears the load: nan.
+    """
+    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose) & finite_rows(wrench))
+    closure = model.take(rows).closure(q[rows])
+    lines = closure.lines(pose[rows])
+    a = closure.pose_matrix(pose[rows], lines)
+    return rows, closure, lines, solve_rows(np.swapaxes(a, -1, -2),
+                                            wrench[rows][:, model.mechanism.dof])
 
 
 def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effect, Terms]]:
@@ -110,8 +157,37 @@ def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effe
         values = {name: float(g[p]) for name, p in effect.parameters.items()}
         until = _until(mechanism, g, effect)
         own = at if until is None else replace(at, until=until)
-        out.append((effect, effect.kind.evaluate(own, np.array(effect.on), values)))
+        terms = effect.kind.evaluate(own, np.array(effect.on), values)
+        if effect.kind.carried is not None:
+            terms = Terms(terms.shift, {n: _by_carried(mechanism, g, at, p)
+                                        for n, p in effect.parameters.items()})
+        out.append((effect, terms))
     return out
+
+
+def carried_by(kind: EffectKind, model: Model, at: Setting) -> Mapping[str, Shift]:
+    """Return the derivatives of a model's shift by one more kind that says what is carried."""
+    mechanism = with_effect(model.mechanism, kind, (True,) * len(model.mechanism.actuators), {})
+    g = np.concatenate([model.parameters, mechanism.values[len(model.parameters):]])
+    return effect_terms(mechanism, g, at)[-1][1].by
+
+
+CARRIED_STEP = 1e-4
+"""Of central differences, m or rad: exact for kinds that are linear in the load."""
+
+
+def _by_carried(mechanism: Mechanism, g: Array, at: Setting, p: int) -> Shift:
+    """Return the derivative of the shift of all other effects by what the platform carries."""
+    others = replace(mechanism, effects=tuple(
+        e for e in mechanism.effects if e.kind.uses_load and e.kind.carried is None))
+    sides = []
+    for sign in (-1.0, 1.0):
+        moved = g.copy()
+        moved[p] += sign * CARRIED_STEP
+        there = _carrying(mechanism, moved, at.known or at)
+        sides.append(total([t.shift for _, t in effect_terms(others, g, there)]).times(
+            sign / (2.0 * CARRIED_STEP)))
+    return total(sides)
 
 
 def _until(mechanism: Mechanism, g: Array, effect: Effect) -> Array | None:
@@ -183,13 +259,21 @@ def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
     for effect in mechanism.effects:
         ends = [effect.parameters[n] for n in effect.kind.stroke_ends(mechanism.motion)]
         on = np.array(effect.on)
-        if not ends or np.isfinite(mechanism.limits[on]).all():
+        if not ends or np.isfinite(mechanism.limits[on]).all() or not _spread(effect, parameters):
             continue
         for p, end in zip(ends, (np.nanmin, np.nanmax), strict=True):
             if np.isnan(parameters[p].value):
                 value = float(end(travel[:, on]))
                 parameters[p] = replace(parameters[p], value=value, nominal=value)
     return replace(mechanism, parameters=tuple(parameters))
+
+
+def _spread(effect: Effect, parameters: Sequence[Parameter]) -> bool:
+    """Whether what an effect does is spread over the stroke at all."""
+    own = [(s, parameters[effect.parameters[s.name]])
+           for m in effect.kind.motions for s in effect.kind.parameters(m)
+           if s.name in effect.parameters]
+    return any(p.free or p.value != 0.0 for s, p in own if s.of_stroke or s.per_stroke)
 
 
 def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:

@@ -70,7 +70,8 @@ def with_kinds(mechanism: Mechanism, asked: PlanSettings, q: Array) -> Mechanism
                   free=tuple(p for p in mechanism.free if p not in others))
     made = list(out.parameters)
     for effect in own:
-        fitted = [s.name for s in effect.kind.parameters(out.motion) if not s.constant]
+        fitted = [s.name for s in effect.kind.parameters(out.motion) if not s.constant
+                  and not (s.extra and made[effect.parameters[s.name]].value == s.default)]
         for name in fitted:
             made[effect.parameters[name]] = replace(made[effect.parameters[name]], free=True)
     kept = {p for e in own for n, p in e.parameters.items() if made[p].free}
@@ -113,6 +114,11 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
                            'Say between which it can be set, for example --temperature "18,26"')
     if need_load(kind) and not np.any(mechanism.gravity):
         raise BadInput(f"{name} needs the direction of weight", PLACE, "Give `gravity`")
+    bearing = [effect_kinds()[k] for k in asked.kinds if k in effect_kinds()]
+    if kind.carried is not None and not any(
+            k.uses_load and k.carried is None for k in bearing):
+        raise BadInput(f"{name} shows only through what gives way to the load", PLACE,
+                       f"Ask for such a kind too, for example --for compliance --for {name}")
     if kind.by_sign and asked.payload is not None and min(asked.payload) <= 0.0:
         raise BadInput(f"{name} jumps where the load changes its sign; without payload the sign "
                        "is not known", "--payload", "Give two payloads above 0")
@@ -134,7 +140,7 @@ def need_load(kind: EffectKind) -> bool:
 
 def _must_be_given(spec: EffectParameter) -> bool:
     """Whether an effect is not linear in a parameter and nothing says how large it is."""
-    return spec.nonlinear or (
+    return (spec.nonlinear and not spec.extra) or (
         spec.default is None and spec.low > 0.0 and not spec.reciprocal)
 
 
@@ -147,7 +153,7 @@ def _added(mechanism: Mechanism, kind: EffectKind, asked: PlanSettings) -> Mecha
              if kind.per_actuator else [(True,) * count])
     for on in which:
         mechanism = with_effect(mechanism, kind, on, {
-            s.name: Given(_value(mechanism, s, on, asked), free=not s.constant)
+            s.name: Given(_value(mechanism, s, on, asked), free=not s.constant and not s.extra)
             for s in kind.parameters(mechanism.motion)})
     return replace(mechanism, free=tuple(sorted({*mechanism.free, *free_indices(
         mechanism.parameters, ())})))

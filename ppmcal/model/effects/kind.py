@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.linalg import Bools
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.inputs import BY_NEED, TRAVEL, EffectInput
 from ppmcal.model.effects.setting import Setting, Shift, total
 from ppmcal.model.registry import Registry
@@ -26,12 +26,15 @@ class ScanRange:
     """What a scan of constants may know of the data.
 
     ``stroke``: the longest of the joints, m or rad; ``poses``: number of different ones;
-    ``rows``: numbers of the rows in the campaign, in order.
+    ``rows``: numbers of the rows in the campaign, in order; ``load``: the largest on an actuator,
+    N or N m; ``size``: the largest distance of two joint centres of one body, m.
     """
 
     stroke: float
     poses: int
     rows: tuple[float, ...] = ()
+    load: float = 0.0
+    size: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -42,13 +45,15 @@ class EffectParameter:
     (its force in N or moment in N m), or a quotient such as ``joint/load``; ``1`` is a
     pure number. ``default`` None: the file must give it. ``low``, ``high``: the range in which
     it has a meaning, SI. ``usual``: the range in which machines have it, SI, or, with
-    ``of_stroke``, in parts of the joint's stroke: a value outside is not named as this effect
-    (``why``: where the range is from). ``size``: a change that counts, SI. ``constant``: never
-    fitted. ``reciprocal``: the effect is linear in its inverse, in which a fit takes its steps.
-    ``scan``: the values that a search tries, SI, of a parameter in which the effect is not
-    linear; a plan has to be given it. ``stroke_end``: ``low`` or ``high``, for a constant that is
-    that end of the stroke where the file leaves it open (nan). ``component``: of the wrench,
-    ``fx`` ... ``mz``, without which the parameter does nothing.
+    ``of_stroke``, in parts of the joint's stroke, with ``per_stroke``, of its inverse: a value
+    outside is not named as this effect (``why``: where the range is from). ``size``: a change
+    that counts, SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
+    inverse, in which a fit takes its steps. ``scan``: the values that a search tries, SI, of a
+    parameter in which the effect is not linear; a plan has to be given it. ``extra``: a search
+    also tries the kind without it, at its default, and with one such parameter at a time; a plan
+    leaves it there. ``stroke_end``: ``low`` or ``high``, for a constant that is that end of the
+    stroke where the file leaves it open (nan). ``component``: of the wrench, ``fx`` ... ``mz``,
+    without which the parameter does nothing.
     """
 
     name: str
@@ -58,11 +63,13 @@ class EffectParameter:
     high: float = np.inf
     usual: tuple[float, float] = (-np.inf, np.inf)
     of_stroke: bool = False
+    per_stroke: bool = False
     why: str = ""
     size: float = 1e-5
     constant: bool = False
     reciprocal: bool = False
     scan: Callable[[ScanRange], Sequence[float]] | None = None
+    extra: bool = False
     stroke_end: str = ""
     component: str = ""
 
@@ -70,6 +77,10 @@ class EffectParameter:
     def nonlinear(self) -> bool:
         """Whether what the effect adds is not this value times its derivative."""
         return self.scan is not None
+
+    def usual_scale(self, stroke: float) -> float:
+        """Return what ``usual`` is multiplied with to be in SI; ``stroke``: the longest."""
+        return stroke if self.of_stroke else 1.0 / stroke if self.per_stroke else 1.0
 
 
 STROKE = "ISO 230-2: errors of a drive are small parts of its stroke"
@@ -131,6 +142,10 @@ class EffectKind:
             weight would make it do.
         doubt: columns whose unit is doubted where its size is none of a machine; empty: those
             that it needs.
+        one_by_one: its parameters are causes of their own: a search tries each alone.
+        carried: what the platform carries in place of what is known: (setting, values) -> weight
+            (N, 3) and wrench (N, 6). Its own terms are none; it acts through the kinds that
+            depend on the load, and is tried once one of them is in the model.
     """
 
     name: str
@@ -155,6 +170,8 @@ class EffectKind:
     by_sign: bool = False
     under_weight: bool = False
     doubt: str = ""
+    one_by_one: bool = False
+    carried: Callable[[Setting, Mapping[str, float]], tuple[Array, Array]] | None = None
 
     def __post_init__(self) -> None:
         """Refuse a name, column or period that means something else, or nothing (ValueError)."""
@@ -168,6 +185,11 @@ class EffectKind:
                                for m in self.motions):
             raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
                              "with a scan")
+
+    @property
+    def extras(self) -> bool:
+        """Whether there are parameters that a search tries the kind without."""
+        return any(s.extra for m in self.motions for s in self.parameters(m))
 
     @property
     def input(self) -> EffectInput:
@@ -186,12 +208,17 @@ class Worked:
 
     ``setting``: field -> number for a single row; ``values``: the parameters;
     ``result``: the change of u of the actuator, of the first changed slot, of the first
-    pose coordinate or of a measured 1 m, SI.
+    pose coordinate, of a measured 1 m or of the wrench, SI.
     """
 
     values: Mapping[str, float]
     setting: Mapping[str, float]
     result: float
+
+
+def no_terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Return nothing: what a kind adds that acts through others, see ``EffectKind.carried``."""
+    return Terms(Shift(), {name: Shift() for name in values})
 
 
 def fixed_list(*parameters: EffectParameter) -> Callable[[str], tuple[EffectParameter, ...]]:
