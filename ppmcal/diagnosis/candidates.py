@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import product
@@ -28,6 +28,7 @@ from ppmcal.model.effects import (
     EffectParameter,
     ScanRange,
     Setting,
+    Shift,
     effect_kinds,
 )
 from ppmcal.model.mechanism import limbs_with_free
@@ -124,10 +125,11 @@ class _Kinds(Collector):
 
     def __init__(self, system: System, tried: Sequence[int] = ()) -> None:
         super().__init__(system)
-        model, under_test = system.problem.mechanism, set(tried)
-        bearing = [e for e in model.effects if e.kind.uses_load and e.kind.carried is None]
-        self.bears = bool(bearing)
-        self.leans = all(set(e.parameters.values()) & under_test for e in bearing)
+        effects, under_test = system.problem.mechanism.effects, set(tried)
+        self.bears = any(e.kind.uses_load and e.kind.carried is None
+                         and not set(e.parameters.values()) & under_test for e in effects)
+        self.bearing = next((k for k in effect_kinds().values() if k.under_weight
+                             and self.motion in k.motions and len(set(self.turning)) == 1), None)
 
     def kind(self, kind: EffectKind) -> None:
         """Add all hypotheses of one kind."""
@@ -141,25 +143,23 @@ class _Kinds(Collector):
                 kind.name, missing, "not recorded, or the same in every row"))
         if not on.any():
             return
-        if kind.carried is not None and not self.bears:
+        if kind.carried is not None and not self.bears and self.bearing is None:
             self.untestable.append(Untestable(kind.name, ("a compliance in the model",), UNBORNE))
             return
-        for constants in self._grids(kind):
-            self._hypotheses(kind, on, constants)
-
-    def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
         specs = [s for s in kind.parameters(self.motion)
-                 if not s.constant and not s.extra and s.name not in constants]
-        specs = [s for s in specs if self._varies(s)]
+                 if not s.constant and not s.extra and s.scan is None and self._varies(s)]
         for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
-            self._of_parameters(kind, on, constants, some)
+            for constants in self._grids(kind, some[0].name):
+                self._hypotheses(kind, on, constants, some)
 
-    def _of_parameters(self, kind: EffectKind, on: Bools, constants: dict[str, float],
-                       specs: Sequence[EffectParameter]) -> None:
+    def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float],
+                    specs: Sequence[EffectParameter]) -> None:
         values = start_values(kind, self.motion) | constants
+        leans = None if kind.carried is None or self.bears or self.bearing is None else (
+            self.bearing.name, tuple(self.actuators))
         low = tuple(_lowest(s) for s in specs)
         high = tuple(s.high for s in specs)
-        usual = tuple(usual_range(s, self._stroke()) for s in specs)
+        usual = tuple(usual_range(s, self._stroke()) for s in specs) if leans is None else ()
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
         # an extra is paid for twice: its value, and that it was looked for
@@ -169,7 +169,7 @@ class _Kinds(Collector):
         names = tuple(s.name for s in specs)
         of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
                           part=names[0] if kind.one_by_one else "",
-                          leans=kind.carried is not None and self.leans)
+                          leans=leans)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
             self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, constants))
@@ -198,10 +198,19 @@ class _Kinds(Collector):
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
         """Add one column for each parameter of an effect; return where they are."""
-        terms = [carried_by(kind, p.response.closure.model, p.setting) if kind.carried is not None
-                 else kind.evaluate(p.setting, on, values).by for p in self.system.parts]
+        terms = [kind.evaluate(p.setting, on, values).by if kind.carried is None
+                 else carried_by(kind, p.response.closure.model, p.setting, self._borne(on))
+                 for p in self.system.parts]
         return tuple(self.add(_sign(s) * self.system.column([by[s.name] for by in terms]))
                      for s in specs)
+
+    def _borne(self, on: Bools) -> Callable[[Setting], Shift] | None:
+        """Return what gives way to the load, at a coefficient of 1; None: the model's effects."""
+        kind = self.bearing
+        if self.bears or kind is None:
+            return None
+        values = start_values(kind, self.motion)
+        return lambda at: kind.evaluate(at, on, values).shift
 
     def _varies(self, spec: EffectParameter) -> bool:
         """Whether the wrench component on which a parameter acts is ever applied."""
@@ -259,14 +268,15 @@ class _Kinds(Collector):
             out[limb.actuator] = True
         return out
 
-    def _grids(self, kind: EffectKind) -> list[dict[str, float]]:
+    def _grids(self, kind: EffectKind, part: str) -> list[dict[str, float]]:
         """Return the values of a kind's nonlinear parameters that are tried, fitted ones first.
 
-        What is extra is tried one at a time, after the kind without.
+        What is extra is tried one at a time, after the kind without. ``part``: of the machine,
+        whose joints are apart as far as a scan may know.
         """
         specs = kind.parameters(self.motion)
         scans = {s.name: s.scan for s in specs if s.scan is not None}
-        tried = {n: scan(self._range) for n, scan in scans.items()}
+        tried = {n: scan(self._range(part)) for n, scan in scans.items()}
         extras = [s.name for s in specs if s.extra]
         own = {n: v for n, v in tried.items() if n not in extras}
         grid = self._combined(kind, own)
@@ -284,18 +294,21 @@ class _Kinds(Collector):
                 for values in product(*tried.values())]
         return self._fitted(kind, tried) + grid if tried else grid
 
+    def _range(self, part: str) -> ScanRange:
+        """Return what a scan may know of these rows, and of the joints of base or platform."""
+        points = self.system.parts[0].setting.points(part if part == "platform" else "base")[0]
+        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        size = float(apart.max())
+        near = float(np.min(apart + np.where(np.eye(len(points)), np.inf, 0.0)))
+        return replace(self._rows, size=size, near=min(near, size))
+
     @cached_property
-    def _range(self) -> ScanRange:
-        """What a scan may know of these rows."""
+    def _rows(self) -> ScanRange:
         rows = np.unique(np.concatenate([p.response.rows.row for p in self.system.parts]))
-        settings = [p.setting for p in self.system.parts]
-        load = max(float(np.max(np.abs(s.load)[np.isfinite(s.load)], initial=0.0))
-                   for s in settings)
-        size = max((float(np.max(np.linalg.norm(p[:, :, None] - p[:, None], axis=-1)))
-                    for s in settings[:1] for p in (s.points("base"), s.points("platform"))),
-                   default=0.0)
+        loads = [p.setting.load for p in self.system.parts]
+        load = max(float(np.max(np.abs(f[np.isfinite(f)]), initial=0.0)) for f in loads)
         return ScanRange(self._stroke(), np.unique(self.system.group).size,
-                         tuple(rows.tolist()), load, size)
+                         tuple(rows.tolist()), load)
 
     def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
         """Return what the fit has made of a kind's nonlinear parameters already."""

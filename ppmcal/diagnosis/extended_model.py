@@ -37,6 +37,8 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
     for i in chosen:
         hypothesis = search.hypotheses[i]
         at = [place[c] for c in hypothesis.columns]
+        if hypothesis.leans:
+            value, sigma = _over(search, chosen, hypothesis, place, at, value, sigma)
         if hypothesis.slot:
             mechanism = _freed(mechanism, hypothesis.slot, float(value[at[0]]))
             added.append(Added(hypothesis, hypothesis.on, (hypothesis.slot,)))
@@ -49,6 +51,16 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
             mechanism, names = _with(mechanism, hypothesis, on, value[mine], sigma[mine])
             added.append(Added(hypothesis, on, names))
     return mechanism, tuple(added)
+
+
+def _over(search: Search, chosen: Sequence[int], hypothesis: Hypothesis, place: dict[int, int],
+          at: Sequence[int], value: Array, sigma: Array) -> tuple[Array, Array]:
+    """Return values and deviations, those of what leans over the coefficient that it leans on."""
+    other = next(f for f in (search.hypotheses[i] for i in chosen)
+                 if (f.kind, f.on) == hypothesis.leans and f.shared)
+    one = np.ones(len(value))
+    one[at] = value[place[other.columns[0]]]
+    return value / one, sigma / np.abs(one)
 
 
 def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value: Array,

@@ -34,7 +34,8 @@ class Hypothesis:
         usual: the range in which machines have it, by column; empty: any.
         columns: where its columns are in the library.
         part: of a kind whose parameters are causes of their own, the one that it has.
-        leans: whether it does nothing without another chosen effect that gives way to the load.
+        leans: kind and actuators of what gives way to the load, which has to be chosen too; its
+            coefficient is the parameter times that of the other.
         caution: by which its evidence is divided: what a step explains grows with the noise's
             long-run variance, which is known less well than the noise itself.
     """
@@ -56,7 +57,7 @@ class Hypothesis:
     choices: float = 0.0
     caution: float = 1.0
     part: str = ""
-    leans: bool = False
+    leans: tuple[str, tuple[str, ...]] | None = None
 
     @property
     def size(self) -> int:

@@ -7,7 +7,7 @@ settled by BIC.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -45,17 +45,19 @@ def choose(search: Search) -> list[Choice]:
     """
     level = search.name
     values = search.values()
-    starts: list[int] = []
+    starts: list[list[int]] = []
     for i in np.argsort(values, kind="stable"):
         if values[i] > level or len(starts) == STARTS:
             break
-        if possible(search, [int(i)]) and all(
-                search.hypotheses[i].family != search.hypotheses[j].family
-                or search.hypotheses[i].size != search.hypotheses[j].size for j in starts):
-            starts.append(int(i))
+        start = _bearing(search, int(i))
+        first = search.hypotheses[i]
+        if possible(search, start) and all(
+                first.family != search.hypotheses[j].family
+                or first.size != search.hypotheses[j].size for *_, j in starts):
+            starts.append(start)
     found: dict[frozenset[int], Choice] = {}
     for start in starts:
-        chosen = _exchanged(search, _grown(search, [start], level), level)
+        chosen = _exchanged(search, _grown(search, start, level), level)
         if chosen:
             found[frozenset(chosen)] = Choice(tuple(chosen), bic(search, chosen))
     return sorted(found.values(), key=lambda c: c.bic)
@@ -126,10 +128,8 @@ def _twice(hypotheses: Sequence[Hypothesis]) -> bool:
 
 def borne(search: Search, chosen: Sequence[int]) -> list[int]:
     """Return the chosen hypotheses without those that show only through what is not chosen."""
-    kinds = [search.hypotheses[i].effect for i in chosen]
-    if any(k is not None and k.uses_load and k.carried is None for k in kinds):
-        return list(chosen)
-    return [i for i in chosen if not search.hypotheses[i].leans]
+    there = [(f.kind, f.on) for f in (search.hypotheses[i] for i in chosen) if f.shared]
+    return [i for i in chosen if search.hypotheses[i].leans in (None, *there)]
 
 
 def _grown(search: Search, chosen: list[int], level: float) -> list[int]:
@@ -175,10 +175,23 @@ def stand(search: Search, chosen: Sequence[int]) -> bool:
 
 
 def own_log_p(search: Search, chosen: Sequence[int], hypothesis: int) -> float:
-    """Return the log p of one chosen hypothesis given the others."""
-    others = [j for j in chosen if j != hypothesis]
+    """Return the log p of one chosen hypothesis given the others, with what leans on it."""
+    own = search.hypotheses[hypothesis]
+    leaning = [j for j in chosen if search.hypotheses[j].leans == (own.kind, own.on)]
+    others = [j for j in chosen if j not in (hypothesis, *leaning)]
     rest = search.test.given(columns_of(search, others))
-    return float(scan(rest, [search.hypotheses[hypothesis]])[0])
+    columns = columns_of(search, [hypothesis, *leaning])
+    return float(scan(rest, [replace(own, columns=tuple(columns))])[0])
+
+
+def _bearing(search: Search, leaning: int) -> list[int]:
+    """Return what a hypothesis leans on, at its simplest, and itself; itself where it stands."""
+    leans = search.hypotheses[leaning].leans
+    if leans is None:
+        return [leaning]
+    there = [i for i, f in enumerate(search.hypotheses)
+             if (f.kind, f.on) == leans and f.shared and not f.searched]
+    return [*there[:1], leaning]
 
 
 def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:

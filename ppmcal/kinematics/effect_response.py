@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -165,18 +165,30 @@ def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effe
     return out
 
 
-def carried_by(kind: EffectKind, model: Model, at: Setting) -> Mapping[str, Shift]:
-    """Return the derivatives of a model's shift by one more kind that says what is carried."""
-    mechanism = with_effect(model.mechanism, kind, (True,) * len(model.mechanism.actuators), {})
+def carried_by(kind: EffectKind, model: Model, at: Setting,
+               borne: Callable[[Setting], Shift] | None = None) -> Mapping[str, Shift]:
+    """Return the derivatives of a shift by the parameters of a kind that says what is carried.
+
+    Args:
+        kind: with ``carried``; where the model has it, at its values, else at 0.
+        model: the machine at its parameters.
+        at: its rows.
+        borne: what gives way to the load; default the model's own effects.
+    """
+    mechanism = model.mechanism
+    if not any(e.kind is kind for e in mechanism.effects):
+        mechanism = with_effect(mechanism, kind, (True,) * len(mechanism.actuators), {})
     g = np.concatenate([model.parameters, mechanism.values[len(model.parameters):]])
-    return effect_terms(mechanism, g, at)[-1][1].by
+    own = next(e for e in reversed(mechanism.effects) if e.kind is kind)
+    return {n: _by_carried(mechanism, g, at, p, borne) for n, p in own.parameters.items()}
 
 
 CARRIED_STEP = 1e-4
 """Of central differences, m or rad: exact for kinds that are linear in the load."""
 
 
-def _by_carried(mechanism: Mechanism, g: Array, at: Setting, p: int) -> Shift:
+def _by_carried(mechanism: Mechanism, g: Array, at: Setting, p: int,
+                borne: Callable[[Setting], Shift] | None = None) -> Shift:
     """Return the derivative of the shift of all other effects by what the platform carries."""
     others = replace(mechanism, effects=tuple(
         e for e in mechanism.effects if e.kind.uses_load and e.kind.carried is None))
@@ -185,8 +197,9 @@ def _by_carried(mechanism: Mechanism, g: Array, at: Setting, p: int) -> Shift:
         moved = g.copy()
         moved[p] += sign * CARRIED_STEP
         there = _carrying(mechanism, moved, at.known or at)
-        sides.append(total([t.shift for _, t in effect_terms(others, g, there)]).times(
-            sign / (2.0 * CARRIED_STEP)))
+        shift = borne(there) if borne is not None else total(
+            [t.shift for _, t in effect_terms(others, g, there)])
+        sides.append(shift.times(sign / (2.0 * CARRIED_STEP)))
     return total(sides)
 
 

@@ -254,7 +254,7 @@ def test_traits_fit_together(kind: str) -> None:
         for s in specs.values():
             assert s.component in ("", *WRENCH)
             assert not (s.constant and s.nonlinear) or s.name == found.onset
-            data = ScanRange(0.3, 20, tuple(range(1, 21)), 50.0, 0.4)
+            data = ScanRange(0.3, 20, tuple(range(1, 21)), 50.0, 0.4, 0.2)
             tried = s.scan(data) if s.scan is not None else []
             assert all(s.low <= v <= s.high for v in tried)
             assert (len(tried) > 1) == s.nonlinear
@@ -393,8 +393,9 @@ def directions(problem: Problem, jacobian: Array) -> dict[str, Array]:
     values = dict(zip(problem.mechanism.names, problem.mechanism.values, strict=True))
     for c, name in enumerate(names):
         # what acts through a curve needs steps that are small against the value itself
-        part = {"period": 1e-5, "stiffness": 1e-2, "direction": 1e-3,
-                "hardening": 1e-2, "reach": 1e-3, "turn": 1e-2, "first": 1e-2, "second": 1e-2}.get(name.rsplit(".")[-1])
+        part = {"period": 1e-5, "stiffness": 1e-2, "direction": 1e-3, "hardening": 1e-2,
+                "reach": 1e-3, "turn": 1e-2, "first": 1e-2, "second": 1e-2}.get(
+                    name.rsplit(".")[-1])
         if name in values and part is not None:
             size[c] = part * values[name]
     effects = problem.mechanism.effects

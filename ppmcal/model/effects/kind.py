@@ -27,7 +27,7 @@ class ScanRange:
 
     ``stroke``: the longest of the joints, m or rad; ``poses``: number of different ones;
     ``rows``: numbers of the rows in the campaign, in order; ``load``: the largest on an actuator,
-    N or N m; ``size``: the largest distance of two joint centres of one body, m.
+    N or N m; ``size``, ``near``: largest and smallest distance of two joint centres of a body, m.
     """
 
     stroke: float
@@ -35,6 +35,7 @@ class ScanRange:
     rows: tuple[float, ...] = ()
     load: float = 0.0
     size: float = 0.0
+    near: float = 0.0
 
 
 @dataclass(frozen=True)
