@@ -14,7 +14,7 @@ from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect, Onset, Swallowed
 from ppmcal.io.results.record import Part, Shown, Text, Whole
-from ppmcal.model.effects import GEOMETRY
+from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
 
 
@@ -41,6 +41,12 @@ class EventRow(Part):
         own = next(d for d in reversed(datasets) if d.before < onset.row)
         return cls(value=onset.row - own.before, low=max(onset.low - own.before, 1),
                    high=onset.high - own.before, dataset=own.name)
+
+
+def _kind(label: str) -> str:
+    """Return the kind of an alternative; of a slot of the geometry also its name."""
+    first = label.split()[0]
+    return first if first in effect_kinds() else label.split(" on ")[0]
 
 
 class DiagnosedEffect(Part):
@@ -70,7 +76,7 @@ class DiagnosedEffect(Part):
         return cls(kind=effect.kind, on=effect.on, parameters=_parameters(result, effect),
                    p_value=effect.p_value, log10_p=effect.log_p / np.log(10.0),
                    survival=effect.survival,
-                   alternatives=tuple(a.split(" on ")[0] for a in effect.alternatives),
+                   alternatives=tuple(_kind(a) for a in effect.alternatives),
                    alternatives_on=effect.alternatives, odds=effect.odds,
                    **_event(result, effect), **_derived(result, effect))
 
