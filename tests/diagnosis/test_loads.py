@@ -12,6 +12,10 @@ from helpers.commands import ppmcal
 from helpers.diagnoses import SQUEEZED, diagnose, effect, named, simulate
 from scipy.stats import binom
 
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, EffectValue
+from ppmcal.io.results.diagnosis_wording import own_values
+
 FINE: dict[str, Any] = {"instrument": {"kind": "pose", "sigma": {"position": 0.002,
                                                                  "rotation": 0.0004}}}
 HARDENED = effect("compliance", stiffness=1500.0, hardening=0.02)
@@ -89,3 +93,15 @@ def test_a_clearance_is_no_hardened_compliance(tmp_path: Path) -> None:
     _, found = diagnose(tmp_path)
     assert set(named(found)) == {"clearance"}
     assert np.isfinite(found["effects"][0]["parameters"]["width"]["value"])
+
+
+def test_values_of_one_hypothesis_are_one_line() -> None:
+    """Range, values and the widest interval; a few values, or others of one kind, stay apart."""
+    record = DiagnosisRecord()
+    group = [DiagnosedEffect(kind="gain", on=(f"leg{i}",), log10_p=-9.0, parameters={
+        "gain": EffectValue(value=0.01 * i, sigma=0.001 * i, unit="")}) for i in (1, 2, 3)]
+    text = own_values(record, group)
+    assert text == ("gain 0.01 to 0.03 (leg1 0.01, leg2 0.02, leg3 0.03; "
+                    "+- 0.0059 at most)")
+    assert own_values(record, group[:2]) == ""
+    assert own_values(record, [*group[:2], group[2].model_copy(update={"log10_p": -4.0})]) == ""
