@@ -217,9 +217,12 @@ def _written(mechanism: Mechanism, effect: Effect) -> dict[str, Any]:
     if not all(effect.on):
         out["on"] = [a for a, used in zip(mechanism.actuators, effect.on, strict=True) if used]
     entries: dict[str, Any] = {}
+    # a kind without its extras is written as if it had none
+    extras = {s.name: s.default for s in effect.kind.parameters(mechanism.motion) if s.extra}
     for name, i in effect.parameters.items():
         p = mechanism.parameters[i]
-        if np.isnan(p.value):
+        if np.isnan(p.value) or (name in extras and p.value == p.nominal == extras[name]
+                                 and not p.free and p.tolerance is None):
             continue
         factor = mechanism.units.factor(p.quantity)
         parts: Mapping[str, float | None] = {

@@ -19,7 +19,6 @@ from ppmcal.model.effects.kind import (
 from ppmcal.model.effects.setting import Setting, Shift, total
 
 PARTS = ("base", "platform")
-SHORTEST = 1e-6
 
 
 def _pushed(setting: Setting, part: str, points: Array) -> Array:
@@ -40,8 +39,7 @@ def _pushed(setting: Setting, part: str, points: Array) -> Array:
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     """Displacement of centre i = give sum over j of exp(-(d_ij/reach)^2/2) f_j."""
-    # a fit that steps below 0 finds joints that give way each by itself, not the mirrored reach
-    reach = max(values["reach"], SHORTEST)
+    reach = values["reach"]
     by: dict[str, Shift] = {}
     wider: list[Shift] = []
     for part in PARTS:
@@ -80,8 +78,7 @@ PLATE_COMPLIANCE = register(EffectKind(
     fixed_list(*(EffectParameter(part, "length/N", low=0.0, usual=(0.0, 0.1),
                                  why="stiffer than 10 N/m, as drives are", size=1e-9)
                  for part in PARTS),
-               EffectParameter("reach", "length", None, low=SHORTEST, usual=(SHORTEST, np.inf),
-                               why="a distance", size=1e-3, scan=_reaches)),
+               EffectParameter("reach", "length", None, low=1e-6, reciprocal=True, scan=_reaches)),
     ("wrench",), _terms, per_actuator=False, uses_load=True, one_by_one=True,
     remedy="indicate the base and the platform beside a joint while the payload is put on",
     worked=Worked({"base": 1e-8, "platform": 0.0, "reach": 0.1}, {"forces": 200.0, "base": 0.3},
