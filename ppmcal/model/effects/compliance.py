@@ -50,8 +50,8 @@ def _hardenings(data: ScanRange) -> list[float]:
 
 
 def _slopes(data: ScanRange) -> list[float]:
-    """Return changes of a compliance by 40 and 80 % at the ends of the stroke."""
-    return [2.0 * part / data.stroke for part in (-0.8, -0.4, 0.4, 0.8)]
+    """Return changes of a compliance by 12, 36 and 72 % at the ends of the stroke."""
+    return [2.0 * part / data.stroke for part in (-0.72, -0.36, -0.12, 0.12, 0.36, 0.72)]
 
 
 COMPLIANCE = register(EffectKind(

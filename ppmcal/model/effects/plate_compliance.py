@@ -60,14 +60,14 @@ def _shift(setting: Setting, part: str, moved: Array) -> Shift:
                   for c, name in enumerate(names) if name in getattr(limb, part)})
 
 
-COUPLED = 0.45
-"""Below this part of the distance to the nearest joint, at which a force moves that one by 8 %,
+COUPLED = 0.6
+"""Below this part of the distance to the nearest joint, at which a force moves that one by 25 %,
 each joint gives way by itself: a compliance of the limb with its seat."""
 
 
 def _reaches(data: ScanRange) -> list[float]:
     """Return parts of the largest distance between two joint centres."""
-    return [part * data.size for part in (0.3, 0.5, 0.8)
+    return [part * data.size for part in (0.3, 0.6, 0.9)
             if part * data.size >= COUPLED * data.near > 0.0] if data.size > 0.0 else []
 
 
