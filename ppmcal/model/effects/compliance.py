@@ -45,13 +45,16 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 
 
 def _hardenings(data: ScanRange) -> list[float]:
-    """Return what makes a compliance 1/1.5 ... 1/13 as soft under the largest load."""
-    return [part / data.load for part in (0.5, 1.5, 4.0, 12.0)] if data.load > 0.0 else []
+    """Return what makes a compliance 1/1.3 ... 1/13 as soft under the largest load.
+
+    So close to each other, as the slopes, that a second effect gains nothing by what is between.
+    """
+    return [0.3 * 1.4**i / data.load for i in range(12)] if data.load > 0.0 else []
 
 
 def _slopes(data: ScanRange) -> list[float]:
-    """Return changes of a compliance by 12, 36 and 72 % at the ends of the stroke."""
-    return [2.0 * part / data.stroke for part in (-0.72, -0.36, -0.12, 0.12, 0.36, 0.72)]
+    """Return changes of a compliance by 12, 24 ... 84 % at the ends of the stroke."""
+    return [2.0 * 0.12 * i / data.stroke for i in range(-7, 8) if i]
 
 
 COMPLIANCE = register(EffectKind(
