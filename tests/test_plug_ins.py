@@ -220,7 +220,9 @@ def test_what_tells_it_apart_is_its_own(tmp_path: Path, site: Path) -> None:
     """Where no further measurement can tell it from a rival, its own remedy is what is told."""
     code = ("from ppmcal.diagnosis.next_experiment import _remedy\n"
             "from ppmcal.diagnosis.hypotheses import Hypothesis\n"
-            "form = lambda kind: Hypothesis(kind, ('leg1',), True, (), (), (), ())\n"
+            "from ppmcal.model.effects import find_effect\n"
+            "form = lambda kind: Hypothesis(kind, ('leg1',), True, (), (), (), (),\n"
+            "                               effect=find_effect(kind))\n"
             "print(_remedy(form('backlash'), form('belt')))\n")
     (tmp_path / "ask.py").write_text(code)
     assert "clamp the belt" in python(tmp_path / "ask.py", site)
@@ -280,7 +282,8 @@ def test_a_limb_of_another_package(tmp_path: Path, site: Path) -> None:
 
 # --- nothing else knows a kind ------------------------------------------------------------------
 
-OTHER_SENSES = {("io/results/plan_tables.py", "gain")}   # what one more measurement wins
+OTHER_SENSES = {("io/results/plan_tables.py", "gain"),   # what one more measurement wins
+                ("algebra/__init__.py", "product")}       # of two multivectors
 """Words of files that are a kind's name too, and mean something else there."""
 
 

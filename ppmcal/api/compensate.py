@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -179,6 +179,8 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     # in a sequence every joint's direction follows from the order
     joints = np.tile(np.arange(n, dtype=float)[:, None], (1, len(mechanism.actuators)))
     rows = environment(poses.environment, mechanism.actuators, mechanism.gravity, joints, sequence)
+    if rows.history is not None:    # whether joints went straight is seen once they are known
+        rows = replace(rows, history=replace(rows.history, direct=np.ones(joints.shape[1], bool)))
     refuse_unrecorded(mechanism, rows, "the model's effects", source)
 
 

@@ -23,6 +23,7 @@ from ppmcal.calibration.misreading import refuse_misread
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.diagnose import diagnose as diagnosed
@@ -93,8 +94,9 @@ class DiagnosisResult(Result):
 
 
 def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | str = (),
-             kinds: Sequence[str] = (), holdout: float = 0.27, draws: int = 2000, seed: int = 0,
-             png: bool = False, progress: Progress = silent) -> DiagnosisResult:
+             kinds: Sequence[str] = (), holdout: float = 0.27, leave_out: str = "",
+             draws: int = 2000, seed: int = 0, png: bool = False, progress: Progress = silent
+             ) -> DiagnosisResult:
     """Find the physical effect that a model misses, name it and add it.
 
     Args:
@@ -103,6 +105,8 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         free: geometry that the fit may change, in place of the file's choice.
         kinds: try only these kinds of effect  [default: all].
         holdout: part of the poses that no fit sees, on which the gap is measured.
+        leave_out: ``session``: the gap is measured on each session (file, or label of a column
+            `session`) as the others predict it, in place of held-out poses.
         draws: simulated campaigns of noise behind the thresholds.
         seed: of everything drawn at random.
         png: save the pictures as PNG too.
@@ -118,13 +122,16 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     if not 0.0 <= holdout <= 0.9:
         raise BadInput(f"{holdout:g} is no part of the poses", "--holdout", "Give 0 to 0.9")
     machine, datasets = prepared(mechanism, data, free)
+    if leave_out and len(session_masks(datasets)) < 2:
+        raise one_session()
     problem = Problem(machine, datasets, machine.free)
     with with_unit_findings(machine, datasets) as units:
         progress("comparing the measurements with the nominal machine")
         refuse_wrong_units(machine, datasets)
         refuse_misread(problem)
-        found = diagnosed(problem, DiagnosisOptions(holdout, seed, draws, tuple(kinds) or None),
-                          progress)
+        found = diagnosed(problem, DiagnosisOptions(
+            0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
+            by_session=bool(leave_out)), progress)
     found = replace(found, findings=(*units, *found.findings))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
     return DiagnosisResult(source, tuple(found.findings), found, png)

@@ -120,9 +120,9 @@ class IdentificationResult(Result):
 def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
              prior: str = "tolerances", damping: float = 0.9, iterations: int | None = None,
              free: Sequence[str] | str = (), holdout: float | Measurements = 0.2,
-             sigma: str = "stated", start: Path_ | None = None, keep: bool = False,
-             keep_outliers: bool = False, seed: int = 0, progress: Progress = silent
-             ) -> IdentificationResult:
+             leave_out: str = "", sigma: str = "stated", start: Path_ | None = None,
+             keep: bool = False, keep_outliers: bool = False, seed: int = 0,
+             progress: Progress = silent) -> IdentificationResult:
     """Identify the geometry of a machine from measurements.
 
     Args:
@@ -136,6 +136,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
             and no result without convergence].
         free: patterns of the parameters that may change, in place of the file's.
         holdout: part of the poses to hold out, or other measurements to test on.
+        leave_out: ``session``: each session (file, or label of a column `session`) is predicted
+            by a fit of the others, in place of held-out poses.
         sigma: ``stated``, or ``estimated``: the noise of each file as its residuals show it.
         start: folder or identified.yaml of an earlier calibration to start from.
         keep: carry on that calibration (or the machine's own): what its data knew stays known.
@@ -174,7 +176,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         refuse_misread(problem)
         fit, odd, told = _fit(problem, options, sigma, progress)
         refuse_small_misreading(fit)
-        found = report(fit, options, fraction, seed, other)
+        found = report(fit, options, fraction, seed, other, leave_out)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
     found = replace(found, findings=(*notes, *units, *found.findings), earlier=before)

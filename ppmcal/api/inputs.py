@@ -20,7 +20,12 @@ from ppmcal.io.folder import current
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.templates import find_template
-from ppmcal.kinematics.effect_response import environment_of, missing_columns, with_strokes
+from ppmcal.kinematics.effect_response import (
+    ORDER,
+    environment_of,
+    missing_columns,
+    with_strokes,
+)
 from ppmcal.kinematics.tables import with_joints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
@@ -172,6 +177,10 @@ def refuse_unrecorded(mechanism: Mechanism, rows: Environment, owner: str, place
     """
     missing = missing_columns(mechanism, rows)
     if missing:
+        if ORDER in missing:
+            raise BadInput(f"{owner} depend on the order of the rows, each joint moving straight "
+                           "from one to the next", place,
+                           f"Say `{ORDER}`, or add a column `time`{instead}")
         raise BadInput(f"{owner} depend on {', '.join(missing)}, which is not there",
                        f"{place}: header", f"Add the column {missing[0]}{instead}")
 

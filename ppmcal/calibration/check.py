@@ -24,10 +24,12 @@ from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.inverse import home_state, limb_roots, to_joint
+from ppmcal.kinematics.effect_response import remembers
+from ppmcal.kinematics.inverse import home_state, to_joint
+from ppmcal.kinematics.limb_roots import limb_roots
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import home_singular_value, inverse_table
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, finite_rows, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -266,12 +268,18 @@ def trial_dataset(mechanism: Mechanism) -> Dataset:
     q = table.q[np.array([s == "ok" for s in table.status])]
     data = Dataset.of_poses("poses about home", q, np.zeros((q.shape[0], 6)),
                             (1e-3 * mechanism.length_scale, 1e-3), fitted=False)
-    return replace(data, columns=_trial_environment(mechanism, len(data), rng))
+    columns = _trial_environment(mechanism, len(data), rng)
+    if remembers(mechanism):
+        # what remembers the way wants the directions of that way
+        columns |= {f"dir_{a}": np.nan_to_num(way, nan=1.0) for a, way in
+                    zip(mechanism.actuators, ways(q).T, strict=True)}
+    return replace(data, columns=columns)
 
 
 def _trial_environment(mechanism: Mechanism, n: int, rng: np.random.Generator) -> dict[str, Array]:
     """Return every column that effects may depend on, all of them varied."""
-    columns = {"temperature": rng.uniform(288.15, 298.15, n), "time": rng.uniform(0.0, 3600.0, n),
+    columns = {"temperature": rng.uniform(288.15, 298.15, n),
+               "time": np.sort(rng.uniform(0.0, 3600.0, n)),
                "payload": rng.uniform(0.0, 20.0, n)}
     columns |= {f: rng.uniform(-50.0, 50.0, n) for f in ("fx", "fy", "fz")}
     columns |= {m: rng.uniform(-50.0, 50.0, n) * mechanism.length_scale for m in ("mx", "my", "mz")}

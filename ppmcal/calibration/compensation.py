@@ -16,7 +16,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import final_shift
+from ppmcal.kinematics.effect_response import final_shift, remembers
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.partial_pose import (
@@ -27,7 +27,7 @@ from ppmcal.kinematics.partial_pose import (
 )
 from ppmcal.kinematics.registration import after_events, measured_pose, predict
 from ppmcal.kinematics.tables import inverse_table
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset, Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
@@ -113,9 +113,15 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
         registration = after_events(registration, final_shift(mechanism))
     full, failed = wanted_poses(model, registration, wanted)
     columns = dict(columns or {})
-    rough = inverse_table(nominal, full).q if sequence else np.zeros((len(full), k))
+    ordered = sequence or "time" in columns
+    rough = inverse_table(nominal, full).q if ordered else np.full((len(full), k), np.nan)
     rows = environment(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
     table = inverse_table(model, full, rows)
+    if rows.history is not None and remembers(mechanism):
+        # what remembers the way follows the joints that are sent, not the nominal ones
+        sent = np.where(finite_rows(table.q)[:, None], table.q, rough)
+        rows = environment(columns, mechanism.actuators, mechanism.gravity, sent, sequence)
+        table = inverse_table(model, full, rows)
     status = ["refused" if s != "ok" else "ok" for s in table.status]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
     _outside_volume(mechanism, full, knowledge, status, reason)
@@ -224,7 +230,8 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
     k = len(mechanism.actuators)
     model = Model(mechanism)
     full, _ = wanted_poses(model, Registration(), poses)
-    rows = environment(columns, mechanism.actuators, mechanism.gravity, np.zeros((len(full), k)))
+    rows = environment(columns, mechanism.actuators, mechanism.gravity,
+                       np.full((len(full), k), np.nan))
     table = inverse_table(model, full, rows)
     good = np.array([s == "ok" for s in table.status])
     return _sigma(model, registration, full, table.q, good, knowledge, dataset, rows)

@@ -14,6 +14,7 @@ from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, subsample
 from ppmcal.model.dataset import Dataset
 
@@ -73,21 +74,11 @@ def _apart(keep: Sequence[Bools], rows: Ints) -> list[Bools]:
 
 
 def _sessions(problem: Problem) -> list[tuple[str, Ints]]:
-    """Return label -> rows numbered through all data sets, where zeros are taken as shared.
-
-    A session column splits a file; without one each file is a session.
-    """
-    labels: dict[str, list[Ints]] = {}
-    begin = 0
-    for data in problem.datasets:
-        at = np.arange(begin, begin + len(data))
-        begin += len(data)
-        if data.homing == "per-file":
-            continue
-        names = np.array(data.sessions or [data.name] * len(data))
-        for label in dict.fromkeys(names.tolist()):
-            labels.setdefault(label, []).append(at[names == label])
-    return [(label, np.concatenate(rows)) for label, rows in labels.items()]
+    """Return label and rows, numbered through all data sets, where zeros are taken as shared."""
+    shared = np.concatenate([np.full(len(d), d.homing != "per-file") for d in problem.datasets])
+    found = ((label, np.flatnonzero(np.concatenate(mask) & shared))
+             for label, mask in session_masks(problem.datasets))
+    return [(label, rows) for label, rows in found if rows.size]
 
 
 def _taken_back(fit: Fit, sessions: Sequence[tuple[str, Ints]]) -> list[Bools]:

@@ -52,5 +52,5 @@ def with_positive_struts(data: Dataset, mechanism: Mechanism) -> Dataset:
         return data
     lines = {f"q_{a}": -data.read.get("signs", {}).get(f"q_{a}", 1)
              for a, n in zip(mechanism.actuators, turned, strict=True) if n}
-    return replace(data, q=np.where(turned, -data.q, data.q),
+    return replace(data, q=np.where(turned, -data.q, data.q), whole=None, place=None,
                    read=with_line(data, "signs", lines))

@@ -150,7 +150,7 @@ class FileReading:
         q = self.joints.of(data.q, mechanism.joint_factors(data.units))
         position, rotation = self.pose.of(data.position, data.rotation, data.units,
                                           data.convention, mechanism.motion == "planar")
-        out = replace(data, q=q, position=position, rotation=rotation)
+        out = replace(data, q=q, position=position, rotation=rotation, whole=None, place=None)
         return shifted_rows(out, self.shift)
 
 

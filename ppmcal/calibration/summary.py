@@ -26,6 +26,7 @@ from ppmcal.calibration.noise import Noise, noise_check, with_noise
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, register_only, residuals
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, svd
@@ -202,7 +203,7 @@ def with_estimates(fit: Fit, found: Sequence[Estimate]) -> Mechanism:
 
 
 def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
-           other: Sequence[Dataset] = ()) -> Identification:
+           other: Sequence[Dataset] = (), leave_out: str = "") -> Identification:
     """Return everything that there is to say about a fit.
 
     Args:
@@ -212,6 +213,10 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         seed: of the poses that are held out.
         other: data sets in their place, an unknown frame or target of theirs being registered
             on them alone.
+        leave_out: ``session``: each session in turn, in place of poses.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.calibration.session_validation.sessions_left_out`.
     """
     noise = noise_check(fit)
     inflation = noise.inflation
@@ -221,7 +226,9 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     found = estimates(fit, rank)
     mechanism = with_estimates(fit, found)
     before = register_only(fit.problem)
-    if other:
+    if leave_out:
+        held, note = sessions_left_out(fit.problem, options, fit.keep, inflation)
+    elif other:
         held, note = on_other(fit, other)
     else:
         held, note = held_out(

@@ -161,15 +161,24 @@ def fresh_state(problem: Problem, fitted: State) -> State:
 
 def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures on other data sets, and how they were registered."""
+    errors, rows = on_other_rows(fit, other)
+    known = {d.name for d in fit.problem.datasets}
+    anew = [d.name for d in other if d.frame.fitted and d.frame.same_as not in known]
+    how = f"; frame registered anew on {', '.join(anew)}" if anew else ""
+    return errors.figures(rows), (
+        f"on {', '.join(d.name for d in other)}, which the fit had not seen{how}")
+
+
+def on_other_rows(fit: Fit, other: Sequence[Dataset]) -> tuple[Residuals, list[Bools]]:
+    """Return the errors of other data sets with the geometry as it is, and where they are known.
+
+    An unknown frame or target of theirs is registered on them alone.
+    """
     names = {d.name: s for d, s in zip(fit.problem.datasets, fit.state.registrations, strict=True)}
     fresh = tuple(_with_known(d, names) for d in other)
     problem = Problem(fit.problem.mechanism.with_values(fit.state.g), fresh, ())
-    registered_fit = register_only(problem)
-    figures = residuals(problem, registered_fit.state).figures(
-        [finite_rows(p) for p in registered_fit.state.poses])
-    anew = [d.name for d in fresh if d.frame.fitted]
-    how = f"; frame registered anew on {', '.join(anew)}" if anew else ""
-    return figures, f"on {', '.join(d.name for d in other)}, which the fit had not seen{how}"
+    state = register_only(problem).state
+    return residuals(problem, state), [finite_rows(p) for p in state.poses]
 
 
 def _with_known(data: Dataset, registrations: Mapping[str, Registration]) -> Dataset:

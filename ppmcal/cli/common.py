@@ -35,6 +35,10 @@ class FiniteRange(click.FloatRange):
 
 
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+leave_out_option = click.option(
+    "--leave-out", type=click.Choice(["session"]), default=None,
+    help="Predict each session (file, or label of a column `session`) by the others, in place of "
+    "held-out poses.")
 json_option = click.option("--json", "as_json", is_flag=True,
                            help="Print the summary as one JSON object.")
 seed_option = click.option("--seed", type=click.IntRange(min=0), default=None,

@@ -15,6 +15,7 @@ from ppmcal.cli.common import (
     finish,
     json_option,
     leave,
+    leave_out_option,
     out_option,
     quiet_option,
     seed_option,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
               help="Try only these kinds of effect (may be repeated)  [default: all].")
 @click.option("--holdout", type=FiniteRange(0.0, 0.9), default=0.27, show_default=True,
               help="Part of the poses that no fit sees, on which the gap is measured.")
+@leave_out_option
 @click.option("--draws", type=click.IntRange(200, 100000), default=2000, show_default=True,
               help="Simulated campaigns of noise behind the thresholds.")
 @click.option("--png", is_flag=True, help="Write the pictures as PNG too.")
@@ -46,8 +48,8 @@ if TYPE_CHECKING:
 @quiet_option
 @json_option
 def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, ...],
-            kinds: tuple[str, ...], holdout: float, draws: int, png: bool, seed: int | None,
-            quiet: bool, as_json: bool) -> None:
+            kinds: tuple[str, ...], holdout: float, leave_out: str | None, draws: int, png: bool,
+            seed: int | None, quiet: bool, as_json: bool) -> None:
     """Find the physical effect that the model of MECH misses in the measurements DATA.
 
     Names it with its size, adds it to the model and shows on held-out poses how much of the
@@ -59,11 +61,15 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     from ppmcal.api.diagnose import diagnose
     from ppmcal.calibration.misread import Misread
 
+    holds = click.get_current_context().get_parameter_source("holdout")
+    if leave_out and holds == click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("--leave-out session takes the place of --holdout: give one.")
     console = Console(quiet, as_json)
     try:
         with console.progress("Diagnosing") as show:
-            result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout, draws=draws,
-                              seed=seed or 0, png=png, progress=show)
+            result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout,
+                              leave_out=leave_out or "", draws=draws, seed=seed or 0, png=png,
+                              progress=show)
     except Misread as refused:
         _write_misread(refused, mech, data, out, seed or 0, console)
         raise

@@ -14,6 +14,7 @@ from ppmcal.cli.common import (
     finish,
     json_option,
     leave,
+    leave_out_option,
     out_option,
     plain_table,
     quiet_option,
@@ -138,6 +139,7 @@ def _show_redundant(record: IdentificationRecord, prior: bool, console: Console)
               help="Parameters that may change, in place of the file's; 'none' for frames only.")
 @click.option("--holdout", default="0.2", show_default=True, metavar="FRACTION|CSV",
               help="Poses to hold out, or other measurements to test on; 0 for none.")
+@leave_out_option
 @click.option("--sigma", type=click.Choice(["stated", "estimated"]), default="stated",
               show_default=True, help="estimated: the noise of each file as its residuals show "
               "it, where the stated one does not fit.")
@@ -152,8 +154,8 @@ def _show_redundant(record: IdentificationRecord, prior: bool, console: Console)
 @json_option
 def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: str,
             damping: float, iterations: int | None, patterns: tuple[str, ...], holdout: str,
-            sigma: str, start: Path | None, keep: bool, keep_outliers: bool, seed: int | None,
-            quiet: bool, as_json: bool) -> None:
+            leave_out: str | None, sigma: str, start: Path | None, keep: bool, keep_outliers: bool,
+            seed: int | None, quiet: bool, as_json: bool) -> None:
     """Identify the geometry of MECH from the measurements DATA (CSV files).
 
     Writes identified.yaml (a mechanism file), parameters.csv, residuals.csv and
@@ -164,12 +166,15 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     given = click.get_current_context().get_parameter_source("damping")
     if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("--damping goes with --method damped.")
+    holds = click.get_current_context().get_parameter_source("holdout")
+    if leave_out and holds == click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("--leave-out session takes the place of --holdout: give one.")
     console = Console(quiet, as_json)
     with console.misread(), console.progress("Fitting") as show:
         result = identify(mech, data, method=method, prior=prior, damping=damping,
-                          iterations=iterations, free=patterns, holdout=holdout, sigma=sigma,
-                          start=start, keep=keep, keep_outliers=keep_outliers, seed=seed or 0,
-                          progress=show)
+                          iterations=iterations, free=patterns, holdout=holdout,
+                          leave_out=leave_out or "", sigma=sigma, start=start, keep=keep,
+                          keep_outliers=keep_outliers, seed=seed or 0, progress=show)
     written = result.save(out)
     for note in result.notes:
         console.say(note)

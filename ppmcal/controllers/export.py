@@ -28,6 +28,13 @@ GROUP = "ppmcal.controllers"
 FORMATS = {"klipper": "klipper_export", "linuxcnc": "linuxcnc_export",
            "reprap": "reprap", "joints": "joint_tables_export", "grid": "pose_grid_export"}
 """Formats of ppmcal, and the modules beside this one that write them; each is one more file."""
+AXIS_OFFSET = ".axis_offset"
+"""How the slots end whose universal joints no controller knows."""
+
+
+def offset_words(limb: str, offset: float) -> str:
+    """Return what a limb's universal joint is, its axes ``offset`` (m) apart."""
+    return f"the axes of {limb}'s universal joint are {offset * 1e3:.4g} mm apart"
 
 
 @dataclass(frozen=True)

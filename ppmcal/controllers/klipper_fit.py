@@ -14,7 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.optimize import least_squares
 
-from ppmcal.controllers.export import NotExpressed
+from ppmcal.controllers.export import AXIS_OFFSET, NotExpressed, offset_words
 from ppmcal.controllers.klipper import (
     MM,
     KlipperDrive,
@@ -217,13 +217,15 @@ def _groups(
                        f"times what it should: {terms.scale}", tuple(used))
             elif name.startswith("joint") and np.any(g[used]):
                 yield i, name, f"frame error of {limb.name}.{name}", tuple(used)
+            elif name.endswith(AXIS_OFFSET) and g[used[0]]:
+                yield i, name, offset_words(limb.name, float(g[used[0]])), tuple(used)
 
 
 def _group(slot: str) -> str:
     """Return the group of a slot that Klipper has no number for, else nothing."""
     if slot.startswith(("base.direction.", "joint")):
         return slot.rpartition(".")[0]
-    return slot if slot == "ratio" else ""
+    return slot if slot == "ratio" or slot.endswith(AXIS_OFFSET) else ""
 
 
 def _not_expressed(mechanism: Mechanism, points: Array, terms: KlipperTerms

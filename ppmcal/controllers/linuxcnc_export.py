@@ -9,7 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.controllers.export import Exported, NotExpressed, Number
+from ppmcal.controllers.export import (
+    AXIS_OFFSET,
+    Exported,
+    NotExpressed,
+    Number,
+    offset_words,
+)
 from ppmcal.controllers.linuxcnc import (
     GenhexkinsSetting,
     LinuxcncDrive,
@@ -226,17 +232,31 @@ def _not_expressed(mechanism: Mechanism, drive: LinuxcncDrive, around: Array
             f"joints 2 and 3 of {limb.name} stand {drive.legs.beside[strut] * 1e3:.4g} mm beside "
             "the driven line", tuple(mechanism.names[p] for p in used),
             None if found is None else predicted_errors(alone, found, pose))
+    for limb in mechanism.limbs:
+        for slot, p in limb.slots.direct:
+            if slot.endswith(AXIS_OFFSET) and mechanism.values[p]:
+                alone = drive_of(_only(mechanism, [p]), drive.unit)
+                pose = around[within(alone.mechanism, around)]
+                found = (best(alone, genhexkins_setting(alone), pose) if len(pose) >= ENOUGH
+                         else None)
+                yield NotExpressed(
+                    offset_words(limb.name, float(mechanism.values[p])), (mechanism.names[p],),
+                    None if found is None else predicted_errors(alone, found, pose))
     for effect in mechanism.effects:
         yield NotExpressed(f"effect {effect.kind.name}, which the figures above do not hold either",
                            tuple(mechanism.names[p] for p in effect.parameters.values()), None)
 
 
 def _only(mechanism: Mechanism, used: list[int]) -> Mechanism:
-    """Return the machine with all joints 2 and 3 right but for ``used``, without effects."""
+    """Return the machine with joints right but for ``used``, without effects.
+
+    Right: nothing in the frames of joints 2 and 3, and universal joints whose axes meet.
+    """
     g = mechanism.values.copy()
     for limb in mechanism.limbs:
         for slot, p in limb.slots.direct:
-            if slot.startswith(("joint2.", "joint3.")) and p not in used:
+            apart = slot.startswith(("joint2.", "joint3.")) or slot.endswith(AXIS_OFFSET)
+            if apart and p not in used:
                 g[p] = 0.0
     return replace(mechanism.with_values(g), effects=())
 

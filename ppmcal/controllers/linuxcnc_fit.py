@@ -124,9 +124,21 @@ class _Fit:
         arm = legs.platform @ self.turn.swapaxes(1, 2)
         strut = self.place + arm - legs.base
         self.true = np.linalg.norm(strut, axis=-1)
+        if any(np.any(v.get(s.name, 0.0)) for v, limb in zip(
+                Model(drive.mechanism).limb_values, drive.mechanism.limbs, strict=True)
+               for s in limb.kind.axis_offsets):
+            # where a universal joint's axes do not meet, a point is at another length
+            self.true = self._driven(drive, pose)
         line = strut / self.true[..., None]
         self.back = np.linalg.inv(np.concatenate([line, np.cross(arm, line)], axis=-1))
         self.back[:, 3:] *= drive.mechanism.length_scale
+
+    def _driven(self, drive: LinuxcncDrive, pose: Array) -> Array:
+        """Return how long the machine's struts are driven to be at ``pose``, (N, 6), m."""
+        model = Model(drive.mechanism)
+        q = inverse(model, pose).q
+        u = np.stack([model.joint_coordinate(i, q) for i in range(STRUTS)], axis=-1)
+        return np.asarray(np.hypot(u + drive.legs.along, self.beside), dtype=float)
 
     def struts(self, p: Array) -> tuple[Array, Array, Array]:
         """Return directions (N, 6, 3), what is asked for less the shift, and true lengths."""

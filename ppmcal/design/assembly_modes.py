@@ -74,7 +74,8 @@ def assembly_modes(model: Model, q: Array, seed: int = 0) -> Modes:
     if mechanism.motion == "planar":
         found, method = by_resultant(closure, spheres), "resultant"
     elif mechanism.motion == "translational" and spheres.any():
-        found, method = point_pair(closure), "point pair"
+        # with offset joints the spheres move with the pose: two starts, and maybe more modes
+        found, method = point_pair(closure), "search" if closure.turning else "point pair"
     else:
         found, method = search(closure, seed), "search"
     return _judged(model, closure, found, method)

@@ -90,7 +90,7 @@ def all_components(mechanism: Mechanism) -> Mechanism:
         own = dict(limb.slots.direct)
         direct = []
         for spec in (*limb.kind.slots, *limb.kind.joint_slots):
-            if spec.name == RATIO and RATIO not in now:
+            if spec.name not in now and (spec.name == RATIO or spec.needs):
                 continue
             asked = spec in limb.kind.joint_slots or group_of(spec.name) == PLATFORM_POINT
             p = own.get(spec.name)

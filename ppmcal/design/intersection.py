@@ -210,6 +210,7 @@ def limb_ends(closure: Closure, pose: Array) -> tuple[Array, Array]:
     Returns:
         two arrays (N, L, 3), m.
     """
+    closure = closure.at(pose)
     contact = closure.contacts(pose)
     own = cga.move_point(cga.reverse(np.atleast_2d(pose))[:, None, :], contact)
     ends, local, row = [], [], 0

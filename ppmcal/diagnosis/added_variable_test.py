@@ -1,13 +1,14 @@
 """Inner products of the projected columns: every test is a small solve on them.
 
 With J the geometry, M = I - QQ^T and Q a basis of J's range, the added-variable test of
-columns C on the residual r needs only G = C^T M C, b = C^T M r and |M r|^2.
+columns C on the residual r needs only C^T M C, b = C^T M r and |M r|^2. Of C^T M C, which is
+large, only those parts are made that a test asks for.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import betainc, betaln
@@ -19,20 +20,27 @@ VISIBLE = 1e-8
 TINY = 1e-200
 
 
+CHUNK = 2**23
+"""So many numbers of columns are gathered at a time."""
+
+
 @dataclass(frozen=True, eq=False)
 class AddedVariableTest:
-    """Tests for T columns.
+    """Tests for T columns of n values.
 
     Attributes:
-        gram: C^T M C (T, T) and right: C^T M r (T,) of columns scaled to unit length.
-        length: their length (T,) before M: a coefficient is right/gram/length.
+        unit: (M C)^T (T, n) and right: C^T M r (T,) of columns scaled to unit length.
+        length: their length (T,) before M.
         square: |M r|^2; freedom: n - rank J.
         hidden: Q^T C (r, T), the part that geometry swallows.
         null: C^T M z of simulated noise (T, B), and null_square (B,).
-        taken: columns that are in the model; back: C^T M C_taken times their inverse (T, s).
+        more: (M C)^T (E, n) of columns that were added; they are counted after the others.
+        taken: columns that are in the model; cross: C^T M C_taken (T + E, s); back: the same
+            times the inverse of its rows ``taken``.
+        blocks: C^T M C of groups of columns, once it was asked for.
     """
 
-    gram: Array
+    unit: Array
     right: Array
     length: Array
     square: float
@@ -40,8 +48,11 @@ class AddedVariableTest:
     hidden: Array
     null: Array
     null_square: Array
+    more: Array
     taken: tuple[int, ...] = ()
+    cross: Array | None = None
     back: Array | None = None
+    blocks: dict[tuple[tuple[int, ...], bytes], Array] = field(default_factory=dict)
 
     def given(self, chosen: Sequence[int]) -> AddedVariableTest:
         """Return the tests that are left when the columns ``chosen`` are in the model.
@@ -51,49 +62,82 @@ class AddedVariableTest:
         if not chosen:
             return self
         s = list(chosen)
-        inverse = pseudo_inverse(self.gram[np.ix_(s, s)])
-        back = self.gram[:, s] @ inverse
-        rank = int(np.round(np.trace(inverse @ self.gram[np.ix_(s, s)])))
+        own = self._columns(np.array(s))
+        cross = np.concatenate([self.unit @ own.T, self.more @ own.T])
+        inverse = pseudo_inverse(cross[s])
+        back = cross @ inverse
+        rank = int(np.round(np.trace(inverse @ cross[s])))
         return replace(
             self, right=self.right - back @ self.right[s], square=self.left(s),
             freedom=self.freedom - rank, null=self.null[:, :0],
-            null_square=self.null_square[:0], taken=tuple(s), back=back)
+            null_square=self.null_square[:0], taken=tuple(s), cross=cross, back=back)
+
+    def only(self, columns: Sequence[int]) -> AddedVariableTest:
+        """Return the tests of a few columns, counted anew; none must be in the model."""
+        which = np.array(columns, dtype=np.int64)
+        return replace(self, unit=self._columns(which), right=self.right[which],
+                       length=self.length[which], hidden=self.hidden[:, which],
+                       null=self.null[:0], more=self.more[:0], blocks={})
 
     def block(self, rows: Ints, columns: Ints) -> Array:
         """Return C^T M C between columns (..., a) and (..., b), the chosen ones taken out."""
-        found = self.gram[rows[..., :, None], columns[..., None, :]]
-        if self.back is None:
+        found = self._columns(rows) @ np.swapaxes(self._columns(columns), -1, -2)
+        return self._without_chosen(found, rows, columns)
+
+    def _columns(self, which: Ints) -> Array:
+        """Return columns (..., n), none taken out."""
+        first = len(self.unit)
+        if not which.size or which.max() < first:
+            return self.unit[which]
+        out = self.unit[np.minimum(which, first - 1)]
+        out[which >= first] = self.more[which[which >= first] - first]
+        return out
+
+    def _without_chosen(self, found: Array, rows: Ints, columns: Ints) -> Array:
+        if self.back is None or self.cross is None:
             return found
-        across = self.gram[np.array(self.taken)[:, None], columns[..., None, :]]
-        return np.asarray(found - self.back[rows] @ across)
+        return np.asarray(found - self.back[rows] @ np.swapaxes(self.cross[columns], -1, -2))
+
+    def _own_blocks(self, groups: Ints) -> Array:
+        """Return the blocks (F, k, k) of groups of columns (F, k), none taken out."""
+        key = groups.shape, groups.tobytes()
+        if key not in self.blocks:
+            step = max(1, CHUNK // max(groups.shape[1] * self.unit.shape[1], 1))
+            parts = [self._columns(groups[i:i + step]) for i in range(0, len(groups), step)]
+            self.blocks[key] = np.concatenate([c @ np.swapaxes(c, -1, -2) for c in parts])
+        return self.blocks[key]
+
+    def _inverse(self, chosen: Sequence[int]) -> Array:
+        own = self._columns(np.array(chosen, dtype=np.int64))
+        return pseudo_inverse(own @ own.T)
 
     def left(self, chosen: Sequence[int]) -> float:
         """Return |M r|^2 with the columns ``chosen`` in the model."""
         s = list(chosen)
         if not s:
             return self.square
-        inverse = pseudo_inverse(self.gram[np.ix_(s, s)])
-        return self.square - float(self.right[s] @ inverse @ self.right[s])
+        return self.square - float(self.right[s] @ self._inverse(s) @ self.right[s])
 
     def extended(self, weights: Array) -> AddedVariableTest:
-        """Return the tests with further columns: combinations C ``weights`` (T, E).
+        """Return the tests with further columns: combinations C ``weights`` (T + E, e).
 
         The simulated noise is not carried along.
         """
-        w = weights * self.length[:, None]
-        norm = np.sqrt(np.sum(w * (self.gram @ w), axis=0) + np.sum((self.hidden @ w)**2, axis=0))
-        unit = w / norm
-        cross = self.gram @ unit
-        gram = np.block([[self.gram, cross], [cross.T, unit.T @ cross]])
-        return replace(self, gram=gram, right=np.append(self.right, unit.T @ self.right),
+        used = np.flatnonzero(weights.any(axis=1))
+        w = weights[used] * self.length[used, None]
+        made = w.T @ self._columns(used)
+        hidden = self.hidden[:, used] @ w
+        norm = np.sqrt(np.sum(made**2, axis=1) + np.sum(hidden**2, axis=0))
+        return replace(self, more=np.concatenate([self.more, made / norm[:, None]]),
+                       right=np.append(self.right, self.right[used] @ w / norm),
                        length=np.append(self.length, norm),
-                       hidden=np.concatenate([self.hidden, self.hidden @ unit], axis=1),
-                       null=np.zeros((len(gram), 0)), null_square=self.null_square[:0])
+                       hidden=np.concatenate([self.hidden, hidden / norm], axis=1),
+                       null=self.null[:, :0], null_square=self.null_square[:0])
 
     def fit(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Return coefficients of the columns ``chosen`` and their covariance, SI."""
         s = list(chosen)
-        inverse = pseudo_inverse(self.gram[np.ix_(s, s)])
+        inverse = self._inverse(s)
         left = self.square - float(self.right[s] @ inverse @ self.right[s])
         variance = max(left, 0.0) / max(self.freedom - len(s), 1)
         scale = 1.0 / self.length[s]
@@ -101,15 +145,15 @@ class AddedVariableTest:
 
     def survival(self, chosen: Sequence[int]) -> float:
         """Return which part of the columns' length the geometry leaves."""
-        s = list(chosen)
-        return float(np.sqrt(max(float(np.mean(np.diagonal(self.gram)[s])), 0.0)))
+        own = self._columns(np.array(chosen, dtype=np.int64))
+        return float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
 
     def explained(self, groups: Ints, null: bool = False) -> tuple[Array, Ints]:
         """Return |P^T r|^2 of groups of columns (F, k), and the ranks (F,).
 
         With ``null`` of the simulated noise, (F, B).
         """
-        blocks = self.block(groups, groups)
+        blocks = self._without_chosen(self._own_blocks(groups), groups, groups)
         w, v = np.linalg.eigh(blocks)
         use = w > VISIBLE
         root = np.where(use, 1.0 / np.sqrt(np.where(use, w, 1.0)), 0.0)
@@ -136,12 +180,12 @@ def build_test(
     """
     unit, length = unit_columns(columns), column_lengths(columns)
     hidden = basis.T @ unit
-    unit = unit - basis @ hidden
+    unit = np.ascontiguousarray((unit - basis @ hidden).T)
     across = basis.T @ noise
     clean = residual - basis @ (basis.T @ residual)
-    return AddedVariableTest(unit.T @ unit, unit.T @ clean, length, float(clean @ clean),
-                count - basis.shape[1], hidden, unit.T @ noise,
-                np.sum(noise**2, axis=0) - np.sum(across**2, axis=0))
+    return AddedVariableTest(
+        unit, unit @ clean, length, float(clean @ clean), count - basis.shape[1], hidden,
+        unit @ noise, np.sum(noise**2, axis=0) - np.sum(across**2, axis=0), unit[:0])
 
 
 def probability(value: float) -> float:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import product
 
 import numpy as np
 
+from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
 from ppmcal.diagnosis.hypotheses import (
     Collector,
     Hypothesis,
@@ -20,13 +20,12 @@ from ppmcal.diagnosis.hypotheses import (
 from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.kinematics.effect_response import carried_by, lacking, setting
-from ppmcal.linalg import Bools, finite_rows
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import (
     GEOMETRY,
     EffectKind,
     EffectParameter,
-    ScanRange,
     Setting,
     Shift,
     effect_kinds,
@@ -49,44 +48,20 @@ def unrecorded_load(to: Collector) -> None:
 
 
 def _under_weight(to: Collector, kind: EffectKind, settings: Sequence[Setting]) -> None:
-    specs = [s for s in kind.parameters(to.motion) if not s.constant and not s.extra]
+    specs = [s for s in kind.parameters(to.motion) if not (s.constant or s.optional)]
     values = start_values(kind, to.motion)
     own = {}
     for a, name in enumerate(to.actuators):
         one = np.arange(len(to.actuators)) == a
         terms = [kind.evaluate(s, one, values).by for s in settings]
-        own[name] = tuple(to.add(_sign(s) * to.system.column([by[s.name] for by in terms]))
+        own[name] = tuple(to.add(sign(s) * to.system.column([by[s.name] for by in terms]))
                           for s in specs)
     whole = tuple(to.add(np.sum([to.columns[c] for c in cs], axis=0))
                   for cs in zip(*own.values(), strict=True))
     for on, columns in [((name,), cs) for name, cs in own.items()] + [(to.actuators, whole)]:
         to.unrecorded.append(Hypothesis(
             kind.name, tuple(on), True, tuple(s.name for s in specs),
-            tuple(_lowest(s) for s in specs), tuple(s.high for s in specs), columns))
-
-
-def start_values(kind: EffectKind, motion: str) -> dict[str, float]:
-    """Return where the linear model of a kind is taken: at nothing, a reciprocal one at 1."""
-    return {s.name: 1.0 if s.reciprocal else s.default if s.constant and s.default is not None
-            else 0.0 for s in kind.parameters(motion)}
-
-
-def usual_range(spec: EffectParameter, stroke: float) -> tuple[float, float]:
-    """Return the range of a parameter's coefficient in machines, SI; ``stroke``: the longest."""
-    low, high = spec.usual
-    if spec.reciprocal:
-        return 1.0 / high, 1.0 / low if low > 0.0 else np.inf
-    scale = spec.usual_scale(stroke)
-    return scale * low, scale * high
-
-
-def _sign(spec: EffectParameter) -> float:
-    """Return the sign of d/d(1/k) at k = 1 against d/dk, for what is linear in 1/k."""
-    return -1.0 if spec.reciprocal else 1.0
-
-
-def _lowest(spec: EffectParameter) -> float:
-    return 0.0 if spec.reciprocal else spec.low
+            tuple(lowest(s) for s in specs), tuple(s.high for s in specs), columns, effect=kind))
 
 
 def _weighed(part: SystemPart, to: Collector) -> Setting:
@@ -125,6 +100,7 @@ class _Kinds(Collector):
 
     def __init__(self, system: System, tried: Sequence[int] = ()) -> None:
         super().__init__(system)
+        self.grids = Grids(system)
         effects, under_test = system.problem.mechanism.effects, set(tried)
         self.bears = any(e.kind.uses_load and e.kind.carried is None
                          and not set(e.parameters.values()) & under_test for e in effects)
@@ -140,16 +116,16 @@ class _Kinds(Collector):
         on, missing = self._recorded(kind, usable)
         if missing:
             self.untestable.append(Untestable(
-                kind.name, missing, "not recorded, or the same in every row"))
+                kind.label, missing, "not recorded, or the same in every row"))
         if not on.any():
             return
         if kind.carried is not None and not self.bears and self.bearing is None:
-            self.untestable.append(Untestable(kind.name, ("a compliance in the model",), UNBORNE))
+            self.untestable.append(Untestable(kind.label, ("a compliance in the model",), UNBORNE))
             return
-        specs = [s for s in kind.parameters(self.motion)
-                 if not s.constant and not s.extra and s.scan is None and self._varies(s)]
+        specs = [s for s in kind.parameters(self.motion) if not (s.constant or s.optional)
+                 and (s.scaling or s.scan is None) and self._varies(s)]
         for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
-            for constants in self._grids(kind, some[0].name):
+            for constants in self.grids.of(kind, some[0].name):
                 self._hypotheses(kind, on, constants, some)
 
     def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float],
@@ -157,19 +133,18 @@ class _Kinds(Collector):
         values = start_values(kind, self.motion) | constants
         leans = None if kind.carried is None or self.bears or self.bearing is None else (
             self.bearing.name, tuple(self.actuators))
-        low = tuple(_lowest(s) for s in specs)
-        high = tuple(s.high for s in specs)
-        usual = tuple(usual_range(s, self._stroke()) for s in specs) if leans is None else ()
+        low = tuple(-NEAR * constants[s.name] if s.scaling else lowest(s) for s in specs)
+        high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
+        usual = tuple(usual_range(s, self.grids.stroke) for s in specs) if leans is None else ()
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
-        # an extra is paid for twice: its value, and that it was looked for
+        # what is optional is paid for twice: its value, and that it was looked for
         searched = len(constants) - len(strokes) + sum(
-            s.extra and s.name in constants for s in kind.parameters(self.motion))
-        turns = self._stroke() / constants[kind.period] if kind.period else 0.0
+            s.optional and s.name in constants for s in kind.parameters(self.motion))
+        turns = self.grids.stroke / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
         of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
-                          part=names[0] if kind.one_by_one else "",
-                          leans=leans)
+                          effect=kind, part=names[0] if kind.one_by_one else "", leans=leans)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
             self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, constants))
@@ -179,7 +154,7 @@ class _Kinds(Collector):
             return
         own: dict[int, tuple[int, ...]] = {}
         for a in np.flatnonzero(on):
-            ends = self._ends(strokes, int(a))
+            ends = self.grids.ends(strokes, int(a))
             own[int(a)] = self._columns(kind, np.arange(on.size) == a, values | ends, specs)
             add((self.actuators[a],), own[int(a)], shown | ends)
         same = len(set(self.turning[on].tolist())) == 1
@@ -198,11 +173,33 @@ class _Kinds(Collector):
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
         """Add one column for each parameter of an effect; return where they are."""
-        terms = [kind.evaluate(p.setting, on, values).by if kind.carried is None
-                 else carried_by(kind, p.response.closure.model, p.setting, self._borne(on))
-                 for p in self.system.parts]
-        return tuple(self.add(_sign(s) * self.system.column([by[s.name] for by in terms]))
-                     for s in specs)
+        if not kind.onset:
+            return tuple(map(self.add, self._made(kind, on, values, specs)))
+        # an event is the same whenever it happens: of its columns the rows before are 0
+        key = kind.label, tuple(on.tolist())
+        if key not in self._steps:
+            self._steps[key] = self._made(kind, on, values | {kind.onset: -np.inf}, specs)
+        after = (self._row_numbers >= values[kind.onset])[:, None]
+        return tuple(self.add(column * after) for column in self._steps[key])
+
+    def _made(self, kind: EffectKind, on: Bools, values: dict[str, float],
+              specs: Sequence[EffectParameter]) -> list[Array]:
+        if kind.carried is not None:
+            by = [carried_by(kind, p.response.closure.model, p.setting, self._borne(on))
+                  for p in self.system.parts]
+            return [self.system.column([b[s.name] for b in by]) for s in specs]
+        terms = [kind.evaluate(p.setting, on, values) for p in self.system.parts]
+        return [sign(s) * self.system.column([
+            t.shift.times(1.0 / values[s.name]) if s.scaling else t.by[s.name] for t in terms])
+            for s in specs]
+
+    @cached_property
+    def _row_numbers(self) -> Array:
+        return np.concatenate([p.response.rows.row for p in self.system.firsts])
+
+    @cached_property
+    def _steps(self) -> dict[tuple[str, tuple[bool, ...]], list[Array]]:
+        return {}
 
     def _borne(self, on: Bools) -> Callable[[Setting], Shift] | None:
         """Return what gives way to the load, at a coefficient of 1; None: the model's effects."""
@@ -245,6 +242,8 @@ class _Kinds(Collector):
         rows = [p.response.rows for p in self.system.parts]
         out = []
         for need in kind.needs:
+            if need in ("order", "past"):
+                continue    # there is an order in two rows already
             if need in ("dir", "vel"):
                 values = [(r.approach if need == "dir" else r.velocity)[:, [a]] for r in rows]
                 name = f"{need}_{self.actuators[a]}"
@@ -268,71 +267,6 @@ class _Kinds(Collector):
             out[limb.actuator] = True
         return out
 
-    def _grids(self, kind: EffectKind, part: str) -> list[dict[str, float]]:
-        """Return the values of a kind's nonlinear parameters that are tried, fitted ones first.
-
-        What is extra is tried one at a time, after the kind without. ``part``: of the machine,
-        whose joints are apart as far as a scan may know.
-        """
-        specs = kind.parameters(self.motion)
-        scans = {s.name: s.scan for s in specs if s.scan is not None}
-        tried = {n: scan(self._range(part)) for n, scan in scans.items()}
-        extras = [s.name for s in specs if s.extra]
-        own = {n: v for n, v in tried.items() if n not in extras}
-        grid = self._combined(kind, own)
-        for name in extras:
-            grid += [c for c in self._combined(kind, {**own, name: tried[name]}) if c[name] != 0.0]
-        known = np.isfinite(self.system.parts[0].setting.stroke).all()
-        ends = {} if known else self._ends(kind.stroke_ends(self.motion))
-        spread = [s for s in specs if s.of_stroke or s.per_stroke]
-        return [constants | ends if any(not s.extra or s.name in constants for s in spread)
-                else constants for constants in grid]
-
-    def _combined(self, kind: EffectKind, tried: Mapping[str, Sequence[float]]
-                  ) -> list[dict[str, float]]:
-        grid = [dict(zip(tried, map(float, values), strict=True))
-                for values in product(*tried.values())]
-        return self._fitted(kind, tried) + grid if tried else grid
-
-    def _range(self, part: str) -> ScanRange:
-        """Return what a scan may know of these rows, and of the joints of base or platform."""
-        points = self.system.parts[0].setting.points(part if part == "platform" else "base")[0]
-        apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
-        size = float(apart.max())
-        near = float(np.min(apart + np.where(np.eye(len(points)), np.inf, 0.0)))
-        return replace(self._rows, size=size, near=min(near, size))
-
-    @cached_property
-    def _rows(self) -> ScanRange:
-        rows = np.unique(np.concatenate([p.response.rows.row for p in self.system.parts]))
-        loads = [p.setting.load for p in self.system.parts]
-        load = max(float(np.max(np.abs(f[np.isfinite(f)]), initial=0.0)) for f in loads)
-        return ScanRange(self._stroke(), np.unique(self.system.group).size,
-                         tuple(rows.tolist()), load)
-
-    def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
-        """Return what the fit has made of a kind's nonlinear parameters already."""
-        g = self.system.state.g
-        return [{n: float(g[e.parameters[n]]) for n in names}
-                for e in self.system.problem.mechanism.effects if e.kind.name == kind.name]
-
-    def _ends(self, names: Sequence[str], actuator: int | None = None) -> dict[str, float]:
-        """Return the stroke of one joint, or the range of all: limits, else as measured.
-
-        ``names``: of the constants that are its low and its high end; none: nothing.
-        """
-        if not names:
-            return {}
-        travel = np.concatenate([p.setting.travel for p in self.system.parts])
-        limits = self.system.parts[0].setting.stroke
-        some = slice(None) if actuator is None else [actuator]
-        ends = limits[some] if np.isfinite(limits[some]).all() else np.stack(
-            [travel.min(axis=0), travel.max(axis=0)], axis=-1)[some]
-        return dict(zip(names, (float(ends[:, 0].min()), float(ends[:, 1].max())), strict=True))
-
-    def _stroke(self) -> float:
-        return self.system.stroke or 1.0
-
 
 def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = ()
             ) -> Library:
@@ -343,7 +277,8 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
     maker = _Kinds(system, tried)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
-            maker.kind(kind)
+            for variant in kind.variants(maker.motion) if kind.variants else (kind,):
+                maker.kind(variant)
     if kinds is None or GEOMETRY in kinds:
         frozen_slots(maker, tried)
     if kinds is None:

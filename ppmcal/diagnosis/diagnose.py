@@ -24,7 +24,7 @@ from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import Remainder, remainder
 from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import Added, with_named
-from ppmcal.diagnosis.held_out_blocks import block_gaps
+from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.left_out_rows import left_out
@@ -37,6 +37,7 @@ from ppmcal.diagnosis.refit import confirm, nothing_named, of_rows, with_mechani
 from ppmcal.diagnosis.result import Diagnosis, Found, NamedEffect, Onset
 from ppmcal.diagnosis.rivals import rivals
 from ppmcal.diagnosis.selection import own_log_p
+from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.stage import DRAWS, Stage, named_only, run_stage
 from ppmcal.diagnosis.verdict import (
     Alternatives,
@@ -54,12 +55,17 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """``holdout``: part of the poses kept back; ``draws``: of noise; ``kinds``: to try, or all."""
+    """How to diagnose.
+
+    ``holdout``: part of the poses kept back; ``draws``: of noise; ``kinds``: to try, or all;
+    ``by_session``: the gap is that of sessions left out in turn.
+    """
 
     holdout: float = 0.27
     seed: int = 0
     draws: int = DRAWS
     kinds: tuple[str, ...] | None = None
+    by_session: bool = False
     fit: FitOptions = field(default_factory=FitOptions)
 
 
@@ -107,9 +113,14 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(
             out.p_value, left.p_value))
     blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
+    if options.by_session:
+        gap = next((b.gap for b in blocks if b.by == SESSION), None)
     verdict = decide(found, left, start, effects, out, blocks, _imitated(found.last))
     told = findings(whole, final or whole, left, effects, gap, out,
                     not_predicted(blocks, left, start))
+    if final is not None:
+        effects, apart = with_sessions(final, effects)
+        told += apart
     if odd is not None:
         told.append(implausible_words(found, odd))
     named = bool(effects) and verdict != "unnamed"
@@ -140,7 +151,9 @@ def _others(whole: Fit, found: Found, alternatives: Alternatives, options: Diagn
 
 def _untestable(found: Found) -> tuple[Untestable, ...]:
     """Return what could be tested at no fit: some kinds show only once another is in the model."""
-    tested = {f.kind for f in found.last.hypotheses}
+    last = found.last
+    tested = {f.effect.label for f in last.hypotheses if f.effect} - {
+        u.kind for u in last.library.untestable}
     return tuple(u for u in found.first.library.untestable if u.kind not in tested)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.linalg import Array
-from ppmcal.model.effects import EffectParameter, find_effect
+from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Given, Mechanism, with_effect
 
 SMALLEST = 1e-3
@@ -65,14 +65,16 @@ def _over(search: Search, chosen: Sequence[int], hypothesis: Hypothesis, place: 
 
 def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value: Array,
           sigma: Array) -> tuple[Mechanism, tuple[str, ...]]:
-    kind = find_effect(hypothesis.kind)
+    kind = hypothesis.effect
+    assert kind is not None
     specs = {s.name: s for s in kind.parameters(mechanism.motion)}
     names = [n.split(":")[-1] for n in hypothesis.names[:value.size]]
     given = {n: Given(_start(specs[n], float(v), float(s)), free=True,
                       nominal=None if specs[n].reciprocal else 0.0)
              for n, v, s in zip(names, value, sigma, strict=True)}
     for n, v in hypothesis.constants.items():
-        given[n] = Given(v, free=not specs[n].constant)
+        if not specs[n].scaling:
+            given[n] = Given(v, free=not specs[n].constant)
     acts = tuple(not on or a in on for a in mechanism.actuators)
     before = len(mechanism.parameters)
     mechanism = with_effect(mechanism, kind, acts, given)

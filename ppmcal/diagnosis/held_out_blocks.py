@@ -1,4 +1,4 @@
-"""The gap on whole stretches of time and of the environment, each left out in turn.
+"""The gap on whole sessions, stretches of time and of the environment, each left out in turn.
 
 Held-out poses lie between others that were measured at the same time and temperature: an effect
 of time or heat that is wrong predicts them all the same. A block is predicted by what the fit
@@ -11,15 +11,17 @@ block's rows J and residuals r,
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.sessions import session_masks
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, errors_of, gap_of
 from ppmcal.diagnosis.left_out_rows import thirds
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, range_basis
 
 LEVELS = 3
 """A load of fewer levels cannot be left out: the others would not tell what it does."""
@@ -29,15 +31,28 @@ PREDICTS, PREDICTS_MORE = 0.5, 0.75
 """Effects that surely close less than this part of a block's gap do not predict it; where more is
 left to explain than noise, less than this part of what they close in all rows."""
 
+SURELY = float(chdtri(1.0, 0.05))
+"""A block that is far from the others shares one error of the parameters: its square may be so
+many times the variance."""
+SESSION = "session"
 IN_STEP = 0.7
 """What has so large a rank correlation with the rows' order is as good as time."""
 
 @dataclass(frozen=True)
 class BlockGap:
-    """The gap when all rows of one third of ``by`` are left out in turn."""
+    """The gap when a session, or all rows of one third of ``by``, are left out in turn.
+
+    ``surely``: its interval where the parameters' error may be two standard deviations.
+    """
 
     by: str
     gap: Gap
+    surely: tuple[float, float] | None
+
+    @property
+    def portion(self) -> str:
+        """What is left out, in words."""
+        return "one at a time" if self.by == SESSION else "a third at a time"
 
     def fails(self, everywhere: float, adequate: bool) -> bool:
         """Whether the effects surely do not predict what was left out.
@@ -45,7 +60,7 @@ class BlockGap:
         ``everywhere``: what they close in all rows; ``adequate``: whether the rest is noise.
         """
         least = PREDICTS if adequate else PREDICTS_MORE * everywhere
-        return self.gap.interval is not None and self.gap.interval[1] < least
+        return self.surely is not None and self.surely[1] < least
 
 
 def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockGap, ...]:
@@ -65,7 +80,9 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
         pairs = [(old, new) for old, new in pairs if old.square.size == new.square.size > 0]
         if len(pairs) == len(folds):
             old, new = (_joined([p[k] for p in pairs]) for k in (0, 1))
-            out.append(BlockGap(by, gap_of(old, new, noise, seed)))
+            unsure = replace(new, variance=SURELY * new.variance)
+            out.append(BlockGap(by, gap_of(old, new, noise, seed),
+                                gap_of(old, unsure, noise, seed).interval))
     return tuple(out)
 
 
@@ -75,6 +92,9 @@ def schemes(problem: Problem) -> Iterator[tuple[str, list[list[Bools]]]]:
     No stretch of time is left out of a campaign with an event: what happened in it cannot be
     known without it, nor what follows if the rest follows in it.
     """
+    parts = session_masks(problem.datasets)
+    if len(parts) > 1:
+        yield SESSION, [mask for _, mask in parts]
     events = any(e.kind.onset for e in problem.mechanism.effects)
     order = [thirds(np.arange(len(d), dtype=float)) for d in problem.datasets]
     if not events:
@@ -107,7 +127,8 @@ def _varies(values: Array) -> bool:
 def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> HeldOutErrors:
     """Return the errors of a block's rows as the fit without them predicts them.
 
-    Rows that the fit has left out anyway are predicted by it as it is.
+    Rows that the fit has left out anyway are predicted by it as it is. A frame or target that
+    nothing else tells of, that of a whole session, stays fitted to the block's own rows.
     """
     own = [f & k for f, k in zip(fold, keep, strict=True)]
     rows = list(fit.problem.rows(fit.state, True, own))
@@ -116,10 +137,16 @@ def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> HeldOut
     triangle = fit.reduced.triangle * fit.scale
     normal = triangle.T @ triangle + np.diag((fit.prior * fit.scale) ** 2)
     right = np.zeros(width)
-    for j, r in zip(flat, rows, strict=True):
-        used = np.repeat(fit.keep[r.dataset][r.index], r.residual.shape[1])
-        normal -= j[used].T @ j[used]
-        right += j[used].T @ r.residual.reshape(-1)[used]
+    used = [np.repeat(fit.keep[r.dataset][r.index], r.residual.shape[1]) for r in rows]
+    out = np.concatenate([np.zeros((0, width)), *(j[u] for j, u in zip(flat, used, strict=True))])
+    missed = np.concatenate([np.zeros(0), *(
+        r.residual.reshape(-1)[u] for r, u in zip(rows, used, strict=True))])
+    alone = _seen_only_here(fit, normal, out)
+    if alone.any():
+        basis = range_basis(out[:, alone], SEEN)
+        out, missed = out - basis @ (basis.T @ out), missed - basis @ (basis.T @ missed)
+    normal -= out.T @ out
+    right += out.T @ missed
     w, v = np.linalg.eigh(normal)
     use = w > SEEN * max(float(w[-1]), 1e-300)
     inverse = (v[:, use] / w[use]) @ v[:, use].T
@@ -127,6 +154,13 @@ def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> HeldOut
     return errors_of(fit.problem, (
         (r, r.residual + (j @ step).reshape(r.residual.shape))
         for j, r in zip(flat, rows, strict=True)), inverse * np.outer(fit.scale, fit.scale))
+
+
+def _seen_only_here(fit: Fit, normal: Array, out: Array) -> Bools:
+    """Return which columns of frames, targets and zeros only the rows ``out`` tell of (C,)."""
+    own = np.arange(len(normal)) >= len(fit.problem.free)
+    whole = np.diagonal(normal)
+    return np.asarray(own & (whole > 0.0) & (whole - np.sum(out**2, axis=0) <= SEEN * whole))
 
 
 def _joined(parts: Sequence[HeldOutErrors]) -> HeldOutErrors:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.linalg import Array
-from ppmcal.model.effects import GEOMETRY, EffectKind, Shift, effect_kinds
+from ppmcal.model.effects import GEOMETRY, EffectKind, Shift
 from ppmcal.model.parameters import is_joint_component
 
 
@@ -33,6 +33,7 @@ class Hypothesis:
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
         columns: where its columns are in the library.
+        effect: the kind with its traits; None for a frozen slot or a shape without a cause.
         part: of a kind whose parameters are causes of their own, the one that it has.
         leans: kind and actuators of what gives way to the load, which has to be chosen too; its
             coefficient is the parameter times that of the other.
@@ -56,6 +57,7 @@ class Hypothesis:
     strokes: tuple[str, ...] = ()
     choices: float = 0.0
     caution: float = 1.0
+    effect: EffectKind | None = None
     part: str = ""
     leans: tuple[str, tuple[str, ...]] | None = None
 
@@ -65,16 +67,20 @@ class Hypothesis:
         return len(self.columns)
 
     @property
-    def effect(self) -> EffectKind | None:
-        """The kind with its traits; None for a frozen slot or a shape without a cause."""
-        return effect_kinds().get(self.kind)
+    def scanned(self) -> bool:
+        """Whether a grid has chosen constants of it, or might have chosen others."""
+        return len(self.constants) > len(self.strokes)
 
     @property
     def family(self) -> str:
         """What it is told apart as: the kind, the frozen slot, or the shape's place."""
         if self.anonymous:
             return self.label
-        return f"{GEOMETRY} {self.slot}" if self.slot else f"{self.kind} {self.part}".rstrip()
+        return f"{GEOMETRY} {self.slot}" if self.slot else f"{self._called} {self.part}".rstrip()
+
+    @property
+    def _called(self) -> str:
+        return self.effect.label if self.effect else self.kind
 
     def apart(self, other: Hypothesis) -> float:
         """Return by how much the constants of two hypotheses of a grid differ, part by part.
@@ -98,7 +104,7 @@ class Hypothesis:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
             return f"an unknown shape along {' '.join(self.on) or 'the position'}"
-        return f"{self.kind} on {', '.join(self.on)}" if self.on else self.family
+        return f"{self._called} on {', '.join(self.on)}" if self.on else self.family
 
 
 def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:

@@ -19,6 +19,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
 from ppmcal.diagnosis.stage import Stage, form_columns, of_single, without
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.effect_response import environment_of
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array, finite_rows
@@ -193,8 +194,10 @@ def _old_blocks(stage: Stage, a: Hypothesis, b: Hypothesis) -> Blocks:
 def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Blocks | None:
     """Return the same of possible rows; None where a pose or a hypothesis does not exist there."""
     i = _template(stage)
+    # rows that are only proposed have no past
+    rows = replace(environment_of(stage.system.problem.mechanism, data), history=None, place=None)
     problem = replace(stage.system.problem, datasets=(data,),
-                      pivots=(stage.system.problem.opens[i].about,), given=None)
+                      pivots=(stage.system.problem.opens[i].about,), given=(rows,))
     start = State(stage.system.state.g, (stage.system.state.registrations[i],),
                   (pose_motor(np.nan_to_num(np.concatenate([data.position, data.rotation],
                                                            axis=1))),))
@@ -206,8 +209,8 @@ def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Bl
     found = library(system, tuple({a.kind, b.kind}))
 
     def columns(hypothesis: Hypothesis) -> Array:
-        match = [f for f in found.hypotheses if (f.kind, f.on, f.shared, f.slot) == (
-            hypothesis.kind, hypothesis.on, hypothesis.shared, hypothesis.slot)]
+        match = [f for f in found.hypotheses if (f.family, f.on, f.shared, f.slot) == (
+            hypothesis.family, hypothesis.on, hypothesis.shared, hypothesis.slot)]
         if not match:
             return of_single(found.columns, found.hypotheses, hypothesis)
         nearest = min(match, key=lambda f: f.apart(hypothesis))

@@ -71,7 +71,7 @@ def _events(mechanism: Mechanism, g: Array) -> Iterator[_Event]:
     for i, effect in enumerate(mechanism.effects):
         if effect.kind.onset:
             row = float(g[effect.parameters[effect.kind.onset]])
-            groups.setdefault((effect.kind.name, row), []).append(i)
+            groups.setdefault((effect.kind.label, row), []).append(i)
     for (_, row), mine in groups.items():
         yield _Event(tuple(mine), row)
 

@@ -14,7 +14,6 @@ from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.diagnosis.selection import STARTS, bic, possible
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.model.dataset import PAYLOADS
-from ppmcal.model.effects import find_effect
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
            "vel": "the vel_ columns", "dir": "the dir_ columns", "temperature":
@@ -95,6 +94,9 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
             continue
         for column in dict.fromkeys("payload" if n in ("load", "wrench") else n
                                     for n in kind.needs):
+            if column == "dir" and all(d.approach == "sequence"
+                                       for d in found.before.problem.datasets):
+                continue    # the order of the rows has no other sign
             for key, value, factor in OTHER_UNITS.get(column, ()):
                 if _in_range(search, int(i), factor):
                     return _column_misreading(found, hypothesis, column, key, value, stage)
@@ -134,7 +136,8 @@ def implausible_words(found: Found, index: int) -> str:
     hypothesis = found.first.search.hypotheses[index]
     values = fitted_values(found.first.search, index)
     motion = found.before.problem.mechanism.motion
-    kind = find_effect(hypothesis.kind)
+    kind = hypothesis.effect
+    assert kind is not None
     specs = {s.name: s for s in kind.parameters(motion)}
     told = []
     for name, value, (low, high) in zip(hypothesis.names, values, hypothesis.usual, strict=True):

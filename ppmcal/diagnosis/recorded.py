@@ -81,5 +81,5 @@ def _needed(mechanism: Mechanism) -> set[str]:
             if need in ("dir", "vel"):
                 out |= {f"{need}_{a}" for a in mechanism.actuators}
             else:
-                out.add("payload" if need in ("load", "wrench") else need)
+                out.add({"load": "payload", "wrench": "payload", "past": "time"}.get(need, need))
     return out

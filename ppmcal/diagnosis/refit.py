@@ -23,10 +23,10 @@ from ppmcal.diagnosis.linear_system import (
 )
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import borne, own_log_p
-from ppmcal.diagnosis.stage import named_only, without
+from ppmcal.diagnosis.stage import named_only, scaling_columns, without
 from ppmcal.linalg import Array, Bools, finite_rows, subsample, unit_columns
 from ppmcal.model.dataset import Dataset
-from ppmcal.model.effects import EffectParameter, effect_kinds
+from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -162,7 +162,7 @@ def _against_zero(fit: Fit, covariance: Array, columns: Sequence[int]) -> float:
     inverse = np.array([p.reciprocal for p in parameters])
     value = np.where(inverse, 1.0 / g, g)
     slope = np.where(inverse, -1.0 / g**2, 1.0)
-    linear_part = _given_extras(fit, covariance, columns, linear) * np.outer(slope, slope)
+    linear_part = _given_optional(fit, covariance, columns, linear) * np.outer(slope, slope)
     if not np.isfinite(linear_part).all():
         return 0.0
     # residuals above the stated noise make everything less certain
@@ -171,17 +171,17 @@ def _against_zero(fit: Fit, covariance: Array, columns: Sequence[int]) -> float:
     return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
 
 
-def _given_extras(fit: Fit, covariance: Array, columns: Sequence[int], linear: Sequence[int]
+def _given_optional(fit: Fit, covariance: Array, columns: Sequence[int], linear: Sequence[int]
                   ) -> Array:
-    """Return the covariance of linear columns with the effect's extras held where they are.
+    """Return the covariance of linear columns with the effect's optional ones held where they are.
 
     Size and hardening may be known together only; whether there is anything is not the question
     how it hardens.
     """
     mechanism = fit.problem.mechanism
-    extra = {e.parameters[s.name] for e in mechanism.effects
-             for s in e.kind.parameters(mechanism.motion) if s.extra}
-    held = [c for c in columns if fit.problem.free[c] in extra]
+    optional = {e.parameters[s.name] for e in mechanism.effects
+             for s in e.kind.parameters(mechanism.motion) if s.optional}
+    held = [c for c in columns if fit.problem.free[c] in optional]
     out = covariance[np.ix_(linear, linear)]
     if held and np.isfinite(covariance[np.ix_(held, held)]).all():
         cross = covariance[np.ix_(linear, held)]
@@ -196,7 +196,7 @@ def _outside(fit: Fit, covariance: Array, found: Found, key: Key) -> float:
     It has to be in the range that machines have. Joints that are made alike have one period, and
     two waves of their own on the same joints are more often some other shape.
     """
-    kind = effect_kinds().get(key[0])
+    kind = next((a.hypothesis.effect for a in found.added if _key(a.hypothesis) == key), None)
     specs = kind.parameters(fit.problem.mechanism.motion) if kind else ()
     return max((_none_of_machines(fit, covariance, found, key, s) for s in specs if s.nonlinear),
                default=-np.inf)
@@ -232,7 +232,9 @@ def own_values(fit: Fit, added: Sequence[Added], noise: Whitening, keep: Sequenc
     for key, own in where.items():
         alone = without(system, own)
         basis = range_basis(noise.apply(alone.jacobian, alone), INVISIBLE)
-        columns = noise.apply(system.jacobian[..., own], system)
+        scaling = scaling_columns(system, own)
+        columns = noise.apply(np.stack([scaling.get(c, system.jacobian[..., c]) for c in own],
+                                       axis=-1), system)
         left = noise.apply(alone.residual[..., None], alone)[:, 0]
         left = left - basis @ (basis.T @ left)
         columns = columns - basis @ (basis.T @ columns)

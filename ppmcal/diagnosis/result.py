@@ -16,6 +16,7 @@ from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.localization import Place
 from ppmcal.diagnosis.next_experiment import Proposal
 from ppmcal.diagnosis.stage import Stage
+from ppmcal.linalg import Array
 
 VERDICTS = ("none", "weak", "named", "named-set", "partial", "unnamed")
 
@@ -29,6 +30,24 @@ class Onset:
     high: int
 
 
+@dataclass(frozen=True, eq=False)
+class SessionEffect:
+    """The size of one effect in each session, all else shared.
+
+    Attributes:
+        labels: of the sessions in which it can be seen (S,).
+        names: of its free parameters in the model (p,).
+        value, sigma: SI (S, p).
+        p_value: of being the same in all of them.
+    """
+
+    labels: tuple[str, ...]
+    names: tuple[str, ...]
+    value: Array
+    sigma: Array
+    p_value: float
+
+
 @dataclass(frozen=True)
 class NamedEffect:
     """One effect that the data ask for.
@@ -37,7 +56,8 @@ class NamedEffect:
     logarithm; ``survival``: the part that geometry leaves; ``alternatives``: labels of other
     families that the data cannot tell from it, with the odds for this one against each;
     ``hypothesis``: the one that it came from, which may have a value for each of several
-    actuators; ``onset``: of an event, the row where it starts.
+    actuators; ``onset``: of an event, the row where it starts; ``sessions``: its size in each,
+    where there are several.
     """
 
     kind: str
@@ -50,6 +70,7 @@ class NamedEffect:
     odds: tuple[float, ...]
     hypothesis: Hypothesis
     onset: Onset | None = None
+    sessions: SessionEffect | None = None
 
 
 @dataclass(frozen=True)

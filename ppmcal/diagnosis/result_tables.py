@@ -85,7 +85,7 @@ def _detectable(stage: Stage, index: int) -> float:
         return 0.0
     c = hypothesis.columns[0]
     test = stage.search.test
-    seen = test.length[c] * np.sqrt(max(test.gram[c, c], 0.0))
+    seen = test.length[c] * test.survival([c])
     if seen <= 0.0:
         return 0.0
     # two-sided normal quantile of the naming threshold

@@ -29,6 +29,10 @@ ADDS_NOTHING = 0.01
 AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
 
+MORE = float(np.log(0.2))
+"""A more general kind is a rival of a special one to which it adds something: log p, over all
+constants of its grid."""
+
 DOUBTED = 23.0
 """The same where the effect itself is doubtful: odds of 1e5."""
 
@@ -59,6 +63,8 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         first = search.hypotheses[rival[0]]
         if first.anonymous or first.family in taken or first.family in best:
             continue
+        if _only_general(search, chosen, hypothesis, rival[0]):
+            continue
         trial = (*others, *rival)
         worse = bic(search, trial) - now
         size = sum(search.hypotheses[i].size for i in rival)
@@ -75,6 +81,17 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
     return list(best.values())
 
 
+def _only_general(search: Search, chosen: Sequence[int], hypothesis: Hypothesis, rival: int
+                  ) -> bool:
+    """Whether a rival contains the hypothesis and adds nothing to it."""
+    other = search.hypotheses[rival]
+    if other.effect is None or hypothesis.kind not in other.effect.contains:
+        return False
+    tried = sum((f.family, f.on, f.shared) == (other.family, other.on, other.shared)
+                for f in search.hypotheses)
+    return bool(search.values(chosen)[rival] + np.log(tried) > MORE)
+
+
 def _elsewhere(search: Search, hypothesis: Hypothesis) -> list[tuple[int, ...]]:
     """Return other kinds on just the actuators of ``hypothesis``, one value for each."""
     if len(hypothesis.on) < 2:
@@ -82,8 +99,8 @@ def _elsewhere(search: Search, hypothesis: Hypothesis) -> list[tuple[int, ...]]:
     single: dict[str, dict[str, int]] = {}
     for i, other in enumerate(search.hypotheses):
         if len(other.on) == 1 and other.on[0] in hypothesis.on and not other.slot and (
-                not other.searched and other.kind != hypothesis.kind):
-            single.setdefault(other.kind, {}).setdefault(other.on[0], i)
+                not other.searched and other.family != hypothesis.family):
+            single.setdefault(other.family, {}).setdefault(other.on[0], i)
     return [tuple(have.values()) for have in single.values() if len(have) == len(hypothesis.on)]
 
 
@@ -125,7 +142,7 @@ def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ..
     """
     kinds = list(
         dict.fromkeys(
-            search.hypotheses[i].kind
+            search.hypotheses[i].family
             for i in chosen
             if search.hypotheses[i].on
             and not search.hypotheses[i].slot
@@ -134,7 +151,7 @@ def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ..
     )
     best = tuple(chosen)
     for kind in kinds:
-        mine = [i for i in best if search.hypotheses[i].kind == kind]
+        mine = [i for i in best if search.hypotheses[i].family == kind]
         if not mine:
             continue
         others = [i for i in best if i not in mine]
@@ -153,7 +170,7 @@ def _options(search: Search, kind: str, mine: Sequence[int], others: Sequence[in
     options: list[tuple[int, ...]] = [tuple(mine)]
     constants = hypotheses[mine[0]].constants
     single = {f.on[0]: i for i, f in enumerate(hypotheses)
-              if f.kind == kind and len(f.on) == 1 and f.constants == constants}
+              if f.family == kind and len(f.on) == 1 and f.constants == constants}
     named = [a for a in single if any(a in hypotheses[i].on for i in mine)]
     for subset in _subsets(search, others, single, named):
         alone = [single[a] for a in subset]
@@ -183,8 +200,8 @@ def _together(search: Search, parts: Sequence[Hypothesis]) -> tuple[Search, int]
     """Return the hypothesis in which several actuators share one value, added where it is new."""
     wanted = {a for part in parts for a in part.on}
     for i, hypothesis in enumerate(search.hypotheses):
-        if hypothesis.kind == parts[0].kind and hypothesis.shared and set(hypothesis.on) == wanted \
-                and hypothesis.alike(parts[0]):
+        if (hypothesis.family == parts[0].family and hypothesis.shared
+                and set(hypothesis.on) == wanted and hypothesis.alike(parts[0])):
             return search, i
     total = search.test.right.size
     size = parts[0].size

@@ -7,7 +7,7 @@ settled by BIC.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.special import gammaln
 
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.search import Search, columns_of, scan
+from ppmcal.diagnosis.search import Search, columns_of
 
 MOST_EFFECTS = 6
 STARTS = 6
@@ -87,7 +87,7 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
     """
     hypotheses = [search.hypotheses[i] for i in chosen]
     if not _apart([f for f in hypotheses if f.turns]) or _twice(hypotheses) or (
-            len(borne(search, chosen)) < len(chosen)):
+            not _once(hypotheses) or len(borne(search, chosen)) < len(chosen)):
         return False
     columns = columns_of(search, chosen)
     value, covariance = search.test.fit(columns)
@@ -107,6 +107,23 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
     return True
 
 
+def _once(chosen: Sequence[Hypothesis]) -> bool:
+    """Whether no joint has two of a kind with other constants: of one width, one time constant.
+
+    Two of them make up for the steps of the grid. Waves and events may be several.
+    """
+    taken: set[tuple[str, str]] = set()
+    for hypothesis in chosen:
+        kind = hypothesis.effect
+        if kind is None or kind.onset or kind.period or not hypothesis.scanned:
+            continue
+        own = {(hypothesis.family, joint) for joint in hypothesis.on or ("",)}
+        if own & taken:
+            return False
+        taken |= own
+    return True
+
+
 def _apart(waves: Sequence[Hypothesis]) -> bool:
     """Whether no joint has more than :data:`MOST_PERIODS`, or two that are one between the grid.
 
@@ -123,7 +140,7 @@ def _twice(hypotheses: Sequence[Hypothesis]) -> bool:
     """Whether one cause is there twice on a joint, or in the machine, with different constants."""
     return any(a.family == b.family and (not a.on or set(a.on) & set(b.on)) and not a.alike(b)
                for a, b in combinations(hypotheses, 2)
-               if a.effect is not None and (a.effect.extras or a.effect.one_by_one))
+               if a.effect is not None and (a.effect.may_be_plain or a.effect.one_by_one))
 
 
 def borne(search: Search, chosen: Sequence[int]) -> list[int]:
@@ -178,10 +195,13 @@ def own_log_p(search: Search, chosen: Sequence[int], hypothesis: int) -> float:
     """Return the log p of one chosen hypothesis given the others, with what leans on it."""
     own = search.hypotheses[hypothesis]
     leaning = [j for j in chosen if search.hypotheses[j].leans == (own.kind, own.on)]
-    others = [j for j in chosen if j not in (hypothesis, *leaning)]
-    rest = search.test.given(columns_of(search, others))
-    columns = columns_of(search, [hypothesis, *leaning])
-    return float(scan(rest, [replace(own, columns=tuple(columns))])[0])
+    columns = columns_of(search, (hypothesis, *chosen))
+    place = {c: j for j, c in enumerate(columns)}
+    others = columns_of(search, [j for j in chosen if j not in (hypothesis, *leaning)])
+    rest = search.test.only(columns).given([place[c] for c in others])
+    mine = [place[c] for c in columns_of(search, [hypothesis, *leaning])]
+    square, rank = rest.explained(np.array([mine]))
+    return float(log_p(square, rest.square, rank, rest.freedom)[0]) / own.caution
 
 
 def _bearing(search: Search, leaning: int) -> list[int]:

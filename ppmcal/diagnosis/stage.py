@@ -114,7 +114,11 @@ def without(system: System, added: Sequence[int]) -> System:
     rest = [c for c in range(system.jacobian.shape[-1]) if c not in set(added)]
     scale = column_scale(system.problem)
     residual = system.residual.copy()
+    own = scaling_columns(system, added)
     for c in added:
+        if c in own:
+            residual += own[c]
+            continue
         parameter = system.problem.mechanism.parameters[system.problem.free[c]]
         value = float(system.state.g[system.problem.free[c]])
         if parameter.size is None:
@@ -123,6 +127,24 @@ def without(system: System, added: Sequence[int]) -> System:
             sign = -1.0 if parameter.reciprocal else 1.0
             residual += sign * system.jacobian[..., c] / scale[c] * value
     return replace(system, jacobian=system.jacobian[..., rest], residual=residual)
+
+
+def scaling_columns(system: System, columns: Sequence[int]) -> dict[int, Array]:
+    """Return what effects do (N, m) that scale with the parameter of one of some columns.
+
+    They are not their derivative times it.
+    """
+    place = {system.problem.free[c]: c for c in columns if c < len(system.problem.free)}
+    mechanism, out = system.problem.mechanism, {}
+    for effect in mechanism.effects:
+        scaling = [effect.parameters[s.name] for s in effect.kind.parameters(mechanism.motion)
+                   if s.scaling and effect.parameters[s.name] in place]
+        if scaling:
+            values = {n: float(system.state.g[p]) for n, p in effect.parameters.items()}
+            out[place[scaling[0]]] = system.column([
+                effect.kind.evaluate(p.setting, np.array(effect.on), values).shift
+                for p in system.parts])
+    return out
 
 
 def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Generator,
@@ -138,8 +160,9 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     start = search.values()
     search, chosen = settled(search, choose(search))
     search, chosen = held(search, chosen, hold)
-    return Stage(system, found, noise, basis, residual, columns, search, chosen, start,
-                 pure_error(system))
+    # in the library's order, whichever was found first
+    return Stage(system, found, noise, basis, residual, columns, search, tuple(sorted(chosen)),
+                 start, pure_error(system))
 
 
 def _cautious(hypotheses: Sequence[Hypothesis], noise: Whitening) -> list[Hypothesis]:
@@ -180,7 +203,7 @@ def of_single(columns: Array, hypotheses: Sequence[Hypothesis], hypothesis: Hypo
     Raises:
         KeyError: an actuator has no hypothesis of its own.
     """
-    own = {f.on[0]: f for f in hypotheses if f.kind == hypothesis.kind and len(f.on) == 1
+    own = {f.on[0]: f for f in hypotheses if f.family == hypothesis.family and len(f.on) == 1
            and f.alike(hypothesis)}
     each = [columns[..., own[a].columns] for a in hypothesis.on]
     return np.sum(each, axis=0) if hypothesis.shared else np.concatenate(each, axis=-1)

@@ -109,7 +109,7 @@ def findings(before: Fit, after: Fit, left: Remainder, effects: Sequence[NamedEf
                     "testable), so its size is uncertain")
     if effects and gap is not None and not gap.confirmed:
         said.append("the held-out poses do not confirm the improvement: too few, or too small")
-    said += [f"left out by {b.by} (a third at a time), only {b.gap.closed or 0.0:.0%} of the gap "
+    said += [f"left out by {b.by} ({b.portion}), only {b.gap.closed or 0.0:.0%} of the gap "
              "is closed: what was found does not predict there" for b in blocks]
     if not after.converged:
         said.append(f"the fit had not converged after {after.iterations} iterations")

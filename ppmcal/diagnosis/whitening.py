@@ -109,14 +109,14 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
             if hypothesis.shared:
                 # steps at will follow any slow noise: of all events only the best one counts
                 event = hypothesis.effect is not None and hypothesis.effect.onset
-                key = ("event", ()) if event else (hypothesis.kind, hypothesis.on)
+                key = ("event", ()) if event else (hypothesis.family, hypothesis.on)
                 gain = explains(hypothesis.columns)
                 if gain > grid.get(key, (0.0, []))[0]:
                     grid[key] = gain, list(hypothesis.columns)
         elif hypothesis.kind == GEOMETRY:
             hypotheses[GEOMETRY] = [*hypotheses.get(GEOMETRY, []), *hypothesis.columns]
-        elif len(hypothesis.columns) > len(hypotheses.get(hypothesis.kind, [])):
-            hypotheses[hypothesis.kind] = list(hypothesis.columns)
+        elif len(hypothesis.columns) > len(hypotheses.get(hypothesis.family, [])):
+            hypotheses[hypothesis.family] = list(hypothesis.columns)
     plain_forms = sorted(hypotheses.values(), key=lambda c: -explains(c) / len(c))
     for found in [*plain_forms, *(c for _, c in sorted(grid.values(), reverse=True))]:
         if len(chosen) + len(found) <= room:

@@ -6,7 +6,8 @@ direction is Rot(r) d. A file writes the machine's direction as ``value`` and th
 as ``nominal``. Read back, the constants are ``value``, r is 0, and the parameters' *nominal*
 is the rotation vector n with Rot(n) value = nominal; so a mechanism with every parameter at
 its nominal is still the nominal machine. A limb whose joint frames are parameters too keeps r apart
-in the file (``rotation``), because those frames turn with the constants' own axes.
+in the file (``rotation``), because those frames turn with the constants' own axes; so does one with
+an offset universal joint, and that joint's axis.
 """
 
 from __future__ import annotations

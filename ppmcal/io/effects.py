@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.schema import Flag, Label, Number, Sigma, Strict, check, refuse, show
@@ -53,6 +53,8 @@ def _value(raw: object) -> object:
 
 class EffectFile(Strict):
     """``{kind: backlash, on: [leg1], parameters: {width: 0.02}}``."""
+
+    model_config = ConfigDict(extra="allow")
 
     kind: Label
     on: list[Label] | None = None
@@ -109,6 +111,7 @@ def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) 
         raise unknown("effect", one.kind, [*effect_kinds(), GEOMETRY], f"{place}.kind")
     kind = find_effect(one.kind)
     on = _actuators(one, kind, machine, place)
+    kind = _made(one, kind, joint_quantity(mechanism, on), machine, place)
     if machine.motion not in kind.motions:
         raise BadInput(f"{kind.name} exists only in {' and '.join(kind.motions)} motion",
                        f"{place}.kind", "Remove it")
@@ -124,6 +127,22 @@ def _added(mechanism: Mechanism, one: EffectFile, machine: Machine, place: str) 
                        f"{place}.parameters.{ends[1]}",
                        f"Give a `{ends[1]}` above `{ends[0]}`, or neither")
     return with_effect(mechanism, kind, on, given)
+
+
+def _made(one: EffectFile, kind: EffectKind, joint: str, machine: Machine, place: str
+          ) -> EffectKind:
+    """Return the kind, made of the further entries of the file where it is one of those."""
+    further = dict(one.model_extra or {})
+    known = kind.from_file.entries if kind.from_file else ()
+    for name in further:
+        if name not in known:
+            raise unknown("key", name, ["kind", "on", "parameters", *known], place)
+    if kind.from_file is None:
+        return kind
+    try:
+        return kind.from_file.make(further, machine.units, joint)
+    except BadInput as error:
+        raise BadInput(error.what, f"{place}.{error.where}", error.mend) from None
 
 
 def _not_free_already(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool],
@@ -214,14 +233,16 @@ def effects_tree(mechanism: Mechanism) -> list[dict[str, Any]]:
 
 def _written(mechanism: Mechanism, effect: Effect) -> dict[str, Any]:
     out: dict[str, Any] = {"kind": effect.kind.name}
+    if effect.kind.written is not None:
+        out |= effect.kind.written(mechanism.units)
     if not all(effect.on):
         out["on"] = [a for a, used in zip(mechanism.actuators, effect.on, strict=True) if used]
     entries: dict[str, Any] = {}
-    # a kind without its extras is written as if it had none
-    extras = {s.name: s.default for s in effect.kind.parameters(mechanism.motion) if s.extra}
+    # a kind without its optional parameters is written as if it had none
+    plain = {s.name: s.default for s in effect.kind.parameters(mechanism.motion) if s.optional}
     for name, i in effect.parameters.items():
         p = mechanism.parameters[i]
-        if np.isnan(p.value) or (name in extras and p.value == p.nominal == extras[name]
+        if np.isnan(p.value) or (p.value == p.nominal == plain.get(name)
                                  and not p.free and p.tolerance is None):
             continue
         factor = mechanism.units.factor(p.quantity)

@@ -182,6 +182,9 @@ def _limb(kind: LimbKind) -> Schema:
 def _group(kind: LimbKind, group: str, specs: Any) -> Schema:
     if group in kind.directions:
         return {**DIRECTION, "description": "A direction in base axes."}
+    if group in kind.axes:
+        return {**DIRECTION, "description": f"First axis of the {group.partition('.')[0]}'s "
+                f"universal joint, in {group.partition('.')[0]} axes."}
     if group.startswith("joint"):
         return {"type": "object", "additionalProperties": False,
                 "description": f"Error of the frame of {group}, in its own axes.",
@@ -228,7 +231,11 @@ def _effect(base: Mapping[str, Any]) -> Schema:
                     key: {**value, "description": f"{quantity or 'bare number'}."}
                     for key, quantity in words.items()}}}}})
     names = [*sorted(effect_kinds()), GEOMETRY]
-    own = {**base["properties"], "kind": {"enum": names, "description": "Kind of the effect."},
+    further = {n: {"description": f"Of the kind {kind.name}."}
+               for kind in effect_kinds().values() if kind.from_file
+               for n in kind.from_file.entries}
+    own = {**base["properties"], **further,
+           "kind": {"enum": names, "description": "Kind of the effect."},
            "parameters": {"type": "object", "description": "Sizes, by name; those of the kind."}}
-    return {**base, "properties": own, "allOf": choose}
+    return {**base, "additionalProperties": False, "properties": own, "allOf": choose}
 

@@ -18,6 +18,7 @@ from ppmcal.io.directions import square, to_nominal, unit
 from ppmcal.io.mechanism_schema import TURNS, DirectionFile, SlotFile, groups, point_parts, word
 from ppmcal.io.parameter_reader import Draft, SlotEntry
 from ppmcal.io.schema import check, show
+from ppmcal.io.universal_joint import absent_axes
 from ppmcal.linalg import Array
 from ppmcal.model.limbs import LimbKind, find_kind
 from ppmcal.model.limbs.chain import SlotSpec
@@ -60,10 +61,16 @@ class LimbReader:
         given = self._flatten()
         self.draft.actuator = self._actuator()
         self._branch()
+        absent = absent_axes(self.kind, given, self.at)
         for group, specs in groups(self.kind):
             raw = given.get(group)
-            if group in self.kind.directions:
-                self._direction(group, specs, given)
+            if group in absent:
+                self.draft.absent += [(s.name, absent[group]) for s in specs]
+            elif group in self.kind.directions:
+                zero = next((d for d in self.kind.directions if d != group), None)
+                self._direction(group, zero, specs, given)
+            elif group in self.kind.axes:
+                self._first_axis(group, specs, given)
             elif len(specs) > 1 and group.startswith("joint"):
                 self._joint(group, specs, raw)
             elif len(specs) > 1:
@@ -201,9 +208,26 @@ class LimbReader:
             self.draft.polar.append((f"{group}.x", f"{group}.y", f"{own}.{radius}",
                                      f"{own}.{angle}"))
 
-    def _direction(self, group: str, specs: Sequence[SlotSpec], given: Mapping[str, Any]) -> None:
+    def _first_axis(self, group: str, specs: Sequence[SlotSpec], given: Mapping[str, Any]) -> None:
+        """The first axis of a universal joint: with errors only where they can matter.
+
+        That is where its offset is not nominally 0, or where the file speaks of them.
+        """
+        offset = next(s.name for s in self.kind.axis_offsets if s.needs == group)
+        slot = self._slot(0.0 if given.get(offset) is None else given[offset], offset)
+        nominal = slot.value if slot.nominal is None else slot.nominal
+        asked = isinstance(given[group], dict) and set(given[group]) - {"value"}
+        names = [f"{self.draft.name}.{s.name}" for s in specs]
+        if nominal or slot.share or asked or any(
+                fnmatchcase(n, p) for n in names for p in self.patterns):
+            self._direction(group, None, specs, given)
+        else:
+            axis = self._direction_file(group, given[group])
+            self.draft.constants[group] = unit(axis.value or [0.0, 0.0, 0.0], self.at(group))
+
+    def _direction(self, group: str, zero_name: str | None, specs: Sequence[SlotSpec],
+                   given: Mapping[str, Any]) -> None:
         """A direction, with ``base.zero`` that turns with it where the kind has one."""
-        zero_name = next((d for d in self.kind.directions if d != group), None)
         axis = self._direction_file(group, given.get(group))
         zero = self._direction_file(zero_name, given.get(zero_name)) if zero_name else None
         if axis.value is None and axis.share is not None:
@@ -220,7 +244,8 @@ class LimbReader:
     def _direction_file(self, name: str, raw: Any) -> DirectionFile:
         if raw is None:
             raise BadInput(f"the direction '{name}' is missing", self.at(""),
-                           f"Add `{name.rpartition('.')[2]}: [0, 0, 1]` under `base`")
+                           f"Add `{name.rpartition('.')[2]}: [0, 0, 1]` under "
+                           f"`{name.partition('.')[0]}`")
         where = f"{self.place}.{name}"
         if isinstance(raw, dict):
             out = check(DirectionFile, raw, self.source, prefix=where)

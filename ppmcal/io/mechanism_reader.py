@@ -50,7 +50,7 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     made, tolerances, findings = _parameters(file, drafts, units, home_pose, source)
     patterns = None if file.free is None else tuple(file.free)
     if patterns is not None:
-        findings += assemble.check_patterns(made, patterns, source)
+        findings += assemble.check_patterns(made, drafts, patterns, source)
     factors = _joint_factors(drafts, actuators, units)
     index = {p.name: i for i, p in enumerate(made)}
     limbs = tuple(Limb(d.name, d.kind, actuators.index(d.actuator), assemble.slot_map(d, index),
@@ -130,7 +130,8 @@ def _share_directions(drafts: Sequence[Draft], source: str) -> None:
             if late and "base.zero" in d.constants:
                 place = f"{source}: limbs.{d.name}.base.zero"
                 d.constants["base.zero"] = square(d.constants["base.zero"], values[share], place)
-            d.constants = {n: d.constants[n] for n in d.kind.directions if n in d.constants}
+            names = (*d.kind.directions, *d.kind.axes)
+            d.constants = {n: d.constants[n] for n in names if n in d.constants}
 
 
 def _agree_on_actuators(drafts: Sequence[Draft], source: str) -> None:

@@ -209,7 +209,7 @@ def groups(kind: LimbKind) -> list[tuple[str, list[SlotSpec]]]:
     out: dict[str, list[SlotSpec]] = {}
     for spec in (*kind.slots, *kind.joint_slots):
         head, _, tail = spec.name.rpartition(".")
-        together = head.endswith("point") or head in kind.directions or (
+        together = head.endswith("point") or head in (*kind.directions, *kind.axes) or (
             head.startswith("joint") and tail in ("x", "y", "z", *TURNS))
         out.setdefault(head if together else spec.name, []).append(spec)
     return list(out.items())

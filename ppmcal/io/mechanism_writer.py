@@ -50,7 +50,9 @@ class SlotWriter:
                ) -> Iterator[tuple[str, Any]]:
         """Yield (path, plain data) of one point, direction, joint frame or slot."""
         slots = self.slots[index]
-        if group in limb.kind.directions:
+        if group in limb.kind.axes and group not in limb.constants:
+            return
+        if group in (*limb.kind.directions, *limb.kind.axes):
             yield from self._directions(index, limb, group, specs)
         elif group.endswith(".point"):
             names = [s.name for s in specs]
@@ -115,11 +117,16 @@ class SlotWriter:
     def _directions(self, index: int, limb: Limb, group: str, specs: list[SlotSpec]
                     ) -> Iterator[tuple[str, Any]]:
         """Yield the axis, and ``base.zero`` which turns with it."""
+        if group in limb.kind.axes and specs[0].name not in self.slots[index]:
+            yield group, [float(v) for v in limb.constants[group]]
+            return
         parts = [self.mechanism.parameters[self.slots[index][s.name]] for s in specs]
         turn, nominal = (np.array([getattr(p, n) for p in parts]) for n in ("value", "nominal"))
-        apart = len(limb.kind.directions) == 1 and any(
-            s.startswith("joint") for s in self.slots[index])
-        for name in limb.kind.directions:
+        first_axis = group in limb.kind.axes
+        carries = any(s.startswith("joint") for s in self.slots[index]) or any(
+            a in limb.constants for a in limb.kind.axes)
+        apart = first_axis or (len(limb.kind.directions) == 1 and carries)
+        for name in (group,) if first_axis else limb.kind.directions:
             constant = limb.constants[name]
             now = constant if apart or not turn.any() else rotation(turn) @ constant
             out: dict[str, Any] = {"value": [float(v) for v in now]}

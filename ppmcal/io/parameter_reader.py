@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 
 from ppmcal.errors import BadInput
 from ppmcal.io.schema import hint
@@ -40,7 +41,8 @@ class Draft:
     """One limb as read: entries in parameter order, and how slots follow from them.
 
     ``direct``: slot names that take an entry's value; ``polar``: (slot x, slot y, path of
-    the radius, path of the angle). ``numbers``: lengths and angles as printed in the file.
+    the radius, path of the angle). ``numbers``: lengths and angles as printed in the file;
+    ``absent``: (slot name, the direction that the file would have to give for it).
     """
 
     name: str
@@ -53,6 +55,7 @@ class Draft:
     shared_directions: dict[str, str] = field(default_factory=dict)
     branch: int | None = None
     numbers: list[tuple[str, float]] = field(default_factory=list)
+    absent: list[tuple[str, str]] = field(default_factory=list)
 
     @property
     def has_ratio(self) -> bool:
@@ -168,7 +171,8 @@ def slot_map(draft: Draft, index: Mapping[str, int]) -> SlotMap:
         tuple((x, y, by_path[r], by_path[a]) for x, y, r, a in draft.polar))
 
 
-def check_patterns(made: Sequence[Parameter], patterns: Sequence[str], source: str) -> list[str]:
+def check_patterns(made: Sequence[Parameter], drafts: Sequence[Draft], patterns: Sequence[str],
+                   source: str) -> list[str]:
     """Refuse ``free`` patterns that name nothing; warn of those that name only fixed ones.
 
     Raises:
@@ -177,6 +181,11 @@ def check_patterns(made: Sequence[Parameter], patterns: Sequence[str], source: s
     missed = unmatched(made, patterns)
     names = [n for p in made for n in (p.name, *p.aliases)]
     if missed:
+        for limb, slot, axis in ((d.name, *one) for d in drafts for one in d.absent):
+            if fnmatchcase(f"{limb}.{slot}", missed[0]):
+                raise BadInput(f"the pattern '{missed[0]}' names {slot}, but {limb} has no {axis}",
+                               f"{source}: free",
+                               f"Add `axis: [1, 0, 0]` under `{axis.partition('.')[0]}` of {limb}")
         raise BadInput(f"the pattern '{missed[0]}' names no parameter", f"{source}: free",
                        f"Parameters are called {', '.join(names[:8])}, ...{hint(missed[0], names)}")
     return [f"{source}: free: the pattern '{pattern}' names only fixed parameters; give one a "

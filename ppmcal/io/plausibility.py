@@ -16,7 +16,7 @@ from ppmcal.calibration.plain_mistakes import recorded_units
 from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.inverse import home_state
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
@@ -47,6 +47,24 @@ def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> lis
         for i, name in enumerate(mechanism.actuators):
             out += _joint(mechanism, data, i, name, i not in outside)
         out += _swapped(mechanism, data)
+        out += _directions(mechanism, data)
+    return out
+
+
+def _directions(mechanism: Mechanism, data: Dataset) -> list[str]:
+    """Return recorded directions that are not those of the order that the sidecar vouches for."""
+    if data.approach != "sequence":
+        return []
+    whole = data if data.whole is None else data.whole
+    told, out = ways(whole.q), []
+    for a, name in enumerate(mechanism.actuators):
+        recorded = whole.columns.get(f"dir_{name}", np.full(len(whole), np.nan))
+        other = np.flatnonzero(np.isfinite(told[:, a]) & (np.sign(recorded) == -told[:, a]))
+        if other.size:
+            out.append(f"{data.source}: dir_{name}: {row_list(whole.rows[other] - 1)}: the joint "
+                       "came from the other side if the rows were visited in their order. "
+                       "Directions are taken from the order; if the joint moved in between, write "
+                       "`approach: columns`.")
     return out
 
 

@@ -187,7 +187,7 @@ class Strict(BaseModel):
             raise refuse(f"{show(data)} is not a mapping",
                          f"Write keys with values here: {', '.join(names)}")
         for key in data:
-            if key not in names:
+            if key not in names and cls.model_config.get("extra") != "allow":
                 error = unknown("key", key, names)
                 raise refuse(error.what, error.mend)
         for name, field in cls.model_fields.items():

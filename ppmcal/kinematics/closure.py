@@ -75,25 +75,46 @@ class Model:
         ``wanted`` are the parameter indices whose columns Bg will be asked for.
         """
         q = np.atleast_2d(np.asarray(q, dtype=float))
-        bodies, slots, columns = [], [], []
+        bodies, slots, columns, turning = [], [], [], []
         for i, limb in enumerate(self.mechanism.limbs):
             names, used = limb.slots.feeds(set(wanted))
             values = {**self.limb_values[i], U: self.joint_coordinate(i, q)}
             bodies.append(limb.kind.evaluate(values, {U, *names}))
             slots.append(tuple(names))
             columns.append(tuple(used))
-        return Closure(self, q, tuple(bodies), tuple(slots), tuple(columns))
+            turning += [i] if limb.kind.turns(values, names) else []
+        return Closure(self, q, tuple(bodies), tuple(slots), tuple(columns), tuple(turning))
 
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """The stacked closure equations of N poses with their joints locked at ``q`` (N, k)."""
+    """The stacked closure equations of N poses with their joints locked at ``q`` (N, k).
+
+    ``turning`` are the limbs whose surface depends on the pose besides, because the axes of a
+    universal joint do not meet: ``bodies`` has them as if they met, :meth:`at` as they are.
+    """
 
     model: Model
     q: Array
     bodies: tuple[ClosureSurface, ...]
     slots: tuple[tuple[str, ...], ...]
     columns: tuple[tuple[int, ...], ...]
+    turning: tuple[int, ...] = ()
+
+    def at(self, pose: Array) -> Closure:
+        """Return the closure with every joint of offset axes turned as at motors ``pose`` (N, 8).
+
+        At these poses c and all derivatives are those of the machine: the joint's own turn makes c
+        stationary, and so does no work. Itself where all axes meet.
+        """
+        if not self.turning:
+            return self
+        bodies = list(self.bodies)
+        for i in self.turning:
+            values = {**self.model.limb_values[i], U: self.model.joint_coordinate(i, self.q)}
+            bodies[i] = self.model.mechanism.limbs[i].kind.evaluate(
+                values, {U, *self.slots[i]}, np.atleast_2d(pose))
+        return replace(self, bodies=tuple(bodies), turning=())
 
     @cached_property
     def fixed(self) -> Array:
@@ -122,11 +143,12 @@ class Closure:
 
     def carried(self, pose: Array) -> Array:
         """Platform-side vectors carried to the base frame by motors ``pose`` (N, 8)."""
-        return cga.move_vector(np.atleast_2d(pose)[:, None, :], self.moving)
+        return cga.move_vector(np.atleast_2d(pose)[:, None, :], self.at(pose).moving)
 
     def misclosure(self, pose: Array) -> Array:
         """Return c (N, d), m: the inner product scaled to a length (exact where it is 0)."""
-        return self.scale * cga.inner(self.fixed, self.carried(pose))
+        here = self.at(pose)
+        return here.scale * cga.inner(here.fixed, here.carried(pose))
 
     def lengths(self, pose: Array) -> Array:
         """Return c as true lengths (N, d), m: |x - C| - radius for spheres."""
@@ -138,17 +160,17 @@ class Closure:
 
         A platform twist B changes c by their pairing.
         """
-        moved = self.carried(pose)
-        here = self.point_moves[:, None]
-        point = np.where(here, moved, self.fixed)
-        surface = np.where(here, self.fixed, moved)
-        sign = np.where(self.point_moves, 1.0, -1.0)
-        return (sign * self.scale)[..., None] * cga.leg_line(point, surface)
+        here = self.at(pose)
+        moved, carries = here.carried(pose), here.point_moves[:, None]
+        point = np.where(carries, moved, here.fixed)
+        surface = np.where(carries, here.fixed, moved)
+        sign = np.where(here.point_moves, 1.0, -1.0)
+        return (sign * here.scale)[..., None] * cga.leg_line(point, surface)
 
     def contacts(self, pose: Array) -> Array:
         """Return the points at which the legs hold the platform (N, d, 3), base axes."""
-        moved = self.carried(pose)
-        return cga.coordinates(np.where(self.point_moves[:, None], moved, self.fixed))
+        here = self.at(pose)
+        return cga.coordinates(np.where(here.point_moves[:, None], here.carried(pose), here.fixed))
 
     def pose_matrix(self, pose: Array, lines: Array | None = None) -> Array:
         """Return A (N, d, d): columns (origin displacement, rotation) of the motion."""
@@ -174,10 +196,11 @@ class Closure:
     def error_blocks(self, pose: Array, lines: Array | None = None
                      ) -> list[tuple[slice, tuple[int, ...], Array]]:
         """Return Bg limb by limb: (rows, parameter indices, block (N, k, P_limb))."""
-        lines = self.lines(pose) if lines is None else lines
+        here = self.at(pose)
+        lines = here.lines(pose) if lines is None else lines
         out = []
         row = 0
-        for i, (limb, body) in enumerate(zip(self.model.mechanism.limbs, self.bodies, strict=True)):
+        for i, (limb, body) in enumerate(zip(self.model.mechanism.limbs, here.bodies, strict=True)):
             rows = slice(row, row + len(body.point_moves))
             row = rows.stop
             if not self.columns[i]:
@@ -208,7 +231,7 @@ class Closure:
         if set(slots) != {"offset"}:
             kind = self.model.mechanism.limbs[limb].kind
             values = {**self.model.limb_values[limb], U: self.model.joint_coordinate(limb, self.q)}
-            body = kind.evaluate(values, {U, *slots})
+            body = kind.evaluate(values, {U, *slots}, np.atleast_2d(pose))
         out = np.zeros((*lines.shape[:2], len(slots)))
         out[:, rows] = _slot_columns(body, lines[:, rows], pose, slots)
         return out

@@ -21,19 +21,36 @@ from ppmcal.model.dataset import (
     unknown_environment,
     with_platform_directions,
 )
-from ppmcal.model.effects import EffectKind, LimbSetting, Setting, Shift, Terms, total
+from ppmcal.model.effects import (
+    EffectKind,
+    EffectParameter,
+    LimbSetting,
+    Setting,
+    Shift,
+    Terms,
+    total,
+)
+from ppmcal.model.history import History
 from ppmcal.model.mechanism import Effect, Mechanism, with_effect
 from ppmcal.model.parameters import Parameter
 
 ROUNDS = 40
 SETTLED = 1e-12
 """Loads and slots belong together: they change by less than this part of the reach."""
+ORDER = "approach: sequence"
+"""What rows lack if their order is not known, or what the joints did between them."""
 
 
 def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
     """Return the environment of a data set's rows."""
+    whole = data if data.whole is None else data.whole
+    # of a distance between two positions nobody says in which order they were visited
+    q = whole.q if whole.to_q is None else np.full_like(whole.q, np.nan)
+    seen = environment(whole.columns, mechanism.actuators, mechanism.gravity, q,
+                       whole.approach == "sequence")
+    place = seen.place if data.place is None or seen.place is None else seen.place[data.place]
     found = replace(environment(data.columns, mechanism.actuators, mechanism.gravity, data.q),
-                    row=data.rows.astype(float) + data.before)
+                    row=data.rows.astype(float) + data.before, history=seen.history, place=place)
     visited = data.directions()
     if visited is not None:
         return replace(found, approach=visited)
@@ -54,7 +71,7 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
         for column, c in enumerate(mechanism.dof):
             if c < 3:
                 drive[rows, :, c] = moves[..., column]
-    return with_platform_directions(found, by_axis, drive)
+    return with_platform_directions(found, by_axis, drive).with_directions()
 
 
 def setting(model: Model, environment: Environment, q: Array, pose: Array,
@@ -88,7 +105,8 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         ratio * environment.velocity, environment.temperature, environment.wrench, environment.time,
         environment.row, tuple(limbs), lambda wrench: loads(closed, q, pose, wrench),
         lambda wrench: limb_forces(closed, q, pose, wrench), environment.weight, mechanism.gravity,
-        cga.rotation_matrix(pose))
+        cga.rotation_matrix(pose), history=environment.history, place=environment.place,
+        ratio=ratio, past_load_of=lambda: _past_loads(mechanism, environment.history))
     return _carrying(mechanism, model.parameters, known)
 
 
@@ -103,6 +121,22 @@ def _carrying(mechanism: Mechanism, g: Array, known: Setting) -> Setting:
     if wrench is known.wrench:
         return known
     return replace(known, weight=weight, wrench=wrench, known=known)
+
+
+def _past_loads(mechanism: Mechanism, history: History | None) -> Array:
+    """Return the loads on the actuators at each row of a history (H, k), nominal geometry.
+
+    An error of the geometry changes them by its part of the reach, a thousandth of what they do.
+    """
+    if history is None:
+        return np.full((0, len(mechanism.actuators)), np.nan)
+
+    def found() -> Array:
+        nominal = Model(mechanism.nominal())
+        found = loads(nominal, history.q, forward(nominal, history.q).pose, history.wrench)
+        return np.where(np.all(history.wrench == 0.0, axis=1)[:, None], 0.0, found)
+
+    return history.load(found)
 
 
 def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
@@ -286,7 +320,8 @@ def _spread(effect: Effect, parameters: Sequence[Parameter]) -> bool:
     own = [(s, parameters[effect.parameters[s.name]])
            for m in effect.kind.motions for s in effect.kind.parameters(m)
            if s.name in effect.parameters]
-    return any(p.free or p.value != 0.0 for s, p in own if s.of_stroke or s.per_stroke)
+    spread = [p for s, p in own if s.of_stroke or s.per_stroke]
+    return not spread or any(p.free or p.value != 0.0 for p in spread)
 
 
 def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:
@@ -294,8 +329,25 @@ def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:
     out: list[str] = []
     for effect in mechanism.effects:
         on = [a for a, used in enumerate(effect.on) if used]
-        out += lacking(effect.kind.needs, [mechanism.actuators[a] for a in on], on, rows)
+        out += lacking(_needs(mechanism, effect), [mechanism.actuators[a] for a in on], on, rows)
     return tuple(dict.fromkeys(out))
+
+
+def remembers(mechanism: Mechanism) -> bool:
+    """Whether an effect depends on what came before a row."""
+    return any({"order", "past"} & set(_needs(mechanism, e)) for e in mechanism.effects)
+
+
+def _needs(mechanism: Mechanism, effect: Effect) -> tuple[str, ...]:
+    """Return what an effect needs, with its parameters as they are."""
+    return (*effect.kind.needs, *(n for s in effect.kind.parameters(mechanism.motion)
+                                  if not _off(mechanism, effect, s) for n in s.needs))
+
+
+def _off(mechanism: Mechanism, effect: Effect, spec: EffectParameter) -> bool:
+    """Whether a parameter has its default for good."""
+    parameter = mechanism.parameters[effect.parameters[spec.name]]
+    return parameter.value == spec.default and not parameter.free
 
 
 def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
@@ -305,6 +357,10 @@ def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
     for need in needs:
         if need == "row":
             continue    # every row has its number; none: after the last one
+        if need == "order":
+            direct = None if rows.history is None else rows.history.direct
+            out += [ORDER for a in on if direct is None or not direct[a]][:1]
+            continue
         if need in ("dir", "vel"):
             part = rows.approach if need == "dir" else rows.velocity
             out += [f"{need}_{n}" for n, a in zip(names, on, strict=True)
@@ -312,6 +368,8 @@ def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
         elif need in ("load", "wrench"):
             if not finite_rows(rows.wrench).any():
                 out.append("payload")
-        elif not np.isfinite(getattr(rows, need)).any():
+        elif need == "past" and (rows.history is None or not rows.history.timed):
+            out.append("time")
+        elif need != "past" and not np.isfinite(getattr(rows, need)).any():
             out.append(need)
     return out

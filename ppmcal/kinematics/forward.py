@@ -75,7 +75,8 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
 def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
     """Newton at ``q`` from ``pose``; good rows converged, contracting, on the same side."""
     closure = model.closure(q)
-    side = np.sign(np.linalg.det(closure.pose_matrix(pose)))
+    with np.errstate(invalid="ignore"):  # nan where an offset universal joint cannot stand
+        side = np.sign(np.linalg.det(closure.pose_matrix(pose)))
     solved, converged, contraction = newton(closure, pose)
     same = np.zeros(q.shape[0], dtype=bool)
     if converged.any():
@@ -116,8 +117,8 @@ def newton(closure: Closure, pose: Array, iterations: int = 25) -> tuple[Array, 
     converged = np.zeros(pose.shape[0], dtype=bool)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
-            c = closure.misclosure(pose)
-            lines = closure.lines(pose)
+            here = closure.at(pose)
+            c, lines = here.misclosure(pose), here.lines(pose)
             step = np.zeros((pose.shape[0], 6))
             step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), c)
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,

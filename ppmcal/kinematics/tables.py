@@ -169,7 +169,8 @@ def with_joints(mechanism: Mechanism, data: Dataset) -> Dataset:
     q = data.q.copy()
     found = inverse_partial(Model(mechanism.nominal()), data.commanded[missing])
     q[missing] = found.q
-    return replace(data, q=q)
+    whole = None if data.whole is None else with_joints(mechanism, data.whole)
+    return replace(data, q=q, whole=whole)
 
 
 def _judged(

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.linalg import Array, ways
+from ppmcal.linalg import Array, Ints, ways
+from ppmcal.model.history import History, history_of, straight
 from ppmcal.units import SI, Units
 from ppmcal.wording import counted
 
@@ -68,6 +69,8 @@ class Dataset:
         read: the sidecar's own block ``read``.
         headers: our column -> the file's header, where they differ.
         before: rows of the campaign's files before this one.
+        whole: the data set before rows were taken out: they were visited all the same; None:
+            itself. ``place``: where its rows are in that one (N,).
     """
 
     name: str
@@ -102,6 +105,8 @@ class Dataset:
     read: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     before: int = 0
+    whole: Dataset | None = None
+    place: Ints | None = None
 
     @classmethod
     def of_poses(cls, name: str, q: Array, pose: Array, sigma: tuple[float, float],
@@ -143,7 +148,9 @@ class Dataset:
             sigma_position=self.sigma_position[keep], sigma_rotation=self.sigma_rotation[keep],
             sigma_value=self.sigma_value[keep], groups=self.groups[keep],
             columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
-            visited=None if visited is None else visited[keep], unusable=unusable)
+            visited=None if visited is None else visited[keep], unusable=unusable,
+            whole=self if self.whole is None else self.whole,
+            place=np.arange(len(self))[keep] if self.place is None else self.place[keep])
 
     def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
         """Return the data set with ``rows`` (N,) marked unusable, unless they are already."""
@@ -172,8 +179,10 @@ class Environment:
 
     ``approach``, ``velocity`` (of q) (N, k); ``temperature`` K above 20 degrees Celsius (N,);
     ``wrench`` on the platform (N, 6), and the part of its force that is the payload's ``weight``
-    (N, 3); ``time`` s (N,). ``row``: number in the campaign, from 1 on
-    through its files in their order (N,); inf: after all of them.
+    (N, 3); ``time`` s (N,). ``row``: number in the campaign, from 1 on through its files in their
+    order (N,); inf: after all of them. ``history``: all rows of the file in the order of their
+    visit, None where that is not known; ``place``: where each row is in it (N,), -1 where it is
+    not.
     """
 
     approach: Array
@@ -183,12 +192,22 @@ class Environment:
     time: Array
     row: Array
     weight: Array
+    history: History | None = None
+    place: Ints | None = None
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Environment:
-        """Return the environment of some rows."""
+        """Return the environment of some rows; their history stays whole."""
         return Environment(self.approach[rows], self.velocity[rows], self.temperature[rows],
                            self.wrench[rows], self.time[rows], self.row[rows],
-                           self.weight[rows])
+                           self.weight[rows], self.history,
+                           None if self.place is None else self.place[rows])
+
+    def with_directions(self) -> Environment:
+        """Return it with the history's joints known to go straight only where they did."""
+        if self.history is None or self.place is None:
+            return self
+        direct = self.history.direct & straight(self.history, self.place, self.approach)
+        return replace(self, history=replace(self.history, direct=direct))
 
 
 def unknown_environment(rows: int, joints: int) -> Environment:
@@ -208,9 +227,9 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
             kg, ``fx`` ..., ``time``; (N,) each.
         actuators: names of the joints.
         gravity: direction of weight in base axes (3,).
-        q: joint values (N, k).
+        q: joint values (N, k), nan where not known.
         sequence: the rows were visited in order, so that the way from the row before is
-            the direction of approach.
+            the direction of approach; else ``time`` tells in which order.
     """
     n = q.shape[0]
     blank = np.full(n, np.nan)
@@ -225,8 +244,12 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
         wrench, force = np.stack(given, axis=-1), weight[:, None] * gravity
         wrench[:, :3] += force
     temperature = columns.get("temperature", blank) - REFERENCE_TEMPERATURE
-    return Environment(approach, velocity, temperature, wrench, columns.get("time", blank),
-                       np.full(n, np.inf), force)
+    time = columns.get("time", blank)
+    # of a joint whose direction is 0 throughout nobody moves it: it stays where it is
+    rests = np.all(approach == 0.0, axis=0)
+    history, place = history_of(np.where(rests, 0.0, q), time, temperature, wrench, sequence)
+    return Environment(approach, velocity, temperature, wrench, time, np.full(n, np.inf), force,
+                       history, place).with_directions()
 
 
 def with_platform_directions(found: Environment, by_axis: Array, drive: Array) -> Environment:

@@ -285,7 +285,7 @@ def with_effect(mechanism: Mechanism, kind: EffectKind, on: Sequence[bool],
             f"{label}.{spec.name}", resolved(spec.quantity, joint), g.value,
             g.value if g.nominal is None else g.nominal, g.tolerance, not g.free, "", (),
             g.sigma, g.free, 0.1 * g.value if spec.reciprocal else spec.size, spec.reciprocal,
-            spec.nonlinear))
+            spec.nonlinear and not spec.scaling))
     first = len(mechanism.parameters)
     index = {s.name: first + i for i, s in enumerate(kind.parameters(mechanism.motion))}
     parameters = (*mechanism.parameters, *made)

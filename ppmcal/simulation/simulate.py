@@ -18,7 +18,7 @@ from ppmcal.calibration.observation import SCALARS, stretched
 from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import missing_columns, with_strokes
+from ppmcal.kinematics.effect_response import ORDER, missing_columns, remembers, with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
@@ -92,7 +92,9 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
         scenario, time)
     velocity = _own(own, "vel", mechanism,
                     direction * scenario.velocity * _speeds(scenario, direction.shape, rng), order)
-    rows = _environment(mechanism, direction, velocity, payload, temperature, time)
+    # of two positions in a row nobody says which came first
+    visited = np.full_like(direction, np.nan) if scenario.pairs else q[order]
+    rows = _environment(mechanism, direction, velocity, payload, temperature, time, visited)
     with_effects = with_strokes(scenario.with_effects, q)
     model = Model(with_effects, g)
     _recorded(with_effects, rows, scenario)
@@ -101,6 +103,10 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
     other = (order + len(q) // 2) % len(q)
     ends = _visited(model, q[other], rows, scenario, rng)[0] if scenario.pairs else actual
     keep = finite_rows(actual) & finite_rows(ends)
+    if not keep.all() and remembers(with_effects):
+        raise BadInput(f"pose {order[~keep][0]} cannot be reached, and an effect depends on the "
+                       "way to and from it", f"{scenario.source}: poses",
+                       "Choose poses further inside")
     if not keep.any():
         raise NoResult("the machine with these errors cannot reach any of the poses",
                        scenario.source, "Inject smaller errors or choose other poses")
@@ -174,7 +180,7 @@ def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
 
 
 def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payload: Array | None,
-                 temperature: Array | None, time: Array) -> Environment:
+                 temperature: Array | None, time: Array, q: Array) -> Environment:
     columns = {"time": time}
     for a, name in enumerate(mechanism.actuators):
         columns[f"dir_{name}"], columns[f"vel_{name}"] = direction[:, a], velocity[:, a]
@@ -182,7 +188,7 @@ def _environment(mechanism: Mechanism, direction: Array, velocity: Array, payloa
         columns["payload"] = payload
     if temperature is not None:
         columns["temperature"] = temperature
-    return replace(environment(columns, mechanism.actuators, mechanism.gravity, direction),
+    return replace(environment(columns, mechanism.actuators, mechanism.gravity, q),
                    row=np.arange(1.0, len(time) + 1.0))
 
 
@@ -191,6 +197,9 @@ def _recorded(with_effects: Mechanism, rows: Environment, scenario: Scenario) ->
     mend = {"payload": "conditions: {payload: [0, 20]}",
             "temperature": "conditions: {temperature: {mean: 20, swing: 4}}"}
     missing = missing_columns(with_effects, rows)
+    if ORDER in missing:
+        raise BadInput("an effect depends on the way from row to row, which the scenario leaves "
+                       "open", f"{scenario.source}: approach", f"Write `{ORDER}`")
     if missing:
         raise BadInput(f"an effect depends on {missing[0]}, which the scenario does not set",
                        f"{scenario.source}: conditions", f"Add `{mend[missing[0]]}`")

@@ -258,6 +258,7 @@ def test_a_flat_calibration_claims_no_more_than_its_data(sessions: Path, tmp_pat
     assert run.json["degrees"] == 9 and run.json["p_value"] > 1e-3
 
 
+@pytest.mark.slow
 def test_noise_that_was_stated_too_small_is_one_matter(sessions: Path, tmp_path: Path) -> None:
     """Both commands take the noise as the residuals show it; a change is not made up from it."""
     for label in "AB":

@@ -98,6 +98,7 @@ def test_noise_check_seldom_cries_wolf(level: float) -> None:
     assert np.mean(p < 0.5) > 0.2
 
 
+@pytest.mark.slow
 def test_good_rows_are_seldom_taken_for_outliers() -> None:
     # a row goes when its p-value times the number of rows is below 0.05: 5 % of the campaigns
     dropped = int(np.sum(column("dropped") > 0))

@@ -144,6 +144,7 @@ def test_the_mend_of_the_message_can_be_copied(tmp_path: Path) -> None:
     assert misfit(problem_of(path)).times < 1.0
 
 
+@pytest.mark.slow
 def test_a_second_mistake_is_added_to_what_the_sidecar_says_already(tmp_path: Path) -> None:
     path = session(tmp_path, both(swapped, scaled(("x", "y", "z"), 1e-3)))
     mended(path, {"units": {"x": "m", "y": "m", "z": "m"}})

@@ -102,6 +102,7 @@ def test_readings_that_agree_at_the_targets_promise_what_is_true(gain: Path) -> 
     assert true < 0.02
 
 
+@pytest.mark.slow
 def test_a_reading_that_would_send_the_machine_astray_is_left_out(gain: Path) -> None:
     """The wrong member first: commands made with a scale of the instrument that is none."""
     found = json.loads((gain / "d" / "diagnosis.json").read_text())
@@ -127,6 +128,7 @@ def test_a_reading_that_would_send_the_machine_astray_is_left_out(gain: Path) ->
     assert true_error(gain, gain / "cw" / "commands.csv") < 0.02
 
 
+@pytest.mark.slow
 def test_what_is_unexplained_is_in_the_promise(tmp_path: Path) -> None:
     """A leg's zero jumps in mid-run: no effect of the library, and the fit shares it out."""
     campaign(tmp_path, "")

@@ -450,6 +450,9 @@ def test_effects_csv(made: Callable[[str], Path], name: str) -> None:
     assert len(keys) == len(set(keys))
     for r in table:
         assert r["status"]
+        if r["kind"] in ("play", "hysteresis"):     # poses are approached from both sides
+            assert r["status"] == "not testable"
+            continue
         assert 0.0 <= number(r, "p_value") <= 1.0
         assert 0.0 <= number(r, "survival") <= 1.0 + 1e-9
     assert {r["kind"] for r in table if r["status"] == "named"} == set(named(found))

@@ -59,7 +59,8 @@ def marked(effects: list[dict[str, Any]], start: dict[str, float]) -> list[dict[
         for n, v in e["parameters"].items()}} for e in effects]
 
 
-GUESSES = {"compliance.stiffness": 5000.0, "periodic.period": 7.1, "tilt.direction": 20.0,
+GUESSES = {"play.width": 0.02, "friction.speed": 6.0, "creep.tau": 90.0, "leg_thermal.tau": 250.0,
+           "compliance.stiffness": 5000.0, "periodic.period": 7.1, "tilt.direction": 20.0,
            "tilt.shrink": 1e-4, "compliance.hardening": 0.01, "plate_compliance.reach": 400.0}
 # In each campaign effects that its poses can tell from one another and from the offsets.
 CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
@@ -90,6 +91,14 @@ CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
     "inclined": ("6-UPS", [
         effect("compliance", stiffness=3000.0), effect("gravity_tilt", first=5.0, second=-8.0),
         effect("payload_offset", x=60.0, y=-90.0, z=80.0)]),
+    "memory 1": ("3-RPR", [
+        effect("play", ["leg1"], width=0.03), effect("creep", ["leg3"], give=2e-4, tau=150.0),
+        effect("friction", ["leg2"], static=0.04, dynamic=0.01, speed=10.0),
+        effect("leg_thermal", expansion=11e-6, tau=500.0)]),
+    "memory 2": ("6-UPS", [
+        effect("hysteresis", ["leg2"], w1=0.03, w2=0.01, w3=0.004, low=1900.0, high=3400.0),
+        effect("product", ["leg4"], width=0.01) | {"of": ["backlash", "temperature"]},
+        effect("leg_thermal", ["leg5"], growth=1e-4, tau=300.0) | {"from": "motion"}]),
     "events": ("6-UPS", [
         effect("zero_shift", ["leg3"], shift=0.05, from_row=12),
         effect("zero_shift", ["leg5"], shift=-0.03, from_row=30),
@@ -114,7 +123,8 @@ def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None
     # once per turn and a zero error are one over a part of a turn
     free = [] if "eccentricity" in [e["kind"] for e in effects] else ["*.offset"]
     plain = machine(tmp_path, name, [], "plain.yaml", free=free)
-    plan = scenario(tmp_path, name, effects, errors={"random": {"scale": 1.0}})
+    approach = "sequence" if campaign.startswith("memory") else "both"
+    plan = scenario(tmp_path, name, effects, errors={"random": {"scale": 1.0}}, approach=approach)
     ppmcal("simulate", plain, plan, "--out", "s", cwd=tmp_path, expect=0)
     truth = json.loads((tmp_path / "s" / "truth.json").read_text())
     assert [e["kind"] for e in truth["effects"]] == [e["kind"] for e in effects]

@@ -18,7 +18,8 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import held_out_gap as gaps
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest, build_test, log_p
 from ppmcal.diagnosis.adequacy import kernel_test
-from ppmcal.diagnosis.candidates import library, usual_range
+from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.grids import usual_range
 from ppmcal.diagnosis.hypotheses import Library, united
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.rivals import find, rivals
@@ -127,14 +128,14 @@ def test_given_takes_the_chosen_columns_out_of_the_others() -> None:
     """C^T M C of what is left of unit columns, for several groups at once; G itself stays."""
     jacobian, columns, _, test = random_case()
     found = test.given([0, 5])
-    assert found.gram is test.gram
+    assert found.unit is test.unit
     assert found.taken == (0, 5)
     left = off(np.concatenate([jacobian, columns[:, [0, 5]]], axis=1),
                columns / np.linalg.norm(columns, axis=0))
     rows, others = np.array([[1, 2], [3, 0]]), np.array([[4, 6, 8], [3, 5, 7]])
     for block, a, b in zip(found.block(rows, others), rows, others, strict=True):
         assert np.allclose(block, left[:, a].T @ left[:, b], atol=1e-12)
-    assert np.allclose(test.block(rows, others)[0], test.gram[np.ix_([1, 2], [4, 6, 8])])
+    assert np.allclose(test.block(rows, others)[0], test.unit[[1, 2]] @ test.unit[[4, 6, 8]].T)
 
 
 @pytest.mark.parametrize("group", [[4], [0, 5], [7, 1, 3]])
@@ -186,7 +187,8 @@ def test_extended_has_sums_of_columns() -> None:
     value, _ = found.fit([9])
     model = np.concatenate([whole[:, [9]], jacobian], axis=1)
     assert value[0] == pytest.approx(np.linalg.lstsq(model, residual, rcond=None)[0][0], rel=1e-8)
-    cosine = found.gram / np.sqrt(np.outer(np.diagonal(found.gram), np.diagonal(found.gram)))
+    gram = found.block(np.arange(11), np.arange(11))
+    cosine = gram / np.sqrt(np.outer(np.diagonal(gram), np.diagonal(gram)))
     wanted = unit.T @ unit
     wanted /= np.sqrt(np.outer(np.diagonal(wanted), np.diagonal(wanted)))
     assert np.allclose(cosine, wanted, atol=1e-9)
@@ -492,8 +494,8 @@ def test_sensor_scale_and_gain_of_all_encoders_are_rivals() -> None:
     scale = next(i for i, f in enumerate(forms) if f.kind == "sensor_scale")
     gain = next(i for i, f in enumerate(forms) if f.kind == "gain" and f.shared and len(f.on) == 6)
     a, b = forms[scale].columns[0], forms[gain].columns[0]
-    g = stage.search.test.gram
-    assert abs(g[a, b]) / np.sqrt(g[a, a] * g[b, b]) > 0.995
+    g = stage.search.test.block(np.array([a, b]), np.array([a, b]))
+    assert abs(g[0, 1]) / np.sqrt(g[0, 0] * g[1, 1]) > 0.995
     for one, other in ((scale, gain), (gain, scale)):
         found = {r.hypothesis.label: r for r in rivals(stage.search, (one,), one)}
         rival = found[forms[other].label]

@@ -120,6 +120,7 @@ def test_groups_are_the_same_before_and_after(later: float) -> None:
             assert 0.7 < p["rms_ratio_after"] < 1.3, p
 
 
+@pytest.mark.slow
 def test_next_step_agrees_with_the_findings() -> None:
     """More is to be measured where the held-out poses do not confirm what is named."""
     result = case("shared").result
@@ -176,6 +177,7 @@ def test_a_record_of_another_kind_is_refused(tmp_path: Path, record: Record, pla
     assert str(path) in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_same_sentences_on_the_console_and_in_the_report(
         capsys: pytest.CaptureFixture[str]) -> None:
     found = case("each")

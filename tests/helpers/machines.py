@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from ppmcal import algebra as cga
@@ -205,6 +206,30 @@ def full(kind: str) -> Mechanism:
     return read_text(mechanism_text(limbs, case.motion, case.home, free=["*"]))
 
 
+OFFSET_JOINTS = tuple((kind, body) for kind in ("U(P)S", "(P)US", "(R)US")
+                      for body in ("base", "platform"))
+"""Kinds that have a universal joint, and the bodies that can carry it."""
+
+
+@cache
+def offset_joints(kind: str, body: str, full: bool = False, size: float = 12.0) -> Mechanism:
+    """Return the machine of a kind whose universal joints' axes miss each other, mm.
+
+    Offsets have both signs and the first axes lie in many directions. ``full``: with every slot,
+    joint frames included. Without ``size`` the axes of all joints are given, and meet.
+    """
+
+    def change(i: int, limb: dict[str, Any]) -> dict[str, Any]:
+        own = dict(limb[body])
+        if size:
+            own["axis_offset"] = (-1.0) ** i * (size + i)
+        if (kind, body) != ("(R)US", "base"):
+            own["axis"] = [math.cos(i), math.sin(i), 0.3 - 0.1 * i]
+        return {**limb, body: own, **({"offset": 3.0 + i, "ratio": 4.5 - i} if full else {})}
+
+    return read_text(plain_text(kind, change, **({"free": ["*"]} if full else {})))
+
+
 def delta(actuated: str, rods: int) -> Mechanism:
     """Return a delta, ``(P)US`` or ``(R)US``: three ideal parallelograms, or six rods in pairs."""
     limbs: Limbs = []
@@ -352,6 +377,8 @@ def contract_lengths(kind: str, v: Mapping[str, float], c: Mapping[str, Array], 
     sigma, lateral = v.get("slide_angle", 0.0), v.get("lateral", 0.0)
     p = v.get("proximal", 0.0)
     ab, u1 = b - a, u[:, None]
+    if v.get("base.axis_offset") or v.get("platform.axis_offset"):
+        return _offset_length(kind, v, c, u, (a, b, rotation))[:, None]
     rows: Callable[[], Any] = {
         "R(P)R": lambda: _norm(ab) - np.hypot(u, lateral),
         "(R)PR": lambda: _dot(_n(u), ab) - lateral,
@@ -372,6 +399,20 @@ def contract_lengths(kind: str, v: Mapping[str, float], c: Mapping[str, Array], 
         "R(P)S": lambda: (_norm(ab) - np.hypot(u, lateral), ab @ c["base.axis"] - lateral),
     }[kind]
     return np.stack(np.atleast_2d(rows()), axis=-1)
+
+
+def _offset_length(kind: str, v: Mapping[str, float], c: Mapping[str, Array], u: Array,
+                   ends: tuple[Array, Array, Array]) -> Array:
+    """Return by how much h^2 + (r - e)^2 is off, as a length (N,): the contract's section 6."""
+    a, b, rotation = ends
+    foot = {"U(P)S": lambda: a, "(P)US": lambda: a + u[:, None] * c["base.direction"],
+            "(R)US": lambda: a + v["proximal"] * _about(c["base.axis"], u, c["base.zero"])}[kind]()
+    rod = {"U(P)S": np.abs(u), "(P)US": v.get("length"), "(R)US": v.get("distal")}[kind]
+    body = "base" if v.get("base.axis_offset") else "platform"
+    axis = c["base.axis"] if body == "base" else rotation @ c["platform.axis"]
+    h = _dot(b - foot, axis)
+    r = _norm(np.cross(b - foot, axis))
+    return np.hypot(h, r - v[f"{body}.axis_offset"]) - rod
 
 
 # --- the same linkages as products of 4x4 matrices ------------------------------------------------
@@ -441,6 +482,37 @@ def _chain(steps: str, v: Mapping[str, float], c: Mapping[str, Array], u: Array)
     return out
 
 
+def _first_axis(body: str, v: Mapping[str, float], c: Mapping[str, Array]) -> Array:
+    turn = [v.get(f"{body}.axis.{k}", 0.0) for k in ("rx", "ry", "rz")]
+    return Rotation.from_rotvec(turn).as_matrix() @ c[f"{body}.axis"]
+
+
+def _two_axes(axis: Array, e: float, to_end: Array) -> Array:
+    """Return where the second axis of a universal joint is, from the first (N, 3).
+
+    The joint is turned about its first axis (N, 3), in all ways, until its second axis is square to
+    the rod: halving finds the angle between one where the rod leans to one side and where it leans
+    to the other. The offset points to the rod's other end, ``to_end`` (N, 3) away.
+    """
+    axis, to_end = np.broadcast_arrays(axis, to_end)
+    out = np.empty(axis.shape)
+    for i, (a, x) in enumerate(zip(axis, to_end, strict=True)):
+        across = _oriented(a, None)[:, 0]
+
+        def joint(t: float, a: Array = a, across: Array = across) -> tuple[Array, Array]:
+            turn = Rotation.from_rotvec(t * a)
+            return turn.apply(across), turn.apply(np.cross(a, across))
+
+        grid = np.linspace(0.0, 2.0 * math.pi, 17)
+        lean = [float(joint(t)[1] @ x) for t in grid]
+        roots = [brentq(lambda t, x=x, joint=joint: joint(t)[1] @ x, low, high, xtol=1e-15)
+                 for low, high, p, q in zip(grid, grid[1:], lean, lean[1:], strict=False)
+                 if p * q < 0.0]
+        n = next(joint(t)[0] for t in roots if joint(t)[0] @ x > 0.0)
+        out[i] = e * n
+    return out
+
+
 def chain_lengths(kind: str, v: Mapping[str, float], c: Mapping[str, Array], u: Array,
                   pose: Array) -> Array:
     """Return by how far a limb is from closing (N, k), m, with all its frame errors.
@@ -454,7 +526,16 @@ def chain_lengths(kind: str, v: Mapping[str, float], c: Mapping[str, Array], u: 
     base, link = _chain(first, v, c, u), _chain(second, v, c, u)
     rotation, origin = matrices(pose)
     end = _place(rotation, origin) @ _chain(last, v, c, u)
-    apart = end[:, :3, 3] - base[:, :3, 3]
+    start, stop = base[:, :3, 3], end[:, :3, 3]
+    if v.get("base.axis_offset"):
+        on = {"(P)US": lambda: _oriented(c["base.direction"], None).T @ _first_axis("base", v, c),
+              "(R)US": lambda: np.array([0.0, 0.0, 1.0])}.get(
+                  kind, lambda: _first_axis("base", v, c))()
+        start = start + _two_axes(base[:, :3, :3] @ on, v["base.axis_offset"], stop - start)
+    elif v.get("platform.axis_offset"):
+        axis = end[:, :3, :3] @ _first_axis("platform", v, c)
+        stop = stop + _two_axes(axis, v["platform.axis_offset"], start - stop)
+    apart = stop - start
     reach = _norm(apart) - _norm(link[:, :3, 3])
     if family == "sphere":
         return reach[:, None]

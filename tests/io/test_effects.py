@@ -100,7 +100,7 @@ UNITS = [  # machine, effect, its parameters in mm and deg, in SI
     ("3-RPR", "gravity_tilt", {"turn": 3}, {"turn": 3 * DEGREE}),
     ("3-RPR", "clearance", {"width": 0.03}, {"width": 3e-5}),
     ("3-RPR", "lag", {"tau": 0.002}, {"tau": 0.002}),
-    ("3-RPR", "leg_thermal", {"expansion": 11e-6}, {"expansion": 11e-6}),
+    ("3-RPR", "leg_thermal", {"expansion": 11e-6}, {"expansion": 11e-6, "tau": 0.0}),
     ("6-UPS", "sensor_scale", {"scale": -1e-4}, {"scale": -1e-4}),
     ("3-RPR", "tilt", {"shrink": 1e-4, "direction": 30}, {"shrink": 1e-4,
                                                            "direction": 30 * DEGREE}),
@@ -127,9 +127,9 @@ def test_names_of_units(tmp_path: Path) -> None:
                {"kind": "windup", "parameters": {"width": 1e-4}},
                {"kind": "leg_thermal", "parameters": {"expansion": 1e-5}},
                {"kind": "gain", "parameters": {"gain": 1e-5}}]
-    for name, names in (("3-RPR", ["N/mm", "1/N", "1/mm", "mm", "mm", "mm/N", "1/K", ""]),
+    for name, names in (("3-RPR", ["N/mm", "1/N", "1/mm", "mm", "mm", "mm/N", "1/K", "s", ""]),
                         ("3-RRR-1", ["N m/deg", "1/N m", "1/deg", "deg", "deg", "deg/N m", "1/K",
-                                     ""])):
+                                     "s", ""])):
         mechanism = read(tmp_path, name, effects)
         own = [mechanism.parameters[i] for e in mechanism.effects for i in e.parameters.values()]
         assert [mechanism.units.name(p.quantity) for p in own] == names

@@ -73,6 +73,7 @@ def test_what_is_written_reads_back(folders: Path, case: str, tmp_path: Path) ->
     assert kind.read(again) == found
 
 
+@pytest.mark.slow
 def test_the_parts_hold_what_was_found(folders: Path) -> None:
     found = IdentificationRecord.read(folders / "both" / "identification.json")
     assert found.units.length == "mm" and found.covariance is not None

@@ -49,6 +49,7 @@ from ppmcal.model.effects import (
     Setting,
     effect_kinds,
 )
+from ppmcal.model.history import History
 from ppmcal.model.limbs import kinds as limb_kinds
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
@@ -59,7 +60,7 @@ MACHINES = ("3-RPR", "6-UPS", "linapod", "delta-rotary", "6-RUS", "3-RPS")
 CONTRACT = ("gain", "curvature", "periodic", "eccentricity", "backlash", "windup", "lag",
             "compliance", "clearance", "base_compliance", "leg_thermal", "base_thermal",
             "platform_thermal", "drift", "sensor_scale", "tilt")
-COLUMNS = {"dir", "vel", "temperature", "load", "wrench", "time", "row"}
+COLUMNS = {"dir", "vel", "temperature", "load", "wrench", "time", "row", "order", "past"}
 each_kind = pytest.mark.parametrize("kind", effect_kinds())
 each_machine = pytest.mark.parametrize("name", MACHINES)
 
@@ -97,13 +98,16 @@ def sizes(mechanism: Mechanism, kind: str) -> dict[str, float]:
            "tilt": {"shrink": 2e-5, "direction": 0.4}, "lag": {"tau": 1e-4},
            "gain": {"gain": 3e-5}, "sensor_scale": {"scale": -2e-5},
            "curvature": {"p2": size, "p3": -size, "p4": 0.5 * size, "low": -0.5, "high": 2.9},
-           "eccentricity": {"cos": size, "sin": -size, "cos2": 0.5 * size, "sin2": size}}
+           "eccentricity": {"cos": size, "sin": -size, "cos2": 0.5 * size, "sin2": size},
+           "friction": {"static": size, "dynamic": 0.4 * size, "speed": 0.04},
+           "hysteresis": {"w1": 1e-4, "w2": -3e-5, "w3": 2e-5, "low": -0.5, "high": 2.9},
+           "creep": {"give": size / load, "tau": 90.0}, "product": {"width": 0.2 * size}}
     if kind in own:
         known = {s.name for s in effect_kinds()[kind].parameters(mechanism.motion)}
         return {n: v for n, v in own[kind].items() if n in known}
     if kind.endswith("_thermal"):
         # a slot's own growth is left out of the derivative by that slot: 5 K at 1e-6 per K
-        return {"expansion": 1e-6}
+        return {"expansion": 1e-6, "tau": 70.0}
     specs = effect_kinds()[kind].parameters(mechanism.motion)
     if kind not in ("base_compliance", "drift"):
         return {s.name: size if s.name == "width" else 10.0 * s.size for s in specs}
@@ -112,6 +116,10 @@ def sizes(mechanism: Mechanism, kind: str) -> dict[str, float]:
     return {s.name: length * (1.0 - 0.3 * (i % 4)) * (
         0.04 / max(1.0, mechanism.reach) if s.name.startswith("r") else 1.0)
         / (mechanism.reach if "_m" in s.name else 1.0) for i, s in enumerate(specs)}
+
+
+FURTHER: dict[str, dict[str, Any]] = {"product": {"of": ["backlash", "temperature"]}}
+"""What a file says of a kind besides joints and parameters."""
 
 
 def acting(mechanism: Mechanism, *effects: Mapping[str, Any]) -> Mechanism:
@@ -128,20 +136,21 @@ def with_kind(mechanism: Mechanism, kind: str, free: bool = False) -> Mechanism:
         mechanism = acting(mechanism, {"kind": "compliance", "parameters": {
             "stiffness": sizes(mechanism, "compliance")["stiffness"]}})
     constant = {s.name for s in effect_kinds()[kind].parameters(mechanism.motion) if s.constant}
-    return acting(mechanism, {"kind": kind, "parameters": {
+    return acting(mechanism, {"kind": kind, **FURTHER.get(kind, {}), "parameters": {
         n: {"value": v, "free": free and n not in constant}
         for n, v in sizes(mechanism, kind).items()}})
 
 
-def recorded(mechanism: Mechanism, n: int, seed: int = 3) -> dict[str, Array]:
-    """Return every column that an effect may need, SI."""
+def recorded(mechanism: Mechanism, q: Array, seed: int = 3) -> dict[str, Array]:
+    """Return every column that an effect may need, SI, of rows visited in their order."""
+    n = len(q)
     rng = np.random.default_rng(seed)
     columns = {"temperature": 293.15 + rng.uniform(-5.0, 5.0, n), "payload": rng.uniform(2, 20, n),
-               "time": rng.uniform(0.0, 500.0, n)}
+               "time": np.sort(rng.uniform(0.0, 500.0, n))}
     columns |= {f: rng.uniform(-60.0, 60.0, n) for f in ("fx", "fy", "fz")}
     columns |= {m: rng.uniform(-20.0, 20.0, n) * mechanism.reach for m in ("mx", "my", "mz")}
-    for a in mechanism.actuators:
-        columns[f"dir_{a}"] = rng.choice([-1.0, 1.0], n)
+    for a, way in zip(mechanism.actuators, ways(q).T, strict=True):
+        columns[f"dir_{a}"] = np.nan_to_num(way, nan=1.0)
         columns[f"vel_{a}"] = rng.uniform(-0.1, 0.1, n)
     return columns
 
@@ -150,7 +159,7 @@ def recorded(mechanism: Mechanism, n: int, seed: int = 3) -> dict[str, Array]:
 def sample(mechanism: Mechanism, n: int = 4, size: float = 0.5) -> tuple[Array, Environment]:
     """Return joint values about home and conditions of the rows."""
     q, _ = spread(Model(mechanism), n, size=size)
-    return q, environment(recorded(mechanism, n), mechanism.actuators, mechanism.gravity, q)
+    return q, environment(recorded(mechanism, q), mechanism.actuators, mechanism.gravity, q)
 
 
 @cache
@@ -169,12 +178,18 @@ def one_row(kind: EffectKind, **fields: float) -> Setting:
     def row(name: str, *shape: int) -> Array:
         return np.full(shape, fields.get(name, np.nan))
 
+    def past(name: str, *shape: int) -> Array:
+        return np.stack([np.full(shape, fields.get(f"{name}_before", np.nan)), row(name, *shape)])
+
+    history = History(past("travel", 1), np.array([0.0, fields.get("time", 1.0)]),
+                      past("temperature"), past("wrench", 6), np.array([True]))
     return Setting(kind.motions[0], np.array([kind.joints == "turning"]), row("travel", 1, 1),
                    np.full((1, 2), np.nan), row("approach", 1, 1), row("velocity", 1, 1),
                    row("temperature", 1), row("wrench", 1, 6), row("time", 1),
                    row("row", 1), (LimbSetting(0, own["struts"], own["base"], own["platform"]),),
                    lambda wrench: row("load", 1, 1), lambda wrench: row("forces", 1, 1, 3),
-                   row("weight", 1, 3), np.array([0.0, -1.0, 0.0]), np.eye(3)[None])
+                   row("weight", 1, 3), np.array([0.0, -1.0, 0.0]), np.eye(3)[None],
+                   history=history, place=np.array([1]), past_load_of=lambda: past("load", 1))
 
 
 def first_change(kind: EffectKind, values: Mapping[str, float], **fields: float) -> float:
@@ -254,6 +269,8 @@ def test_traits_fit_together(kind: str) -> None:
         for s in specs.values():
             assert s.component in ("", *WRENCH)
             assert not (s.constant and s.nonlinear) or s.name == found.onset
+            assert not s.optional or (s.nonlinear and s.default == 0.0)
+            assert s.low < 0.0 or not s.scaling or s.default is None
             data = ScanRange(0.3, 20, tuple(range(1, 21)), 50.0, 0.4, 0.2)
             tried = s.scan(data) if s.scan is not None else []
             assert all(s.low <= v <= s.high for v in tried)
@@ -289,9 +306,10 @@ WORKED = [  # kind, parameters, setting, what the contract's table says
     ("compliance", {"stiffness": 1e7}, {"load": -200.0}, -2e-5),
     ("clearance", {"width": 2e-5}, {"load": 3.0}, 1e-5),
     ("clearance", {"width": 2e-5}, {"load": 0.0}, 0.0),
-    ("leg_thermal", {"expansion": 1e-5}, {"temperature": -3.0, "struts": 0.7}, -2.1e-5),
-    ("base_thermal", {"expansion": 1e-5}, {"temperature": -3.0, "base": -0.7}, 2.1e-5),
-    ("platform_thermal", {"expansion": 1e-5}, {"temperature": 3.0, "platform": 0.2}, 6e-6),
+    ("leg_thermal", {"expansion": 1e-5, "tau": 0.0}, {"temperature": -3.0, "struts": 0.7}, -2.1e-5),
+    ("base_thermal", {"expansion": 1e-5, "tau": 0.0}, {"temperature": -3.0, "base": -0.7}, 2.1e-5),
+    ("platform_thermal", {"expansion": 1e-5, "tau": 0.0}, {"temperature": 3.0, "platform": 0.2},
+     6e-6),
     ("tilt", {"shrink": 1e-3, "direction": np.pi / 3.0}, {}, -2.5e-4),
     # P2 = (3 s^2 - 1)/2, P3 = (5 s^3 - 3 s)/2, P4 = (35 s^4 - 30 s^2 + 3)/8 at s = 1/2
     ("curvature", {"p2": 1e-4, "p3": 0.0, "p4": 0.0, "low": 1.0, "high": 5.0}, {"travel": 4.0},
@@ -316,7 +334,9 @@ def test_the_contracts_equations(kind: str, values: dict[str, float], fields: di
 def nothing(mechanism: Mechanism, kind: str) -> dict[str, float]:
     """Return parameters at which the effect adds nothing."""
     keep = {"period": 0.3, "low": -0.5, "high": 2.9, "stiffness": 1e12, "direction": 0.4,
-            "reach": 0.2}
+            "reach": 0.2, "speed": 0.04}
+    if kind == "creep":
+        keep["tau"] = 90.0
     return {n: keep.get(n, 0.0) for n in sizes(mechanism, kind)}
 
 
@@ -325,7 +345,8 @@ def test_zero_parameters_change_nothing(name: str, kind: str) -> None:
     """Neither the pose nor the joints nor what is measured, to the last digit."""
     mechanism = machine(name)
     q, rows = sample(mechanism)
-    still = acting(mechanism, {"kind": kind, "parameters": nothing(mechanism, kind)})
+    still = acting(mechanism, {"kind": kind, **FURTHER.get(kind, {}),
+                               "parameters": nothing(mechanism, kind)})
     still = still.with_values(np.where(still.values == 1e12, 1e30, still.values))
     found = reached_poses(Model(still), q, rows)
     for i in range(len(mechanism.limbs)):
@@ -372,7 +393,7 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
     if mechanism.motion == "translational":
         seen[:, 3:] = np.nan
     data = Dataset.of_poses("d", q, seen, (1.0, 1.0), fitted=True)
-    data = replace(data, columns=recorded(plain, len(q)))
+    data = replace(data, columns=recorded(plain, q))
     state = State(mechanism.values, (registration,), (found.closed,))
     return Problem(mechanism, (data,), mechanism.free), state
 
@@ -394,8 +415,8 @@ def directions(problem: Problem, jacobian: Array) -> dict[str, Array]:
     for c, name in enumerate(names):
         # what acts through a curve needs steps that are small against the value itself
         part = {"period": 1e-5, "stiffness": 1e-2, "direction": 1e-3, "hardening": 1e-2,
-                "reach": 1e-3, "turn": 1e-2, "first": 1e-2, "second": 1e-2}.get(
-                    name.rsplit(".")[-1])
+                "reach": 1e-3, "turn": 1e-2, "first": 1e-2, "second": 1e-2, "tau": 1e-3,
+                "speed": 1e-3}.get(name.rsplit(".")[-1])
         if name in values and part is not None:
             size[c] = part * values[name]
     effects = problem.mechanism.effects
@@ -828,16 +849,18 @@ def test_directions_of_the_platform_become_directions_of_joints() -> None:
     np.testing.assert_array_equal(both.approach[:, [0, 2]], rows.approach[:, [0, 2]])
 
 
-NEEDED = {"backlash": "dir_leg1", "windup": "dir_leg1", "lag": "vel_leg1", "compliance": "payload",
+NEEDED = {"play": "approach: sequence", "hysteresis": "approach: sequence",
+          "friction": "dir_leg1", "creep": "payload", "product": "dir_leg1",
+          "backlash": "dir_leg1", "windup": "dir_leg1", "lag": "vel_leg1", "compliance": "payload",
           "clearance": "payload", "base_compliance": "payload", "leg_thermal": "temperature",
           "base_thermal": "temperature", "platform_thermal": "temperature", "drift": "time"}
 
 
-@pytest.mark.parametrize("kind", CONTRACT)
+@pytest.mark.parametrize("kind", (*CONTRACT, "play", "hysteresis", "friction", "creep", "product"))
 def test_missing_columns_are_named(kind: str) -> None:
     mechanism = machine("3-RRR-1" if kind == "eccentricity" else "3-RPR")
     found = missing_columns(with_kind(mechanism, kind), unknown_environment(4, 3))
     assert (found[0] if found else None) == NEEDED.get(kind)
-    rows = environment(recorded(mechanism, 4), mechanism.actuators, mechanism.gravity,
-                       np.zeros((4, 3)))
+    q = sample(mechanism)[0]
+    rows = environment(recorded(mechanism, q), mechanism.actuators, mechanism.gravity, q)
     assert not missing_columns(with_kind(mechanism, kind), rows)

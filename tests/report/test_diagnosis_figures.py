@@ -253,7 +253,7 @@ def f_test(stage: Stage, columns: tuple[int, ...]) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
-    """Sorted, the p-values those of F tests, the named ones those that are named."""
+    """Sorted; p-values of F tests, steps with their caution; the named ones are named."""
     case = cases(verdict)
     found, ranked = case.result.found, case.plot_data["ranking"]
     values = [r["log10_p_alone"] for r in ranked]
@@ -266,11 +266,11 @@ def test_ranking(cases: Callable[[str], Case], verdict: str) -> None:
     for r in ranked:
         stage = found.last if r["status"] == "named" else found.first
         # one form may be made of several grid points; the best of them is shown
-        same = [f for f in stage.library.hypotheses
+        same = [f for f in stage.search.hypotheses
                 if f.family == r["kind"] and (f.on == tuple(r["on"]) or f.slot)
                 and (len(f.on) < 2 or f.shared == (r["form"] == "one value"))]
         if same:
-            best = min(f_test(stage, f.columns) for f in same)
+            best = min(f_test(stage, f.columns) / f.caution for f in same)
             assert r["log10_p_alone"] == pytest.approx(best, rel=2e-3, abs=2e-3), r
     named = [(r["kind"], tuple(r["on"])) for r in ranked if r["status"] == "named"]
     assert set(named) == {(e["kind"], tuple(e["on"])) for e in case.record["effects"]}

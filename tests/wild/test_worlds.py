@@ -78,7 +78,8 @@ def fit(run, place, data, rounds=6):
     return left
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", [
+    pytest.param(m, marks=pytest.mark.slow) if "hexapod" in m else m for m in MACHINES])
 def test_clean_files_fit_exactly(name):
     machine, _, geo = true_machine(name, 3)
     plan = Plan(instrument="pose")

@@ -55,7 +55,7 @@ def struts(model: Model, q: Array, pose: Array) -> tuple[Array, Array]:
 
     From the base-side joint (centre of the sphere on which the contact lies) to the platform.
     """
-    closure = model.closure(q)
+    closure = model.closure(q).at(pose)
     carried = closure.carried(pose)
     # planes (the hinge of an R(P)S) have no centre; every strut has a sphere
     spheres = np.flatnonzero(closure.radius.max(axis=0) > 0.0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.kinematics.effect_response import with_strokes
+from ppmcal.kinematics.effect_response import remembers, with_strokes
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
@@ -71,7 +71,7 @@ def with_kinds(mechanism: Mechanism, asked: PlanSettings, q: Array) -> Mechanism
     made = list(out.parameters)
     for effect in own:
         fitted = [s.name for s in effect.kind.parameters(out.motion) if not s.constant
-                  and not (s.extra and made[effect.parameters[s.name]].value == s.default)]
+                  and not (s.optional and made[effect.parameters[s.name]].value == s.default)]
         for name in fitted:
             made[effect.parameters[name]] = replace(made[effect.parameters[name]], free=True)
     kept = {p for e in own for n, p in e.parameters.items() if made[p].free}
@@ -102,6 +102,10 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
     if kind.joints == "turning" and "angle" not in mechanism.actuator_quantity:
         raise BadInput(f"{name} is an effect of actuated joints that turn: this machine has none",
                        PLACE, "Remove it")
+    own = tuple(e for e in mechanism.effects if e.kind.name == name)
+    if {"order", "past"} & set(kind.needs) or remembers(replace(mechanism, effects=own)):
+        raise BadInput(f"{name} cannot be planned for: it depends on the way from pose to pose",
+                       PLACE, f"Leave it out, and {kind.remedy}")
     for need in kind.needs:
         if need not in SETTABLE:
             raise BadInput(f"{name} cannot be planned for: it depends on {need}, which passes by "
@@ -140,7 +144,7 @@ def need_load(kind: EffectKind) -> bool:
 
 def _must_be_given(spec: EffectParameter) -> bool:
     """Whether an effect is not linear in a parameter and nothing says how large it is."""
-    return (spec.nonlinear and not spec.extra) or (
+    return (spec.nonlinear and not spec.optional) or (
         spec.default is None and spec.low > 0.0 and not spec.reciprocal)
 
 
@@ -153,7 +157,7 @@ def _added(mechanism: Mechanism, kind: EffectKind, asked: PlanSettings) -> Mecha
              if kind.per_actuator else [(True,) * count])
     for on in which:
         mechanism = with_effect(mechanism, kind, on, {
-            s.name: Given(_value(mechanism, s, on, asked), free=not s.constant and not s.extra)
+            s.name: Given(_value(mechanism, s, on, asked), free=not (s.constant or s.optional))
             for s in kind.parameters(mechanism.motion)})
     return replace(mechanism, free=tuple(sorted({*mechanism.free, *free_indices(
         mechanism.parameters, ())})))

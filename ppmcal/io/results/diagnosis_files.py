@@ -18,7 +18,6 @@ from ppmcal.io.results.other_models import other_files
 from ppmcal.io.results.record import Column, table_text
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.model.dataset import ZERO_CELSIUS
-from ppmcal.model.effects import effect_kinds
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, resolved
 
 
@@ -78,7 +77,8 @@ def _detectable(mechanism: Mechanism, candidate: Candidate) -> tuple[float, str]
     if hypothesis.slot:
         p = next(p for p in mechanism.parameters if p.name == hypothesis.slot)
         return candidate.detectable / units.factor(p.quantity), units.name(p.quantity)
-    spec = next(s for s in effect_kinds()[hypothesis.kind].parameters(mechanism.motion)
+    assert hypothesis.effect is not None
+    spec = next(s for s in hypothesis.effect.parameters(mechanism.motion)
                 if s.name == hypothesis.names[0])
     on = hypothesis.on or mechanism.actuators
     joint = mechanism.actuator_quantity[mechanism.actuators.index(on[0])]

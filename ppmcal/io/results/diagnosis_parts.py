@@ -12,7 +12,14 @@ from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.localization import Place
-from ppmcal.diagnosis.result import Candidate, Diagnosis, NamedEffect, Onset, Swallowed
+from ppmcal.diagnosis.result import (
+    Candidate,
+    Diagnosis,
+    NamedEffect,
+    Onset,
+    SessionEffect,
+    Swallowed,
+)
 from ppmcal.io.results.record import Part, Shown, Text, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
@@ -44,9 +51,31 @@ class EventRow(Part):
 
 
 def _kind(label: str) -> str:
-    """Return the kind of an alternative; of a slot of the geometry also its name."""
-    first = label.split()[0]
-    return first if first in effect_kinds() else label.split(" on ")[0]
+    """Return the kind of an alternative, without its part; of a slot of the geometry its name."""
+    whole = label.split(" on ")[0]
+    known = effect_kinds().get(whole.split()[0])
+    return known.name if known is not None and known.one_by_one else whole
+
+
+class EffectInSession(Part):
+    """The size of an effect in one session, all else shared."""
+
+    session: Text = ""
+    parameters: Mapping[str, EffectValue] = Field(default_factory=dict)
+
+    @classmethod
+    def each(cls, result: Diagnosis, found: SessionEffect | None) -> tuple[EffectInSession, ...]:
+        """Return one entry for every session, file units."""
+        if found is None:
+            return ()
+        mechanism = result.identification.mechanism
+        units = mechanism.units
+        quantities = [mechanism.parameters[mechanism.names.index(n)].quantity for n in found.names]
+        return tuple(cls(session=label, parameters={
+            n.rpartition(".")[2]: EffectValue(value=float(v) / units.factor(q),
+                                              sigma=float(s) / units.factor(q), unit=units.name(q))
+            for n, q, v, s in zip(found.names, quantities, value, sigma, strict=True)})
+            for label, value, sigma in zip(found.labels, found.value, found.sigma, strict=True))
 
 
 class DiagnosedEffect(Part):
@@ -55,6 +84,8 @@ class DiagnosedEffect(Part):
     ``p_value`` given the other named ones; ``survival``: the part that geometry cannot imitate;
     ``alternatives``: kinds that the data cannot tell from it, ``alternatives_on`` with their
     actuators, and the ``odds`` for the effect against each. ``derived`` is at ``mid_stroke``.
+    ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the p-value of
+    being the same.
     """
 
     kind: Text = ""
@@ -69,6 +100,8 @@ class DiagnosedEffect(Part):
     mid_stroke: EffectValue | None = None
     derived: Mapping[str, EffectValue] = Field(default_factory=dict)
     row: EventRow | None = None
+    sessions: tuple[EffectInSession, ...] = ()
+    same_in_sessions_p: Shown | None = None
 
     @classmethod
     def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
@@ -78,6 +111,8 @@ class DiagnosedEffect(Part):
                    survival=effect.survival,
                    alternatives=tuple(_kind(a) for a in effect.alternatives),
                    alternatives_on=effect.alternatives, odds=effect.odds,
+                   sessions=EffectInSession.each(result, effect.sessions),
+                   same_in_sessions_p=None if effect.sessions is None else effect.sessions.p_value,
                    **_event(result, effect), **_derived(result, effect))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ppmcal.diagnosis.held_out_blocks import SESSION
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.model.effects import GEOMETRY
@@ -142,7 +143,10 @@ def worst_block(record: DiagnosisRecord) -> str:
     if not judged:
         return ""
     closed, worst = min(judged, key=lambda pair: pair[0])
-    return (f"With a third of the rows left out at a time, by {', '.join(b.by for b in blocks)}, "
+    thirds = [b.by for b in blocks if b.by != SESSION]
+    left = " or ".join([*([f"a {SESSION}"] if len(thirds) < len(blocks) else []),
+                        *([f"a third of the rows by {', '.join(thirds)}"] if thirds else [])])
+    return (f"With {left} left out at a time, "
             f"{_percent(closed)} is gone where that is least, by {worst.by}{_interval(worst)}.")
 
 

@@ -15,6 +15,7 @@ from ppmcal.model.effects.kind import (
     Derived,
     EffectKind,
     EffectParameter,
+    FromFile,
     ScanRange,
     Terms,
     effect_kinds,
@@ -26,6 +27,6 @@ from ppmcal.model.effects.setting import LimbSetting, Setting, Shift, total
 for _module in sorted(m.name for m in pkgutil.iter_modules(__path__)):
     importlib.import_module(f"{__name__}.{_module}")
 
-__all__ = ["GEOMETRY", "Derived", "EffectInput", "EffectKind", "EffectParameter", "Inputs",
-           "LimbSetting", "ScanRange", "Setting", "Shift", "Terms", "effect_kinds", "find_effect",
-           "register", "total"]
+__all__ = ["GEOMETRY", "Derived", "EffectInput", "EffectKind", "EffectParameter", "FromFile",
+           "Inputs", "LimbSetting", "ScanRange", "Setting", "Shift", "Terms", "effect_kinds",
+           "find_effect", "register", "total"]

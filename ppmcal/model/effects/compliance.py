@@ -68,10 +68,10 @@ COMPLIANCE = register(EffectKind(
                                reciprocal=True),
                EffectParameter("hardening", "1/load", low=0.0, usual=(0.0, np.inf),
                                why="contacts grow under load: ISO 3408-4", size=1e-4,
-                               scan=_hardenings, extra=True),
+                               scan=_hardenings, optional=True),
                EffectParameter("by_stroke", "1/joint", usual=(-2.0, 2.0), per_stroke=True,
                                why="beyond it a drive would be pushed against its load at one end",
-                               size=1e-1, scan=_slopes, extra=True),
+                               size=1e-1, scan=_slopes, optional=True),
                *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
                  for n in ("low", "high"))),
     ("load",), _terms, uses_load=True, under_weight=True,

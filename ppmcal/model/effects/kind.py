@@ -16,6 +16,7 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.inputs import BY_NEED, TRAVEL, EffectInput
 from ppmcal.model.effects.setting import Setting, Shift, total
 from ppmcal.model.registry import Registry
+from ppmcal.units import Units
 
 GEOMETRY = "geometry"
 """In the place of a kind: an error of slots, which is no effect but the machine itself."""
@@ -27,7 +28,10 @@ class ScanRange:
 
     ``stroke``: the longest of the joints, m or rad; ``poses``: number of different ones;
     ``rows``: numbers of the rows in the campaign, in order; ``load``: the largest on an actuator,
-    N or N m; ``size``, ``near``: largest and smallest distance of two joint centres of a body, m.
+    N or N m; ``size``, ``near``: largest and smallest distance of two joint centres of a body, m;
+    ``moves``: of the joints from row to row, m or rad, the shortest first; ``step``, ``duration``:
+    median time from row to row, and of the whole, s; ``speed``: median speed of the joints at the
+    trigger, m/s or rad/s.
     """
 
     stroke: float
@@ -36,6 +40,10 @@ class ScanRange:
     load: float = 0.0
     size: float = 0.0
     near: float = 0.0
+    moves: tuple[float, ...] = ()
+    step: float = 60.0
+    duration: float = 3600.0
+    speed: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -50,11 +58,14 @@ class EffectParameter:
     outside is not named as this effect (``why``: where the range is from). ``size``: a change
     that counts, SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
     inverse, in which a fit takes its steps. ``scan``: the values that a search tries, SI, of a
-    parameter in which the effect is not linear; a plan has to be given it. ``extra``: a search
-    also tries the kind without it, at its default, and with one such parameter at a time; a plan
-    leaves it there. ``stroke_end``: ``low`` or ``high``, for a constant that is that end of the
-    stroke where the file leaves it open (nan). ``component``: of the wrench, ``fx`` ... ``mz``,
-    without which the parameter does nothing.
+    parameter in which the effect is not linear; a plan has to be given it. ``stroke_end``:
+    ``low`` or ``high``, for a constant that is that end of the stroke where the file leaves it
+    open (nan). ``component``: of the wrench, ``fx`` ... ``mz``, without which the parameter does
+    nothing. ``optional``: at its default, which is 0, the kind is a plain one. A search tries
+    that first, and one such parameter at a time; a plan leaves it there, and so does a file.
+    ``needs``: further columns that it depends on where it is not at its default. ``scaling``: the
+    effect nearly scales with it: at each value of its scan the effect, over that value, is a
+    column, whose coefficient is the parameter.
     """
 
     name: str
@@ -70,9 +81,11 @@ class EffectParameter:
     constant: bool = False
     reciprocal: bool = False
     scan: Callable[[ScanRange], Sequence[float]] | None = None
-    extra: bool = False
     stroke_end: str = ""
     component: str = ""
+    optional: bool = False
+    needs: tuple[str, ...] = ()
+    scaling: bool = False
 
     @property
     def nonlinear(self) -> bool:
@@ -112,6 +125,19 @@ class Derived:
 
 
 @dataclass(frozen=True)
+class FromFile:
+    """A kind that is made of what a file says beside kind, joints and parameters.
+
+    ``entries``: their names; ``make``: (entry -> value as in the file, units of the file,
+    ``length`` or ``angle`` of the joints) -> the kind. It raises BadInput, with the entry's name
+    as the place.
+    """
+
+    entries: tuple[str, ...]
+    make: Callable[[Mapping[str, object], Units, str], EffectKind]
+
+
+@dataclass(frozen=True)
 class EffectKind:
     """One kind of effect.
 
@@ -120,7 +146,9 @@ class EffectKind:
         equation: what it adds, one line.
         source: standard or paper.
         parameters: motion -> its parameters.
-        needs: columns: ``dir``, ``vel``, ``temperature``, ``load``, ``wrench``, ``time``.
+        needs: columns: ``dir``, ``vel``, ``temperature``, ``load``, ``wrench``, ``time``; ``row``;
+            ``order``: of the rows, in which joints went straight from one to the next; ``past``:
+            the rows' times, in all of the file.
         evaluate: (setting, on (k,), parameter -> value) -> :class:`Terms`.
         per_actuator: whether it belongs to single actuators; else to the whole machine.
         joints: ``any``, ``turning``: which actuators it can act on.
@@ -147,6 +175,11 @@ class EffectKind:
         carried: what the platform carries in place of what is known: (setting, values) -> weight
             (N, 3) and wrench (N, 6). Its own terms are none; it acts through the kinds that
             depend on the load, and is tried once one of them is in the model.
+        from_file: of a kind that is only made of what a file says.
+        written: of a kind that was made so: units of the file -> its entries.
+        variants: motion -> the kinds that a search tries in its place; None: itself.
+        contains: kinds of which it is a more general one, which are enough where they do as well.
+        title: what people call it; empty: its name. Kinds made of one are told apart by it.
     """
 
     name: str
@@ -173,12 +206,18 @@ class EffectKind:
     doubt: str = ""
     one_by_one: bool = False
     carried: Callable[[Setting, Mapping[str, float]], tuple[Array, Array]] | None = None
+    from_file: FromFile | None = None
+    written: Callable[[Units], Mapping[str, object]] | None = None
+    variants: Callable[[str], Sequence[EffectKind]] | None = None
+    contains: tuple[str, ...] = ()
+    title: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a name, column or period that means something else, or nothing (ValueError)."""
         if self.name == GEOMETRY:
             raise ValueError(f"effect '{GEOMETRY}' is an error of slots already")
-        strange = [n for n in self.needs if n not in BY_NEED]
+        asked = {n for m in self.motions for s in self.parameters(m) for n in s.needs}
+        strange = [n for n in (*self.needs, *sorted(asked)) if n not in BY_NEED]
         if strange:
             raise ValueError(f"effect '{self.name}' needs {', '.join(strange)}; "
                              f"columns are {', '.join(BY_NEED)}")
@@ -188,9 +227,14 @@ class EffectKind:
                              "with a scan")
 
     @property
-    def extras(self) -> bool:
+    def may_be_plain(self) -> bool:
         """Whether there are parameters that a search tries the kind without."""
-        return any(s.extra for m in self.motions for s in self.parameters(m))
+        return any(s.optional for m in self.motions for s in self.parameters(m))
+
+    @property
+    def label(self) -> str:
+        """What people call it."""
+        return self.title or self.name
 
     @property
     def input(self) -> EffectInput:
@@ -207,7 +251,8 @@ class EffectKind:
 class Worked:
     """A worked case: one actuator or pose coordinate, plain numbers.
 
-    ``setting``: field -> number for a single row; ``values``: the parameters;
+    ``setting``: field -> number for a single row, ``travel_before`` ... of the row before it, at
+    time 0; ``values``: the parameters;
     ``result``: the change of u of the actuator, of the first changed slot, of the first
     pose coordinate, of a measured 1 m or of the wrench, SI.
     """

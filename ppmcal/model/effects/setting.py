@@ -15,7 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.model.history import History
 
 Rows = NDArray[np.int64] | NDArray[np.bool_]
 
@@ -114,6 +115,9 @@ class Setting:
         turn: rotation of the platform (N, 3, 3), from its axes to the base's.
         known: the same with what the platform carries as recorded, where effects say otherwise.
         until: row from which on another event takes this one's place, by joint (k,); None: never.
+        history: all rows in the order of their visit, None where that is not known; ``place`` of
+            these rows in it (N,), -1 where they have none; ``ratio`` of the drives (k,).
+        past_load_of: gives the load on the actuators there (H, k).
     """
 
     motion: str
@@ -134,6 +138,10 @@ class Setting:
     turn: Array
     until: Array | None = None
     known: Setting | None = None
+    history: History | None = None
+    place: Ints | None = None
+    ratio: Array | float = 1.0
+    past_load_of: Callable[[], Array] | None = None
 
     @cached_property
     def load(self) -> Array:
@@ -161,10 +169,66 @@ class Setting:
         at = self.row[:, None]
         return np.where((at >= row) & ((at < until) | np.isinf(until)), 1.0, 0.0)
 
+    def slack(self, width: Array | float) -> tuple[Array, Array]:
+        """Return how far play of a full width, + or -, is behind u (N, k), and d/d width.
+
+        Of a negative width it is ahead. nan where the order of the rows is not known.
+        """
+        width = np.broadcast_to(np.asarray(width, dtype=float), self.turning.shape)
+        if self.history is None:
+            return np.full_like(self.travel, np.nan), np.full_like(self.travel, np.nan)
+        way = np.where(width < 0.0, -1.0, 1.0)
+        behind, slope = self.history.slack(0.5 * np.abs(width / self.ratio))
+        turned = np.sign(self.ratio)
+        return self._then(way * self.ratio * behind), self._then(0.5 * turned * slope)
+
+    def late(self, tau: float) -> tuple[Array, Array]:
+        """Return the temperature that tau follows late (N,), K, and its derivative by tau."""
+        history = self.history
+        if tau <= 0.0:  # nothing of the past is asked for
+            return self.temperature, np.zeros_like(self.temperature)
+        if history is None or not history.timed:
+            return np.full_like(self.temperature, np.nan), np.full_like(self.temperature, np.nan)
+        found, slope = history.lagged("temperature", lambda: history.temperature, tau)
+        return self._then(found), self._then(slope)
+
+    def worked(self, tau: float) -> tuple[Array, Array]:
+        """Return each joint's travel per second, followed late (N, k), and its d/d tau."""
+        history = self.history
+        if history is None or not history.timed:
+            return np.full_like(self.travel, np.nan), np.full_like(self.travel, np.nan)
+        found, slope = history.lagged("rate", history.rate, tau)
+        return np.abs(self.ratio) * self._then(found), np.abs(self.ratio) * self._then(slope)
+
+    def late_load(self, tau: float) -> tuple[Array, Array]:
+        """Return the actuators' load, followed late (N, k), and its derivative by tau."""
+        history = self.history
+        if history is None or not history.timed or self.past_load_of is None:
+            return np.full_like(self.travel, np.nan), np.full_like(self.travel, np.nan)
+        found, slope = history.lagged("load", self.past_load_of, tau)
+        return self._then(found), self._then(slope)
+
+    def _then(self, past: Array) -> Array:
+        """Return what was at these rows (N, ...), nan where they have no place."""
+        assert self.place is not None
+        there = (self.place >= 0).reshape(-1, *[1] * (past.ndim - 1))
+        return np.where(there, past[self.place], np.nan)
+
     def at_joints(self, change: Array, on: Bools) -> Shift:
         """Return the shift of joint coordinates u by ``change`` (N, k) on some actuators."""
         return Shift({(i, "offset"): change[:, limb.actuator]
                       for i, limb in enumerate(self.limbs) if on[limb.actuator]})
+
+    def scaled(self, shift: Shift, factor: Array) -> Shift:
+        """Return a shift of slots times ``factor`` (N, k), by the joint of each limb."""
+        return Shift({(i, slot): v * factor[:, self.limbs[i].actuator]
+                      for (i, slot), v in shift.slots.items()})
+
+    def at_struts(self, per_unit: Array, on: Bools) -> Shift:
+        """Return relative changes ``per_unit`` (N, k) by joint of the struts."""
+        return Shift({(i, slot): value * per_unit[:, limb.actuator]
+                      for i, limb in enumerate(self.limbs) if on[limb.actuator]
+                      for slot, value in limb.struts.items()})
 
     def at_slots(self, which: str, per_unit: Array, on: Bools) -> Shift:
         """Return relative changes ``per_unit`` (N,) of the slots ``struts``, ``base``..."""

@@ -41,13 +41,15 @@ class SlotSpec:
     """One scalar that a limb kind can take: its name, what it measures, and its default.
 
     ``quantity`` is ``length`` or ``angle``; ``tolerance_class`` the key of the file's
-    ``tolerances`` that covers it. ``default`` is None where the file must give a value.
+    ``tolerances`` that covers it. ``default`` is None where the file must give a value; ``needs``
+    the direction without which a limb has no such slot.
     """
 
     name: str
     quantity: str
     tolerance_class: str
     default: float | None = None
+    needs: str = ""
 
     @property
     def is_bar(self) -> bool:
@@ -60,7 +62,8 @@ class ChainStep:
     """One elementary motion of a chain.
 
     ``motor(values)`` is the motion (..., 8); ``twists(values)`` yields for each slot the
-    generator (..., 6) in the axes before the step, as ``(slot name, twist)``.
+    generator (..., 6) in the axes before the step, as ``(slot name, twist)``. A step that
+    ``needs`` a value which is not there is left out.
     """
 
     slots: tuple[SlotSpec, ...]
@@ -68,6 +71,7 @@ class ChainStep:
     twists: Callable[[Values], list[tuple[str, Array]]]
     joint: bool = False
     constants: tuple[str, ...] = ()
+    needs: str = ""
 
 
 def _unit(kind: str, direction: Any) -> Array:
@@ -267,6 +271,8 @@ class Chain:
         for step in self.steps:
             if step.joint and not any(s.name in wanted or np.any(values.get(s.name, 0.0))
                                       for s in step.slots):
+                continue
+            if step.needs and step.needs not in values:
                 continue
             mine = [(name, twist) for name, twist in step.twists(values) if name in wanted]
             if mine:

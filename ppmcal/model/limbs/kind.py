@@ -17,7 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ppmcal import algebra as cga
 from ppmcal.linalg import Array
+from ppmcal.model.limbs.axis_offset import offset_slot, turn_towards
 from ppmcal.model.limbs.chain import Chain, ChainStep, ErrorTwists, SlotSpec, Values
 from ppmcal.model.registry import Registry
 
@@ -121,13 +123,55 @@ class LimbKind:
         """Names of the unit vectors that the file must give (``base.direction``)."""
         return tuple(c for step in self.steps for c in step.constants)
 
-    def evaluate(self, values: Values, wanted: Collection[str] = ()) -> ClosureSurface:
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the unit vectors that the file may give: first axes of universal joints."""
+        return tuple(dict.fromkeys(s.needs for s in self.slots if s.needs))
+
+    @property
+    def axis_offsets(self) -> tuple[SlotSpec, ...]:
+        """The offsets between the axes of a universal joint, on the base's or platform's side."""
+        found = (offset_slot(chain) for chain in (self.base, self.platform))
+        return tuple(slot for slot in found if slot is not None)
+
+    def turns(self, values: Values, wanted: Collection[str] = ()) -> bool:
+        """Whether the surface depends on the pose: a joint's axes do not meet, or might not."""
+        return self._turning(values, wanted) is not None
+
+    def _turning(self, values: Values, wanted: Collection[str]) -> Chain | None:
+        """Return the chain that ends in an offset universal joint."""
+        for chain in (self.base, self.platform):
+            slot = offset_slot(chain)
+            if slot is not None and slot.name in values and (
+                    slot.name in wanted or np.any(values[slot.name])):
+                return chain
+        return None
+
+    def turn(self, values: Values, pose: Array, wanted: Collection[str] = ()) -> dict[str, Array]:
+        """Return how an offset universal joint turns about its first axis at motors (N, 8).
+
+        As :func:`axis_offset.turn_towards`; none where the kind does not :meth:`turns`.
+        """
+        own = self._turning(values, wanted)
+        if own is None:
+            return {}
+        other, there = ((self.platform, pose) if own is self.base
+                        else (self.base, cga.reverse(pose)))
+        end = cga.translation(other.evaluate(values, ())[0])
+        return turn_towards(own, values, cga.move_point(there, end))
+
+    def evaluate(self, values: Values, wanted: Collection[str] = (), pose: Array | None = None
+                 ) -> ClosureSurface:
         """Return the limb's KGB; ``wanted`` names the slots whose twists are needed.
 
         Args:
             values: all slots, the directions, and ``u`` (N,), SI.
             wanted: slot names, ``u`` for the actuated joint.
+            pose: motors (N, 8), on which the surface depends where the kind :meth:`turns`. Without
+                one (and without a turn among the values) the axes of all joints meet.
         """
+        if pose is not None:
+            values = {**values, **self.turn(values, pose, wanted)}
         base, base_twists = self.base.evaluate(values, wanted)
         middle, middle_twists = self.middle.evaluate(values, wanted)
         platform, platform_twists = self.platform.evaluate(values, wanted)

@@ -1,0 +1,117 @@
+"""Whether an effect is the machine's, or belongs to one session: its size in each of them.
+
+In the final fit the columns of an effect are cut by session, all other columns stay shared. At the
+minimum only these cut columns have a gradient, so that one linear step gives the sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.least_squares import column_scale
+from ppmcal.calibration.sessions import session_masks
+from ppmcal.diagnosis.linear_system import MOST_ROWS, System, build
+from ppmcal.diagnosis.result import NamedEffect, SessionEffect
+from ppmcal.linalg import Array, Bools, subsample
+
+SEEN = 1e-10
+"""An effect is not seen in a session that holds less than this of its squared column."""
+DIFFERENT = 0.01
+
+
+def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
+                  ) -> tuple[tuple[NamedEffect, ...], list[str]]:
+    """Return the effects with their size in each session, and what differs between these.
+
+    Args:
+        fit: of all rows, effects included.
+        effects: named ones; events and slots of the geometry are of no session.
+    """
+    found = session_effects(fit, effects)
+    mechanism = fit.problem.mechanism
+    told = []
+    for effect, sizes in zip(effects, found, strict=True):
+        if sizes is not None and sizes.p_value < DIFFERENT:
+            name = sizes.names[0]
+            quantity = mechanism.parameters[mechanism.names.index(name)].quantity
+            unit = mechanism.units.factor(quantity)
+            each = ", ".join(
+                f"{value / unit:.3g} ± {sigma / unit:.2g} {mechanism.units.name(quantity)} in "
+                f"{label}" for label, value, sigma in zip(
+                    sizes.labels, sizes.value[:, 0], sizes.sigma[:, 0], strict=True))
+            told.append(f"{effect.hypothesis.label} is not the same in all sessions (p = "
+                        f"{sizes.p_value:.1g}): {name.rpartition('.')[2]} {each}")
+    return tuple(replace(e, sessions=s) for e, s in zip(effects, found, strict=True)), told
+
+
+def session_effects(fit: Fit, effects: Sequence[NamedEffect]) -> list[SessionEffect | None]:
+    """Return each effect's size by session; None where it is seen in fewer than two."""
+    labels = session_masks(fit.problem.datasets)
+    if len(labels) < 2:
+        return [None] * len(effects)
+    system = build(fit.problem, fit.state, subsample(fit.keep, MOST_ROWS))
+    masks = [_rows(system, mask) for _, mask in labels]
+    names = [fit.problem.mechanism.names[p] for p in fit.problem.free]
+    out: list[SessionEffect | None] = []
+    for effect in effects:
+        own = [names.index(n) for n in effect.parameters if n in names]
+        plain = effect.hypothesis.slot or effect.onset is not None
+        out.append(None if plain or not own else _cut(fit, system, own, masks,
+                                                      [label for label, _ in labels]))
+    return out
+
+
+def _rows(system: System, mask: Sequence[Bools]) -> Bools:
+    """Return which rows of a system are those of a mask by data set (N,)."""
+    return np.array([mask[d][n] for d, n in zip(system.dataset.tolist(), system.row.tolist(),
+                                                strict=True)], dtype=bool)
+
+
+def _cut(fit: Fit, system: System, own: Sequence[int], masks: Sequence[Bools],
+         labels: Sequence[str]) -> SessionEffect | None:
+    scale = column_scale(fit.problem)
+    columns = system.jacobian.shape[-1]
+    rest = [c for c in range(columns) if c not in own]
+    mine = system.jacobian[..., own]
+    whole = np.sum(mine**2)
+    seen = [s for s, m in enumerate(masks) if np.sum(mine[m] ** 2) > SEEN * whole]
+    if len(seen) < 2:
+        return None
+    parts = [np.where(masks[s][:, None, None], mine, 0.0) for s in seen]
+    matrix = np.concatenate([system.jacobian[..., rest], *parts], axis=-1)
+    matrix = matrix.reshape(-1, matrix.shape[-1])
+    weight = np.zeros(matrix.shape[1])
+    weight[:len(rest)] = (fit.prior * scale)[rest] ** 2
+    w, v = np.linalg.eigh(matrix.T @ matrix + np.diag(weight))
+    use = w > SEEN * max(float(w[-1]), 1e-300)
+    inverse = (v[:, use] / w[use]) @ v[:, use].T
+    gradient = matrix.T @ system.residual.reshape(-1)
+    gradient[:len(rest)] = 0.0
+    left = len(rest)
+    step = -(inverse @ gradient)[left:].reshape(len(seen), len(own))
+    noise = max(1.0, fit.reduced.square / max(fit.reduced.count - columns, 1))
+    covariance = inverse[left:, left:] * noise
+    apart = _apart(step, covariance)
+    size = scale[list(own)]
+    parameters = [fit.problem.free[c] for c in own]
+    value = fit.state.g[parameters] + step * size
+    sigma = np.sqrt(np.diagonal(covariance)).reshape(step.shape) * size
+    return SessionEffect(tuple(labels[s] for s in seen),
+                         tuple(fit.problem.mechanism.names[p] for p in parameters), value, sigma,
+                         apart)
+
+
+def _apart(step: Array, covariance: Array) -> float:
+    """Return the p-value of all rows of ``step`` (S, p) being the same."""
+    count, size = step.shape
+    # differences against the first session
+    differences = np.kron(np.concatenate([-np.ones((count - 1, 1)), np.eye(count - 1)], axis=1),
+                          np.eye(size))
+    away = differences @ step.reshape(-1)
+    inverse = np.linalg.pinv(differences @ covariance @ differences.T, hermitian=True)
+    return float(chdtrc((count - 1) * size, away @ inverse @ away))

@@ -1,0 +1,155 @@
+"""Both roots of one limb's inverse kinematics, in closed form whatever the kind.
+
+With the pose fixed, a limb's closure equation is a polynomial of degree two in a prismatic joint
+(theory: distance^2 = -2 A.B, [IK] eq. 28 and 42), or a + b cos u + c sin u in a revolute
+one. Three evaluations of the KGB give its coefficients exactly, whatever the kind, so the
+limbs need no inverse of their own; one Newton step removes the interpolation's round-off.
+A universal joint whose axes do not meet turns with u: it is held, solved and turned again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.kinematics.closure import Model
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.limbs.chain import U
+
+MOST_TURNS = 60
+"""Steps in which the turn of an offset universal joint is found; mostly four or five."""
+TURNED = 1e-11
+"""The turn is found when the joint moves by no more than this part of the reach, or rad."""
+
+
+def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
+    """Return both joint coordinates u of one limb, (N, 2), and by how much it misses (N,).
+
+    Column 0 is the smaller, column 1 the larger root of the pair; equal where the joint
+    enters linearly. nan where the limb cannot reach; the second result is then positive:
+    the missing length (sphere or plane distance at the closest joint value), m.
+    """
+    roots, nearest = _root_pair(model, index, pose)
+    if model.mechanism.limbs[index].kind.turns(model.limb_values[index]):
+        starts = np.where(np.isfinite(roots), roots, nearest[:, None])
+        for j in range(2):
+            roots[:, j], nearest = _turned_root(model, index, pose, starts[:, j], j)
+    missing = np.where(finite_rows(roots), 0.0, _distance(model, index, pose, nearest))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for j in range(2):
+            roots[:, j] = _polish(model, index, pose, roots[:, j])
+    return roots, missing
+
+
+def _root_pair(model: Model, index: int, pose: Array, held: Mapping[str, Array] | None = None
+               ) -> tuple[Array, Array]:
+    """Return both roots u (N, 2) with a universal joint held at its turn, and the nearest u (N,).
+
+    ``held``: its turn, as :meth:`LimbKind.turn`; nothing where its axes meet.
+    """
+    limb = model.mechanism.limbs[index]
+    prismatic = limb.kind.actuator == "length"
+    step = model.mechanism.reach if prismatic else 1.0
+    samples = step * np.array([1.0, 2.0, 3.0]) if prismatic else np.array([0.0, 1.0, -1.0]) * 2.0
+    f = np.stack([_inner_product(model, index, pose, u, held or {}) for u in samples], axis=-1)
+    if prismatic:
+        return _polynomial_roots(f, step, limb.kind.branch is None)
+    return _trigonometric_roots(f)
+
+
+def _turned_root(model: Model, index: int, pose: Array, u: Array, which: int
+                 ) -> tuple[Array, Array]:
+    """Return one root (N,) of a limb with an offset universal joint, and the nearest u (N,).
+
+    The joint is held as it stands at u and the limb solved in closed form, again and again: the
+    turn is stationary, so that each step squares the error. Where there is no root yet the joint
+    follows the nearest u, which ends at the end of the limb's reach.
+    """
+    kind, near = model.mechanism.limbs[index].kind, u
+    root = np.full_like(u, np.nan)
+    scale = model.mechanism.reach if kind.actuator == "length" else 1.0
+    for _ in range(MOST_TURNS):
+        turn = kind.turn({**model.limb_values[index], U: near}, pose)
+        pair, middle = _root_pair(model, index, pose, turn)
+        root = pair[:, which]
+        before, near = near, np.where(np.isfinite(root), root, middle)
+        if not np.any(np.abs(near - before) > TURNED * scale):
+            break
+    return root, near
+
+
+def _inner_product(model: Model, index: int, pose: Array, u: Array | float,
+                   held: Mapping[str, Array] | None = None) -> Array:
+    """Return the raw inner product of the limb's first closure equation (N,), m^2 or m.
+
+    ``held``: the turn of an offset universal joint, where it is not that at the pose.
+    """
+    kind = model.mechanism.limbs[index].kind
+    values = {**model.limb_values[index], U: np.asarray(u, dtype=float), **(held or {})}
+    body = kind.evaluate(values, (), pose if held is None else None)
+    carried = cga.move_vector(pose, body.moving[:, 0])
+    return np.asarray(cga.inner(body.fixed[:, 0], carried), dtype=float)
+
+
+def _distance(model: Model, index: int, pose: Array, u: Array) -> Array:
+    """Return how far the limb ends from closing at joint coordinates ``u`` (N,), m."""
+    kind = model.mechanism.limbs[index].kind
+    body = kind.evaluate({**model.limb_values[index], U: np.where(np.isfinite(u), u, 0.0)}, (),
+                         pose)
+    c = cga.inner(body.fixed[:, 0], cga.move_vector(pose, body.moving[:, 0]))
+    radius = body.radius[:, 0]
+    apart = np.abs(np.sqrt(np.maximum(radius**2 - 2.0 * c, 0.0)) - radius)
+    return np.asarray(np.where(radius > 0.0, apart, np.abs(c)), dtype=float)
+
+
+def _polynomial_roots(f: Array, h: float, linear: bool) -> tuple[Array, Array]:
+    """Roots of the parabola through f(h), f(2h), f(3h), and where it comes nearest to 0."""
+    f1, f2, f3 = f[:, 0], f[:, 1], f[:, 2]
+    c2 = (f1 - 2.0 * f2 + f3) / (2.0 * h * h)
+    if linear:
+        slope = (f3 - f1) / (2.0 * h)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            root = 2.0 * h - f2 / slope
+        root = np.where(slope == 0.0, np.nan, root)
+        return np.stack([root, root], axis=-1), np.zeros_like(root)
+    c1 = (f3 - f1) / (2.0 * h) - 4.0 * h * c2
+    c0 = f2 - 2.0 * h * c1 - 4.0 * h * h * c2
+    disc = c1 * c1 - 4.0 * c2 * c0
+    # exactly at the end of reach round-off may turn the discriminant negative
+    disc = np.where((disc < 0.0) & (disc > -1e-14 * (c1 * c1 + np.abs(4 * c2 * c0))), 0.0, disc)
+    with np.errstate(invalid="ignore"):
+        half = np.sqrt(disc) / (2.0 * np.abs(c2))
+    middle = -c1 / (2.0 * c2)
+    return np.stack([middle - half, middle + half], axis=-1), middle
+
+
+def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
+    """Roots of k + a cos u + b sin u through u = 0, 2 and -2 rad, and where it is nearest to 0."""
+    even, odd = (f[:, 1] + f[:, 2]) / 2.0, (f[:, 1] - f[:, 2]) / 2.0
+    a = (f[:, 0] - even) / (1.0 - np.cos(2.0))
+    b = odd / np.sin(2.0)
+    k = f[:, 0] - a
+    amplitude = np.hypot(a, b)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = -k / amplitude
+        ratio = np.where((np.abs(ratio) > 1.0) & (np.abs(ratio) < 1.0 + 1e-14),
+                         np.sign(ratio), ratio)
+        delta = np.arccos(ratio)
+    middle = np.arctan2(b, a)
+    return (np.stack([middle - delta, middle + delta], axis=-1),
+            np.where(k > 0.0, middle + np.pi, middle))
+
+
+def _polish(model: Model, index: int, pose: Array, u: Array) -> Array:
+    """One Newton step on the closure equation itself; kept only where it is small and finite."""
+    kind = model.mechanism.limbs[index].kind
+    safe = np.where(np.isfinite(u), u, 1.0)
+    h = 1e-6 * (model.mechanism.reach if kind.actuator == "length" else 1.0)
+    f0 = _inner_product(model, index, pose, safe)
+    slope = (_inner_product(model, index, pose, safe + h)
+             - _inner_product(model, index, pose, safe - h)) / (2.0 * h)
+    step = -f0 / slope
+    use = np.isfinite(step) & (np.abs(step) < 1e-3 * h / 1e-6)
+    return np.where(np.isfinite(u), safe + np.where(use, step, 0.0), u)

@@ -1,0 +1,45 @@
+"""Hysteresis of a drive: plays of several widths at once (Prandtl-Ishlinskii)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.linalg import Bools
+from ppmcal.model.effects.kind import (
+    EffectKind,
+    EffectParameter,
+    Terms,
+    Worked,
+    fixed_list,
+    linear,
+    register,
+)
+from ppmcal.model.effects.setting import Setting
+
+WIDTHS = {"w1": 0.004, "w2": 0.03, "w3": 0.2}
+"""Full widths of the plays, in parts of the stroke: each some seven times the one before."""
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = sum w_i (p_i - u), p_i play of a fixed part of the stroke ``low`` to ``high``."""
+    low = np.where(np.isnan(values["low"]), setting.stroke[:, 0], values["low"])
+    high = np.where(np.isnan(values["high"]), setting.stroke[:, 1], values["high"])
+    return linear(values, {n: setting.at_joints(setting.slack(part * (high - low))[0], on)
+                           for n, part in WIDTHS.items()})
+
+
+HYSTERESIS = register(EffectKind(
+    "hysteresis", "du = sum w_i (p_i - u), p_i play of 0.004, 0.03 and 0.2 of the stroke",
+    "Kuhnen, Modeling, identification and compensation of complex hysteretic nonlinearities, "
+    "Eur. J. Control 9 (2003) 407: Prandtl-Ishlinskii operator",
+    fixed_list(*(EffectParameter(n, "1", low=-1.0, high=1.0, usual=(-0.5, 0.5), size=1e-4,
+                                 why="a drive whose output lags by more is not driven")
+                 for n in WIDTHS),
+               *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
+                 for n in ("low", "high"))),
+    ("order",), _terms, contains=("backlash", "play"),
+    remedy="go through strokes of several lengths, back and forth",
+    worked=Worked({"w1": 0.0, "w2": 1e-3, "w3": 0.0, "low": 0.0, "high": 1.0},
+                  {"travel_before": 0.1, "travel": 0.2}, -1.5e-5)))

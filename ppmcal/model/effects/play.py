@@ -1,0 +1,60 @@
+"""Play: a gap that the drive crosses before what it moves follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ppmcal.linalg import Bools
+from ppmcal.model.effects.kind import (
+    STROKE,
+    EffectKind,
+    EffectParameter,
+    ScanRange,
+    Terms,
+    Worked,
+    fixed_list,
+    register,
+)
+from ppmcal.model.effects.setting import Setting
+
+WIDEST, NARROWEST = 0.05, 1e-4
+"""Widths that a search tries, in parts of the stroke."""
+SHARES = (0.0, 0.2, 0.4)
+"""Parts of the moves that are shorter than a width that a search tries: of moves that are all
+longer, any width makes the same columns."""
+APART = 1.5
+
+
+def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Du = p - u, p_k = max(u_k - width/2, min(u_k + width/2, p_(k-1)))."""
+    behind, slope = setting.slack(values["width"])
+    return Terms(setting.at_joints(behind, on), {"width": setting.at_joints(slope, on)})
+
+
+def _widths(data: ScanRange) -> list[float]:
+    """Return widths that some of the moves do not cross."""
+    low, high = NARROWEST * data.stroke, WIDEST * data.stroke
+    if not data.moves:
+        return [low, float(np.sqrt(low * high)), high]
+    return _spread(np.clip(np.quantile(data.moves, SHARES), low, high).tolist())
+
+
+def _spread(widths: Sequence[float]) -> list[float]:
+    """Return rising widths of which none is near the one before."""
+    out: list[float] = []
+    for width in widths:
+        if not out or width > APART * out[-1]:
+            out.append(float(width))
+    return out
+
+
+PLAY = register(EffectKind(
+    "play", "du = p - u, p_k = max(u_k - width/2, min(u_k + width/2, p_(k-1)))",
+    "Krasnosel'skii and Pokrovskii, Systems with hysteresis (1989); ISO 230-2, reversal value",
+    fixed_list(EffectParameter("width", "joint", None, usual=(-0.05, 0.05), of_stroke=True,
+                               why=STROKE, scan=_widths, scaling=True)), ("order",), _terms,
+    contains=("backlash",),
+    remedy="come to some poses by moves that are shorter than the play, after a reversal",
+    worked=Worked({"width": 4e-5}, {"travel_before": -0.01, "travel": 0.0}, -2e-5)))

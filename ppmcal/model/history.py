@@ -1,0 +1,194 @@
+"""What a machine went through before each row: the rows of a file in the order of their visit.
+
+Effects with memory depend on all that came before. Two operators are enough: play, which a drive
+shows that has to cross a gap before it moves on, and a first-order lag, which heat and creep show.
+Both are compositions of simple maps, clamps and affine ones, which are associative: after log2 H
+doublings every row has the composition of all maps up to it (parallel prefix; Blelloch, Prefix
+sums and their applications, 1990), with no loop over rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ppmcal.linalg import Array, Bools, Ints, ways
+
+MOST_KEPT = 64
+"""Results that a history keeps: one fit asks for the same again and again."""
+DIRECT = 0.05
+"""A joint went straight from row to row if its recorded directions say otherwise in no more."""
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """The H rows of a file in the order of their visit, SI; nan where not recorded.
+
+    Attributes:
+        q: joint values (H, k).
+        time: s (H,), never falling; all nan where it is not known.
+        temperature: K above 20 degrees Celsius (H,).
+        wrench: on the platform (H, 6).
+        direct: whether a joint went straight from row to row (k,): what it did in between is known.
+    """
+
+    q: Array
+    time: Array
+    temperature: Array
+    wrench: Array
+    direct: Bools
+    _kept: dict[tuple[object, ...], tuple[Array, Array]] = field(default_factory=dict, repr=False)
+
+    @property
+    def timed(self) -> bool:
+        """Whether the rows' times are known."""
+        return bool(np.isfinite(self.time).all())
+
+    def slack(self, half: Array) -> tuple[Array, Array]:
+        """Return play's output minus its input (H, k), and its derivative by the half width.
+
+        ``half``: half width by joint (k,), unit of q, not negative. See :func:`slack`.
+        """
+        key = ("slack", *half.tolist())
+        return self._once(key, lambda: slack(np.where(self.direct, self.q, np.nan), half))
+
+    def lagged(self, of: str, drive: Callable[[], Array], tau: float) -> tuple[Array, Array]:
+        """Return a state that follows ``drive`` (H,) or (H, k) late, and its derivative by tau, s.
+
+        ``of``: name of the drive. See :func:`lagged`.
+        """
+        return self._once((of, tau), lambda: lagged(self.time, drive(), tau))
+
+    def load(self, found: Callable[[], Array]) -> Array:
+        """Return the load on the actuators (H, k), found once."""
+        return self._once(("load",), lambda: (found(), np.zeros(0)))[0]
+
+    def rate(self) -> Array:
+        """Return each joint's travel per second on the way to each row (H, k), unit of q."""
+        known = np.isfinite(self.q)
+        at = np.maximum.accumulate(np.where(known, np.arange(len(self.q))[:, None], 0), axis=0)
+        travel = np.abs(np.diff(np.take_along_axis(self.q, at, axis=0), axis=0, prepend=np.nan))
+        step = np.diff(self.time, prepend=self.time[:1])[:, None]
+        return np.where((step > 0.0) & np.isfinite(travel), travel / np.where(
+            step > 0.0, step, 1.0), 0.0 * step)
+
+    def _once(self, key: tuple[object, ...], make: Callable[[], tuple[Array, Array]]
+              ) -> tuple[Array, Array]:
+        if key not in self._kept:
+            while len(self._kept) >= MOST_KEPT:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = make()
+        return self._kept[key]
+
+
+def history_of(q: Array, time: Array, temperature: Array, wrench: Array, sequence: bool
+               ) -> tuple[History | None, Ints]:
+    """Return the history that N rows make, and each row's place in it, -1 where it has none.
+
+    Args:
+        q: joint values (N, k), nan where not known.
+        time: s (N,).
+        temperature: K above 20 degrees Celsius (N,).
+        wrench: on the platform (N, 6).
+        sequence: the rows were visited in their order; else the times say in which.
+
+    None where neither says. Times that fall where the rows are in order are not believed.
+    """
+    n = len(q)
+    if sequence:
+        order = np.arange(n)
+        known = bool(np.isfinite(time).all() and np.all(np.diff(time) >= 0.0))
+        times = time if known else np.full(n, np.nan)
+    else:
+        timed = np.flatnonzero(np.isfinite(time))
+        order = timed[np.argsort(time[timed], kind="stable")]
+        times = time[order]
+    place = np.full(n, -1, dtype=np.int64)
+    place[order] = np.arange(order.size)
+    if not order.size:
+        return None, place
+    return History(q[order], times, temperature[order], wrench[order],
+                   np.asarray(np.isfinite(q).any(axis=0))), place
+
+
+def straight(history: History, place: Ints, approach: Array) -> Bools:
+    """Return which joints' recorded directions (N, k) are those of the order of rows (k,).
+
+    Where they are not, a joint moved between the rows too, and nobody wrote down how far.
+    """
+    told = ways(history.q)[place]
+    both = np.isfinite(told) & np.isfinite(approach) & (place >= 0)[:, None]
+    other = both & (np.sign(approach) != told)
+    return np.asarray(other.sum(axis=0) <= DIRECT * np.maximum(both.sum(axis=0), 1))
+
+
+def slack(u: Array, half: Array) -> tuple[Array, Array]:
+    """Return play's output minus its input (H, k), and its derivative by the half width.
+
+    p_k = max(u_k - h, min(u_k + h, p_(k-1))): the output p stays until the input u has crossed the
+    gap (Krasnosel'skii and Pokrovskii, Systems with hysteresis, 1989). Where p was before the
+    first row is not known: until u has spanned a full width, p is the middle of what it may be.
+
+    Args:
+        u: input (H, k); rows that are nan are passed over.
+        half: half widths h (k,), not negative.
+    """
+    known = np.isfinite(u)
+    low, high = np.where(known, u - half, -np.inf), np.where(known, u + half, np.inf)
+    by_low, by_high = -1.0 * known, 1.0 * known
+    step = 1
+    while step < len(u):
+        ends = []
+        for end, slope in ((low, by_low), (high, by_high)):
+            before, behind = end[:-step], slope[:-step]
+            under, over = before < low[step:], before > high[step:]
+            ends.append((np.where(under, low[step:], np.where(over, high[step:], before)),
+                         np.where(under, by_low[step:], np.where(over, by_high[step:], behind))))
+        (low, by_low), (high, by_high) = (
+            (np.concatenate([a[:step], b]), np.concatenate([c[:step], d]))
+            for (b, d), (a, c) in zip(ends, ((low, by_low), (high, by_high)), strict=True))
+        step *= 2
+    with np.errstate(invalid="ignore"):
+        out = 0.5 * (low - u) + 0.5 * (high - u)
+    return np.where(known, out, np.nan), np.where(known, 0.5 * (by_low + by_high), np.nan)
+
+
+def lagged(time: Array, drive: Array, tau: float) -> tuple[Array, Array]:
+    """Return the state x (H, ...) of x' = (drive - x)/tau, and its derivative by tau, per s.
+
+    Each row's drive is held over the step before it, for which exp(-dt/tau) is exact, however
+    long. The state starts as the first drive: before the first row all had been at rest.
+
+    Args:
+        time: s (H,), not falling.
+        drive: (H, ...); rows that are nan are passed over.
+        tau: s; 0 or less: the state is the drive.
+    """
+    if tau <= 0.0:
+        return drive, np.zeros_like(drive)
+    known = np.isfinite(drive)
+    when = np.where(known, time.reshape(-1, *[1] * (drive.ndim - 1)), -np.inf)
+    last = np.maximum.accumulate(when, axis=0)
+    with np.errstate(invalid="ignore"):
+        step = np.concatenate([np.full_like(last[:1], np.inf), last[1:] - last[:-1]])
+    first = known & (np.cumsum(known, axis=0) == 1)
+    step = np.where(first, np.inf, np.where(known, step, 0.0))
+    stays = np.exp(-step / tau)
+    held = np.where(known, drive, 0.0)
+    state = _affine(stays, (1.0 - stays) * held)
+    before = np.concatenate([np.zeros_like(state[:1]), state[:-1]])
+    slower = stays * np.where(np.isfinite(step), step, 0.0) / tau**2
+    slope = _affine(stays, slower * (before - held))
+    return np.where(known, state, np.nan), np.where(known, slope, np.nan)
+
+
+def _affine(factor: Array, add: Array) -> Array:
+    """Return x (H, ...) of x_k = factor_k x_(k-1) + add_k, x before the first being 0."""
+    step = 1
+    while step < len(add):
+        add = np.concatenate([add[:step], factor[step:] * add[:-step] + add[step:]])
+        factor = np.concatenate([factor[:step], factor[step:] * factor[:-step]])
+        step *= 2
+    return add

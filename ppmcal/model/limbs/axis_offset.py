@@ -1,0 +1,106 @@
+"""Universal joints whose two axes do not meet ([LIN] section 2.3: their normal distance).
+
+The first axis, a, is fixed to the body that carries the joint, the second is square to it and at a
+distance e from it, the rod square to the second. So the rod lies in the plane of a and of the
+limb's other end X, and starts at P + e n, with P the joint's place on a and n the unit vector from
+a towards X:
+
+    |X - P - e n|^2 = h^2 + (r - e)^2,
+
+r and h the distance of X from a and along it. The turn t about a that brings n towards X makes that
+length stationary. So the passive joint does no work: the limb's line through P + e n pairs with
+errors and twists as that of a point, and closure and derivative stay the one that all limbs share.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.linalg import Array
+from ppmcal.model.limbs.chain import Chain, ChainStep, SlotSpec, Values, align, orientation
+
+Steps = tuple[ChainStep, ...]
+
+
+def turn_about(body: str) -> str:
+    """Return under which name the values hold the angle t (N,) of the body's offset joint, rad."""
+    return f"turn about {body}.axis"
+
+
+def universal_joint(body: str, on: str = "", own: bool = False) -> Steps:
+    """Return the steps that end the chain of the body which carries a universal joint.
+
+    Args:
+        body: ``base`` or ``platform``; the slots are its ``axis`` and ``axis_offset``.
+        on: the direction with which the joint's carrier is aligned already.
+        own: the first axis is parallel to the limb's own z axis there, and so needs no slots.
+    """
+    axis, offset = f"{body}.axis", f"{body}.axis_offset"
+    steps = () if own else (_mount(axis, on, turn_about(body)),)
+    return (*steps, _arm(offset, "" if own else axis, turn_about(body)))
+
+
+def _mount(axis: str, on: str, turn: str) -> ChainStep:
+    """Rotation that carries local z onto the first axis, given in the body's axes."""
+    plain = align(axis)
+
+    def back(values: Values) -> Array:
+        return orientation(values[on]).T if on else np.eye(3)
+
+    def motor(values: Values) -> Array:
+        return cga.compose(cga.motor_from_matrix(back(values), np.zeros(3)), plain.motor(values))
+
+    def twists(values: Values) -> list[tuple[str, Array]]:
+        turned = back(values)
+        return [(name, np.concatenate([twist[..., :3] @ turned.T, twist[..., 3:]], axis=-1))
+                for name, twist in plain.twists(values)]
+
+    slots = tuple(SlotSpec(s.name, s.quantity, s.tolerance_class, s.default, axis)
+                  for s in plain.slots)
+    return ChainStep(slots, motor, twists, needs=turn)
+
+
+def _arm(offset: str, axis: str, turn: str) -> ChainStep:
+    """Translation by ``offset`` square to local z, towards the limb's other end."""
+
+    def towards(values: Values) -> Array:
+        t = np.asarray(values[turn], dtype=float)
+        return np.stack([np.cos(t), np.sin(t), np.zeros_like(t)], axis=-1)
+
+    def motor(values: Values) -> Array:
+        e = np.asarray(values[offset], dtype=float)
+        return cga.translator(e[..., None] * towards(values))
+
+    def twists(values: Values) -> list[tuple[str, Array]]:
+        n = towards(values)
+        return [(offset, np.concatenate([np.zeros_like(n), n], axis=-1))]
+
+    return ChainStep((SlotSpec(offset, "length", "length", 0.0, axis),), motor, twists, needs=turn)
+
+
+def offset_slot(chain: Chain) -> SlotSpec | None:
+    """Return the slot of the axis offset that ends a chain, None where there is none."""
+    last = chain.steps[-1] if chain.steps else None
+    return last.slots[0] if last is not None and last.needs else None
+
+
+def turn_towards(chain: Chain, values: Values, other_end: Array) -> dict[str, Array]:
+    """Return, by its name, the turn t (N,), rad, of a chain's last joint to the limb's other end.
+
+    It is nan where that end is within the offset of the first axis: there the joint can turn right
+    round, or would have to turn over, and which way it stands is anybody's guess.
+
+    Args:
+        chain: of the body that carries the joint.
+        values: of the limb's slots, SI.
+        other_end: where the limb ends, in that body's axes (N, 3), m.
+    """
+    name = chain.steps[-1].needs
+    before, _ = Chain(chain.steps[:-1]).evaluate({**values, name: 0.0}, ())
+    seen = cga.move_point(cga.reverse(before), other_end)
+    slot = offset_slot(chain)
+    e = np.abs(np.asarray(values[slot.name] if slot else 0.0, dtype=float))
+    r = np.hypot(seen[..., 0], seen[..., 1])
+    turn = np.arctan2(seen[..., 1], seen[..., 0])
+    return {name: np.where((r <= e) & (e > 0.0), np.nan, turn)}

@@ -1,0 +1,119 @@
+"""Several sessions: each predicted by the others, and an effect that belongs to one of them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.commands import ppmcal, rows, write_csv
+from helpers.diagnoses import DATA, diagnose, effect, named, simulate
+
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.validation import on_other_rows
+from ppmcal.diagnosis.held_out_blocks import _left_out, schemes
+from ppmcal.io import read_campaign, read_mechanism
+
+OTHER = "t/measurements.csv"
+ERRORS = {"leg1.base.point.x": 0.4, "leg2.offset": 0.3, "leg3.base.point.y": -0.3}
+BACKLASH = [effect("backlash", ["leg1"], width=0.03)]
+
+
+def two_days(folder: Path, first: list[dict[str, Any]], second: list[dict[str, Any]]) -> None:
+    """The same 3-RPR on two days, with what was wrong on each."""
+    simulate(folder, "3-RPR", first, count=20, errors=ERRORS, seed=5)
+    simulate(folder, "3-RPR", second, count=20, errors=ERRORS, seed=6, out="t",
+             frame={"x": -2, "y": 5, "rz": -2})
+
+
+@pytest.mark.slow
+def test_what_is_there_on_both_days_is_the_machines(tmp_path: Path) -> None:
+    two_days(tmp_path, BACKLASH, BACKLASH)
+    _, found = diagnose(tmp_path, DATA, OTHER, "--leave-out", "session")
+    assert found["verdict"] == "named"
+    assert named(found) == {"backlash": {"leg1"}}
+    (one,) = found["effects"]
+    assert [s["session"] for s in one["sessions"]] == ["s", "t"]
+    for s in one["sessions"]:
+        width = s["parameters"]["width"]
+        assert abs(width["value"] - 0.03) < 4.0 * width["sigma"]
+    assert one["same_in_sessions_p"] > 1e-3
+    by_session = next(b for b in found["gap"]["blocks"] if b["by"] == "session")
+    assert by_session["closed"] > 0.8
+    # it is what was asked for in place of held-out poses
+    assert found["gap"]["closed"] == by_session["closed"]
+
+
+@pytest.mark.slow
+def test_what_was_there_on_one_day_is_told_as_that(tmp_path: Path) -> None:
+    two_days(tmp_path, [], BACKLASH)
+    run, found = diagnose(tmp_path, DATA, OTHER)
+    assert run.code == 1 and found["verdict"] not in ("named", "named-set")
+    (told,) = (f for f in found["findings"] if "not the same in all sessions" in f)
+    assert "backlash on leg1" in told and "mm in s" in told and "mm in t" in told
+
+
+@pytest.mark.slow
+def test_each_session_is_predicted_by_a_fit_of_the_other(tmp_path: Path) -> None:
+    """Against two commands: a fit of one day, tested on the other day."""
+    two_days(tmp_path, [], [])
+    ppmcal("identify", "m.yaml", DATA, OTHER, "--leave-out", "session", "--keep-outliers", "--out",
+           "i", cwd=tmp_path)
+    found = json.loads((tmp_path / "i/identification.json").read_text())
+    assert "2 sessions (s, t)" in found["holdout_note"]
+    squares = []
+    for one, other in ((DATA, OTHER), (OTHER, DATA)):
+        ppmcal("identify", "m.yaml", one, "--holdout", other, "--keep-outliers", "--out", "j",
+               cwd=tmp_path)
+        held = json.loads((tmp_path / "j/identification.json").read_text())["residual"]["holdout"]
+        squares.append(held["position"]["rms"] ** 2)
+    rms = found["residual"]["holdout"]["position"]["rms"]
+    assert rms == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-3)
+
+
+def test_a_session_column_splits_a_file(tmp_path: Path) -> None:
+    simulate(tmp_path, "3-RPR", [], count=20, errors=ERRORS)
+    table = rows(tmp_path / DATA)
+    for n, row in enumerate(table):
+        row["session"] = "morning" if n < len(table) // 2 else "evening"
+    write_csv(tmp_path / DATA, table)
+    ppmcal("identify", "m.yaml", DATA, "--leave-out", "session", "--out", "i", cwd=tmp_path)
+    found = json.loads((tmp_path / "i/identification.json").read_text())
+    assert "2 sessions (morning, evening)" in found["holdout_note"]
+    # 5 um of noise, and what the geometry of a half does not know
+    assert 0.004 < found["residual"]["holdout"]["position"]["rms"] < 0.03
+
+
+@pytest.mark.slow
+def test_a_left_out_session_is_predicted_to_first_order_as_by_a_fit_without_it(
+        tmp_path: Path) -> None:
+    """Registration on its own rows, all else from the other session."""
+    two_days(tmp_path, [], [])
+    mechanism = read_mechanism(tmp_path / "m.yaml")
+    data = read_campaign([tmp_path / DATA, tmp_path / OTHER], mechanism)
+    plainly = FitOptions(robust=False)
+    whole = identify(Problem(mechanism, data, mechanism.free), plainly)
+    by, folds = next(iter(schemes(whole.problem)))
+    assert by == "session"
+    for out, other in ((0, 1), (1, 0)):
+        found = np.sqrt(np.mean(_left_out(whole, folds[out], whole.keep).square))
+        fit = identify(Problem(mechanism, (data[other],), mechanism.free), plainly)
+        errors, _ = on_other_rows(fit, [data[out]])
+        wanted = np.sqrt(np.mean(np.nansum((errors.vector[0] / errors.sigma[0]) ** 2, axis=1)))
+        assert found == pytest.approx(wanted, rel=0.02)
+
+
+def test_one_session_cannot_be_left_out(tmp_path: Path) -> None:
+    simulate(tmp_path, "3-RPR", [], count=12)
+    for command in ("identify", "diagnose"):
+        run = ppmcal(command, "m.yaml", DATA, "--leave-out", "session", "--out", "o", cwd=tmp_path,
+                     expect=2)
+        assert "only one session" in run.err and "column `session`" in " ".join(run.err.split())
+        assert not (tmp_path / "o").exists()
+        run = ppmcal(command, "m.yaml", DATA, "--leave-out", "session", "--holdout", "0.3",
+                     cwd=tmp_path, expect=2)
+        assert "takes the place of" in " ".join(run.err.split())
