@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.inverse import solve_rows
+from ppmcal.kinematics.loads import limb_forces, loads
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import (
     Dataset,
@@ -106,82 +104,42 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         environment.row, tuple(limbs), lambda wrench: loads(closed, q, pose, wrench),
         lambda wrench: limb_forces(closed, q, pose, wrench), environment.weight, mechanism.gravity,
         cga.rotation_matrix(pose), history=environment.history, place=environment.place,
-        ratio=ratio, past_load_of=lambda: _past_loads(mechanism, environment.history))
+        ratio=ratio,
+        past_load_of=lambda: _past_loads(mechanism, environment.history, model.parameters))
     return _carrying(mechanism, model.parameters, known)
 
 
 def _carrying(mechanism: Mechanism, g: Array, known: Setting) -> Setting:
     """Return the setting with what the platform carries according to the effects at ``g`` (P,)."""
     weight, wrench = known.weight, known.wrench
+    carried: tuple[str | float, ...] = ()
     for effect in mechanism.effects:
         if effect.kind.carried is not None:
             values = {name: float(g[p]) for name, p in effect.parameters.items()}
+            carried += (effect.kind.name, *values.values())
             weight, wrench = effect.kind.carried(
                 replace(known, weight=weight, wrench=wrench), values)
     if wrench is known.wrench:
         return known
-    return replace(known, weight=weight, wrench=wrench, known=known)
+    return replace(known, weight=weight, wrench=wrench, known=known, carried=carried,
+                   past_load_of=lambda: _past_loads(mechanism, known.history, g))
 
 
-def _past_loads(mechanism: Mechanism, history: History | None) -> Array:
+def _past_loads(mechanism: Mechanism, history: History | None, g: Array) -> Array:
     """Return the loads on the actuators at each row of a history (H, k), nominal geometry.
 
     An error of the geometry changes them by its part of the reach, a thousandth of what they do.
+    What the platform carries is that of the effects at ``g`` (P,).
     """
     if history is None:
         return np.full((0, len(mechanism.actuators)), np.nan)
-
-    def found() -> Array:
-        nominal = Model(mechanism.nominal())
-        found = loads(nominal, history.q, forward(nominal, history.q).pose, history.wrench)
-        return np.where(np.all(history.wrench == 0.0, axis=1)[:, None], 0.0, found)
-
-    return history.load(found)
-
-
-def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
-    """Return f = J_q^T wrench (N, k): the wrench's work per unit of each joint coordinate u.
-
-    [LIN] section 2.3: -A^-1 Jq carries joint motion to the platform, its transpose carries
-    the platform's wrench (N, 6), base axes at the platform origin, to the joints.
-    """
-    out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
-    rows, closure, lines, reaction = _reaction(model, q, pose, wrench)
-    if rows.size:
-        jq = closure.joint_matrix(pose[rows], lines, drive=False)
-        # f = -Jq^T A^-T w
-        out[rows] = -(np.swapaxes(jq, -1, -2) @ reaction[..., None])[..., 0]
-    return out
-
-
-def limb_forces(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
-    """Return the force with which the platform pushes on each limb, and that on the base (N, L, 3).
-
-    The wrench (N, 6) is the sum of A's lines times the reactions: what a limb carries of it acts
-    along the line of its closure, base axes, N.
-    """
-    out = np.full((q.shape[0], len(model.mechanism.limbs), 3), np.nan)
-    rows, closure, lines, reaction = _reaction(model, q, pose, wrench)
-    if rows.size:
-        force = reaction[..., None] * lines[..., :3]
-        first = np.cumsum([0, *(len(b.point_moves) for b in closure.bodies)])
-        out[rows] = np.stack([force[:, a:b].sum(axis=1)
-                              for a, b in pairwise(first)], axis=1)
-    return out
-
-
-def _reaction(model: Model, q: Array, pose: Array, wrench: Array
-              ) -> tuple[NDArray[np.int64], Closure, Array, Array]:
-    """Return usable rows (n,), their closure, lines and A^-T w (n, d).
-
-    At a singular pose nothing bears the load: nan.
-    """
-    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose) & finite_rows(wrench))
-    closure = model.take(rows).closure(q[rows])
-    lines = closure.lines(pose[rows])
-    a = closure.pose_matrix(pose[rows], lines)
-    return rows, closure, lines, solve_rows(np.swapaxes(a, -1, -2),
-                                            wrench[rows][:, model.mechanism.dof])
+    bare = Model(replace(mechanism.nominal(), effects=()))
+    pose = history.once("pose", lambda: forward(bare, history.q).pose)
+    rows = replace(unknown_environment(*history.q.shape), wrench=history.wrench,
+                   weight=history.weight)
+    at = _carrying(mechanism, g, setting(bare, rows, history.q, pose))
+    rests = np.all(history.wrench == 0.0, axis=1)[:, None]
+    return history.once(f"loads {at.carried}", lambda: np.where(rests, 0.0, at.load))
 
 
 def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effect, Terms]]:
@@ -225,7 +183,8 @@ def _by_carried(mechanism: Mechanism, g: Array, at: Setting, p: int,
                 borne: Callable[[Setting], Shift] | None = None) -> Shift:
     """Return the derivative of the shift of all other effects by what the platform carries."""
     others = replace(mechanism, effects=tuple(
-        e for e in mechanism.effects if e.kind.uses_load and e.kind.carried is None))
+        e for e in mechanism.effects if e.kind.carried is None
+        and (e.kind.uses_load or {"load", "wrench"} & set(e.kind.needs))))
     sides = []
     for sign in (-1.0, 1.0):
         moved = g.copy()

@@ -247,7 +247,8 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
     time = columns.get("time", blank)
     # of a joint whose direction is 0 throughout nobody moves it: it stays where it is
     rests = np.all(approach == 0.0, axis=0)
-    history, place = history_of(np.where(rests, 0.0, q), time, temperature, wrench, sequence)
+    history, place = history_of(
+        np.where(rests, 0.0, q), time, temperature, wrench, force, sequence)
     return Environment(approach, velocity, temperature, wrench, time, np.full(n, np.inf), force,
                        history, place).with_directions()
 

@@ -14,9 +14,10 @@ from ppmcal import algebra as cga
 from ppmcal.io import read_mechanism
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import limb_forces, loads, setting
+from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.loads import limb_forces, loads
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
@@ -137,6 +138,64 @@ def test_a_tilt_is_another_gravity(name: str, turns: dict[str, float], gravity: 
                                atol=1e-12 * weight.max())
     np.testing.assert_allclose(seen.wrench[:, :3] - rows.wrench[:, :3], seen.weight - rows.weight,
                                rtol=0.0, atol=1e-12 * weight.max())
+
+
+CARRIED = {"payload_offset": {"x": 0.05, "y": -0.08}, "gravity_tilt": {"turn": 0.3}}
+
+
+def visited(moments: Array | float = 0.0, turn: float = 0.0) -> tuple[Array, Environment]:
+    """Return joints in their order with a payload put on and off, its weight turned as told."""
+    mechanism, rng = machine("3-RPR"), np.random.default_rng(9)
+    q, _ = spread(Model(mechanism), 12, size=0.5)
+    columns = {"payload": rng.choice([5.0, 20.0], 12), "time": np.arange(12) * 60.0,
+               "mz": rng.uniform(-3.0, 3.0, 12) + moments}
+    down = mechanism.gravity
+    turned = np.array([np.cos(turn) * down[0] - np.sin(turn) * down[1],
+                       np.sin(turn) * down[0] + np.cos(turn) * down[1], 0.0])
+    return q, environment(columns, mechanism.actuators, turned, q, sequence=True)
+
+
+@pytest.mark.parametrize("kind", CARRIED)
+def test_what_creeps_remembers_what_was_carried(kind: str) -> None:
+    """The loads of rows before are those of the payload as it is carried, recorded or not."""
+    plain = machine("3-RPR")
+    mechanism = acting(plain, creep={"give": 1e-6, "tau": 90.0}, **{kind: CARRIED[kind]})
+    q, rows = visited()
+    pose = forward(Model(plain), q).pose
+    lever = np.einsum("nij,j->ni", cga.rotation_matrix(pose), [0.05, -0.08, 0.0])
+    told = visited(moments=np.cross(lever, rows.weight)[:, 2]) if kind == "payload_offset" else (
+        visited(turn=0.3))
+    found = setting(Model(mechanism), rows, q, pose).late_load(90.0)[0]
+    expected = setting(Model(plain), told[1], q, pose).late_load(90.0)[0]
+    unaware = setting(Model(plain), rows, q, pose).late_load(90.0)[0]
+    scale = np.abs(expected).max()
+    assert np.abs(unaware - expected).max() > 1e-2 * scale
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10 * scale)
+
+
+@pytest.mark.parametrize("kind", CARRIED)
+def test_creep_changes_with_what_is_carried(kind: str) -> None:
+    """Derivatives of the whole shift by what is carried, against differences of the whole."""
+    mechanism = acting(machine("3-RPR"), creep={"give": 1e-6, "tau": 90.0}, **{kind: CARRIED[kind]})
+    q, rows = visited()
+    model = Model(mechanism)
+    pose = forward(Model(machine("3-RPR")), q).pose
+
+    def whole(values: Array) -> Array:
+        moved = mechanism.with_values(values)
+        at = setting(Model(moved), rows, q, pose)
+        ((_, creep), *_rest) = effect_terms(moved, moved.values, at)
+        return np.stack([creep.shift.slots[i, "offset"] for i in range(3)])
+
+    terms = effect_terms(mechanism, mechanism.values, setting(model, rows, q, pose))
+    effect, own = terms[1]
+    for name in CARRIED[kind]:
+        step = np.zeros(len(mechanism.values))
+        step[effect.parameters[name]] = 1e-5
+        wanted = (whole(mechanism.values + step) - whole(mechanism.values - step)) / 2e-5
+        found = np.stack([own.by[name].slots[i, "offset"] for i in range(3)])
+        assert np.abs(wanted).max() > 0.0
+        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-6 * np.abs(wanted).max())
 
 
 def test_a_plain_compliance_is_what_it_was() -> None:

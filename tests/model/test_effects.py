@@ -23,7 +23,6 @@ from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import (
     environment_of,
-    loads,
     missing_columns,
     shifted,
     with_strokes,
@@ -31,6 +30,7 @@ from ppmcal.kinematics.effect_response import (
 from ppmcal.kinematics.equilibrium import reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.loads import loads
 from ppmcal.kinematics.registration import displaced, measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
 from ppmcal.model.dataset import (
@@ -182,7 +182,8 @@ def one_row(kind: EffectKind, **fields: float) -> Setting:
         return np.stack([np.full(shape, fields.get(f"{name}_before", np.nan)), row(name, *shape)])
 
     history = History(past("travel", 1), np.array([0.0, fields.get("time", 1.0)]),
-                      past("temperature"), past("wrench", 6), np.array([True]))
+                      past("temperature"), past("wrench", 6), past("weight", 3),
+                      np.array([True]))
     return Setting(kind.motions[0], np.array([kind.joints == "turning"]), row("travel", 1, 1),
                    np.full((1, 2), np.nan), row("approach", 1, 1), row("velocity", 1, 1),
                    row("temperature", 1), row("wrench", 1, 6), row("time", 1),

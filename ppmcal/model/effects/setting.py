@@ -117,7 +117,8 @@ class Setting:
         until: row from which on another event takes this one's place, by joint (k,); None: never.
         history: all rows in the order of their visit, None where that is not known; ``place`` of
             these rows in it (N,), -1 where they have none; ``ratio`` of the drives (k,).
-        past_load_of: gives the load on the actuators there (H, k).
+        past_load_of: gives the load on the actuators there (H, k), ``carried`` being the kinds and
+            values of the effects that say what the platform carries.
     """
 
     motion: str
@@ -142,6 +143,7 @@ class Setting:
     place: Ints | None = None
     ratio: Array | float = 1.0
     past_load_of: Callable[[], Array] | None = None
+    carried: tuple[str | float, ...] = ()
 
     @cached_property
     def load(self) -> Array:
@@ -205,7 +207,7 @@ class Setting:
         history = self.history
         if history is None or not history.timed or self.past_load_of is None:
             return np.full_like(self.travel, np.nan), np.full_like(self.travel, np.nan)
-        found, slope = history.lagged("load", self.past_load_of, tau)
+        found, slope = history.lagged(f"load {self.carried}", self.past_load_of, tau)
         return self._then(found), self._then(slope)
 
     def _then(self, past: Array) -> Array:
