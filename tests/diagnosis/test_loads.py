@@ -13,7 +13,7 @@ from helpers.diagnoses import SQUEEZED, diagnose, effect, named, simulate
 from scipy.stats import binom
 
 from ppmcal.io.results.diagnosis import DiagnosisRecord
-from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, EffectValue
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, EffectValue, kind_of
 from ppmcal.io.results.diagnosis_wording import own_values
 
 FINE: dict[str, Any] = {"instrument": {"kind": "pose", "sigma": {"position": 0.002,
@@ -93,6 +93,15 @@ def test_a_clearance_is_no_hardened_compliance(tmp_path: Path) -> None:
     _, found = diagnose(tmp_path)
     assert set(named(found)) == {"clearance"}
     assert np.isfinite(found["effects"][0]["parameters"]["width"]["value"])
+
+
+@pytest.mark.parametrize(("label", "kind"), [
+    ("plate_compliance base", "plate_compliance"), ("backlash on leg1, leg2", "backlash"),
+    ("backlash x temperature on leg1", "backlash x temperature"),
+    ("leg_thermal from motion on leg2", "leg_thermal from motion"),
+    ("geometry leg1.base.x", "geometry leg1.base.x")])
+def test_an_alternative_is_a_kind_without_its_part(label: str, kind: str) -> None:
+    assert kind_of(label) == kind
 
 
 def test_values_of_one_hypothesis_are_one_line() -> None:

@@ -50,7 +50,7 @@ class EventRow(Part):
                    high=onset.high - own.before, dataset=own.name)
 
 
-def _kind(label: str) -> str:
+def kind_of(label: str) -> str:
     """Return the kind of an alternative, without its part; of a slot of the geometry its name."""
     whole = label.split(" on ")[0]
     known = effect_kinds().get(whole.split()[0])
@@ -109,7 +109,7 @@ class DiagnosedEffect(Part):
         return cls(kind=effect.kind, on=effect.on, parameters=_parameters(result, effect),
                    p_value=effect.p_value, log10_p=effect.log_p / np.log(10.0),
                    survival=effect.survival,
-                   alternatives=tuple(_kind(a) for a in effect.alternatives),
+                   alternatives=tuple(kind_of(a) for a in effect.alternatives),
                    alternatives_on=effect.alternatives, odds=effect.odds,
                    sessions=EffectInSession.each(result, effect.sessions),
                    same_in_sessions_p=None if effect.sessions is None else effect.sessions.p_value,
