@@ -147,7 +147,13 @@ def _where(result: Diagnosis) -> str:
 
 def _effects(record: DiagnosisRecord) -> list[str]:
     """Return the named effects with their sizes, and what they cannot be told from."""
-    from ppmcal.io.results.diagnosis_wording import actuators, name_of, rivals, together
+    from ppmcal.io.results.diagnosis_wording import (
+        actuators,
+        name_of,
+        own_values,
+        rivals,
+        together,
+    )
 
     out = []
     for group in together(record):
@@ -155,7 +161,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         heads = ["" if list(e.on) == on else f"{where(e.on, actuators(record))} " for e in group]
         chances = [_p(e.log10_p) for e in group]
         alone = [f" ({p})" if len(set(chances)) > 1 else "" for p in chances]
-        sizes = "; ".join(f"{head}{_values(e.parameters)}{p}"
+        sizes = own_values(record, group) or "; ".join(f"{head}{_values(e.parameters)}{p}"
                           for head, e, p in zip(heads, group, alone, strict=True))
         out.append(f"{name_of(record, group[0].kind, on)}: {sizes}"
                    + ("." if alone[0] else f"; {chances[0]}."))

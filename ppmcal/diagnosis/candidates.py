@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import product
 
 import numpy as np
 
+from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
 from ppmcal.diagnosis.hypotheses import (
     Collector,
     Hypothesis,
@@ -18,21 +18,21 @@ from ppmcal.diagnosis.hypotheses import (
     shapes,
 )
 from ppmcal.diagnosis.linear_system import System, SystemPart
-from ppmcal.diagnosis.scan_range import scan_range
 from ppmcal.diagnosis.search import Search, columns_of
-from ppmcal.kinematics.effect_response import lacking, setting
+from ppmcal.kinematics.effect_response import carried_by, lacking, setting
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import (
     GEOMETRY,
     EffectKind,
     EffectParameter,
-    ScanRange,
     Setting,
+    Shift,
     effect_kinds,
 )
 from ppmcal.model.mechanism import limbs_with_free
 
+UNBORNE = "it shows only through what gives way to the load, of which the model has nothing"
 ALIKE = 0.5
 """It looks like an effect if it explains this part of what the effect does."""
 
@@ -48,54 +48,20 @@ def unrecorded_load(to: Collector) -> None:
 
 
 def _under_weight(to: Collector, kind: EffectKind, settings: Sequence[Setting]) -> None:
-    specs = [s for s in kind.parameters(to.motion) if not s.constant]
+    specs = [s for s in kind.parameters(to.motion) if not (s.constant or s.optional)]
     values = start_values(kind, to.motion)
     own = {}
     for a, name in enumerate(to.actuators):
         one = np.arange(len(to.actuators)) == a
         terms = [kind.evaluate(s, one, values).by for s in settings]
-        own[name] = tuple(to.add(_sign(s) * to.system.column([by[s.name] for by in terms]))
+        own[name] = tuple(to.add(sign(s) * to.system.column([by[s.name] for by in terms]))
                           for s in specs)
     whole = tuple(to.add(np.sum([to.columns[c] for c in cs], axis=0))
                   for cs in zip(*own.values(), strict=True))
     for on, columns in [((name,), cs) for name, cs in own.items()] + [(to.actuators, whole)]:
         to.unrecorded.append(Hypothesis(
             kind.name, tuple(on), True, tuple(s.name for s in specs),
-            tuple(_lowest(s) for s in specs), tuple(s.high for s in specs), columns, effect=kind))
-
-
-def start_values(kind: EffectKind, motion: str) -> dict[str, float]:
-    """Return where the linear model of a kind is taken: at nothing, a reciprocal one at 1."""
-    return {s.name: 1.0 if s.reciprocal else s.default if s.constant and s.default is not None
-            else 0.0 for s in kind.parameters(motion)}
-
-
-def usual_range(spec: EffectParameter, stroke: float) -> tuple[float, float]:
-    """Return the range of a parameter's coefficient in machines, SI; ``stroke``: the longest."""
-    low, high = spec.usual
-    if spec.reciprocal:
-        return 1.0 / high, 1.0 / low if low > 0.0 else np.inf
-    scale = stroke if spec.of_stroke else 1.0
-    return scale * low, scale * high
-
-
-def _sign(spec: EffectParameter) -> float:
-    """Return the sign of d/d(1/k) at k = 1 against d/dk, for what is linear in 1/k."""
-    return -1.0 if spec.reciprocal else 1.0
-
-
-def _lowest(spec: EffectParameter) -> float:
-    return 0.0 if spec.reciprocal else spec.low
-
-
-NEAR = 4.0
-"""A size by which an effect nearly scales may be so many times that of its column, + or -."""
-
-
-def _plain(kind: EffectKind, motion: str, constants: Mapping[str, float]) -> list[str]:
-    """Return which constants are at the default with which the kind is a plain one."""
-    return [s.name for s in kind.parameters(motion)
-            if s.optional and constants.get(s.name) == s.default]
+            tuple(lowest(s) for s in specs), tuple(s.high for s in specs), columns, effect=kind))
 
 
 def _weighed(part: SystemPart, to: Collector) -> Setting:
@@ -127,7 +93,19 @@ def look_alikes(search: Search, hypotheses: Sequence[Hypothesis], chosen: Sequen
 
 
 class _Kinds(Collector):
-    """Makes the hypotheses of every kind of effect."""
+    """Makes the hypotheses of every kind of effect.
+
+    ``tried``: parameters that the fit frees only under test.
+    """
+
+    def __init__(self, system: System, tried: Sequence[int] = ()) -> None:
+        super().__init__(system)
+        self.grids = Grids(system)
+        effects, under_test = system.problem.mechanism.effects, set(tried)
+        self.bears = any(e.kind.uses_load and e.kind.carried is None
+                         and not set(e.parameters.values()) & under_test for e in effects)
+        self.bearing = next((k for k in effect_kinds().values() if k.under_weight
+                             and self.motion in k.motions and len(set(self.turning)) == 1), None)
 
     def kind(self, kind: EffectKind) -> None:
         """Add all hypotheses of one kind."""
@@ -141,26 +119,32 @@ class _Kinds(Collector):
                 kind.label, missing, "not recorded, or the same in every row"))
         if not on.any():
             return
-        for constants in self._grids(kind):
-            self._hypotheses(kind, on, constants)
-
-    def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float]) -> None:
-        specs = [s for s in kind.parameters(self.motion)
-                 if not s.constant and (s.scaling or s.name not in constants)]
-        values = start_values(kind, self.motion) | constants
-        specs = [s for s in specs if self._varies(s)]
-        if not specs:
+        if kind.carried is not None and not self.bears and self.bearing is None:
+            self.untestable.append(Untestable(kind.label, ("a compliance in the model",), UNBORNE))
             return
-        low = tuple(-NEAR * constants[s.name] if s.scaling else _lowest(s) for s in specs)
+        specs = [s for s in kind.parameters(self.motion) if not (s.constant or s.optional)
+                 and (s.scaling or s.scan is None) and self._varies(s)]
+        for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
+            for constants in self.grids.of(kind, some[0].name):
+                self._hypotheses(kind, on, constants, some)
+
+    def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float],
+                    specs: Sequence[EffectParameter]) -> None:
+        values = start_values(kind, self.motion) | constants
+        leans = None if kind.carried is None or self.bears or self.bearing is None else (
+            self.bearing.name, tuple(self.actuators))
+        low = tuple(-NEAR * constants[s.name] if s.scaling else lowest(s) for s in specs)
         high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
-        usual = tuple(usual_range(s, self._stroke()) for s in specs)
+        usual = tuple(usual_range(s, self.grids.stroke) for s in specs) if leans is None else ()
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
-        searched = len(constants) - len(strokes) - len(_plain(kind, self.motion, constants))
-        turns = self._stroke() / constants[kind.period] if kind.period else 0.0
+        # what is optional is paid for twice: its value, and that it was looked for
+        searched = len(constants) - len(strokes) + sum(
+            s.optional and s.name in constants for s in kind.parameters(self.motion))
+        turns = self.grids.stroke / constants[kind.period] if kind.period else 0.0
         names = tuple(s.name for s in specs)
         of_kind = partial(Hypothesis, kind.name, searched=searched, turns=turns, strokes=strokes,
-                          effect=kind)
+                          effect=kind, part=names[0] if kind.one_by_one else "", leans=leans)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
             self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, constants))
@@ -170,7 +154,7 @@ class _Kinds(Collector):
             return
         own: dict[int, tuple[int, ...]] = {}
         for a in np.flatnonzero(on):
-            ends = self._ends(strokes, int(a))
+            ends = self.grids.ends(strokes, int(a))
             own[int(a)] = self._columns(kind, np.arange(on.size) == a, values | ends, specs)
             add((self.actuators[a],), own[int(a)], shown | ends)
         same = len(set(self.turning[on].tolist())) == 1
@@ -200,8 +184,12 @@ class _Kinds(Collector):
 
     def _made(self, kind: EffectKind, on: Bools, values: dict[str, float],
               specs: Sequence[EffectParameter]) -> list[Array]:
+        if kind.carried is not None:
+            by = [carried_by(kind, p.response.closure.model, p.setting, self._borne(on))
+                  for p in self.system.parts]
+            return [self.system.column([b[s.name] for b in by]) for s in specs]
         terms = [kind.evaluate(p.setting, on, values) for p in self.system.parts]
-        return [_sign(s) * self.system.column([
+        return [sign(s) * self.system.column([
             t.shift.times(1.0 / values[s.name]) if s.scaling else t.by[s.name] for t in terms])
             for s in specs]
 
@@ -212,6 +200,14 @@ class _Kinds(Collector):
     @cached_property
     def _steps(self) -> dict[tuple[str, tuple[bool, ...]], list[Array]]:
         return {}
+
+    def _borne(self, on: Bools) -> Callable[[Setting], Shift] | None:
+        """Return what gives way to the load, at a coefficient of 1; None: the model's effects."""
+        kind = self.bearing
+        if self.bears or kind is None:
+            return None
+        values = start_values(kind, self.motion)
+        return lambda at: kind.evaluate(at, on, values).shift
 
     def _varies(self, spec: EffectParameter) -> bool:
         """Whether the wrench component on which a parameter acts is ever applied."""
@@ -271,55 +267,6 @@ class _Kinds(Collector):
             out[limb.actuator] = True
         return out
 
-    def _grids(self, kind: EffectKind) -> list[dict[str, float]]:
-        """Return the values of a kind's nonlinear parameters that are tried, fitted ones first."""
-        data = self._range
-        specs = [s for s in kind.parameters(self.motion) if s.scan is not None]
-        tried = {s.name: s.scan(data) for s in specs if s.scan is not None}
-        for s in specs:
-            if s.optional and s.default is not None:
-                tried[s.name] = [s.default, *(() if self._lacks(s) else tried[s.name])]
-        grid = [dict(zip(tried, map(float, values), strict=True))
-                for values in product(*tried.values())]
-        if tried:
-            grid = self._fitted(kind, tried) + grid
-        known = np.isfinite(self.system.parts[0].setting.stroke).all()
-        ends = {} if known else self._ends(kind.stroke_ends(self.motion))
-        return [constants | ends for constants in grid]
-
-    @cached_property
-    def _range(self) -> ScanRange:
-        return scan_range(self.system)
-
-    def _lacks(self, spec: EffectParameter) -> bool:
-        """Whether a column that only this parameter needs is missing."""
-        on = range(len(self.actuators))
-        return any(lacking(spec.needs, self.actuators, on, p.response.rows)
-                   for p in self.system.parts)
-
-    def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
-        """Return what the fit has made of a kind's nonlinear parameters already."""
-        g = self.system.state.g
-        return [{n: float(g[e.parameters[n]]) for n in names}
-                for e in self.system.problem.mechanism.effects if e.kind.label == kind.label]
-
-    def _ends(self, names: Sequence[str], actuator: int | None = None) -> dict[str, float]:
-        """Return the stroke of one joint, or the range of all: limits, else as measured.
-
-        ``names``: of the constants that are its low and its high end; none: nothing.
-        """
-        if not names:
-            return {}
-        travel = np.concatenate([p.setting.travel for p in self.system.parts])
-        limits = self.system.parts[0].setting.stroke
-        some = slice(None) if actuator is None else [actuator]
-        ends = limits[some] if np.isfinite(limits[some]).all() else np.stack(
-            [travel.min(axis=0), travel.max(axis=0)], axis=-1)[some]
-        return dict(zip(names, (float(ends[:, 0].min()), float(ends[:, 1].max())), strict=True))
-
-    def _stroke(self) -> float:
-        return self.system.stroke or 1.0
-
 
 def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = ()
             ) -> Library:
@@ -327,7 +274,7 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
 
     ``kinds``: only these; ``tried``: parameters that the fit frees only under test.
     """
-    maker = _Kinds(system)
+    maker = _Kinds(system, tried)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
             for variant in kind.variants(maker.motion) if kind.variants else (kind,):

@@ -26,7 +26,7 @@ from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import Added, with_named
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
-from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
 from ppmcal.diagnosis.left_out_rows import left_out
 from ppmcal.diagnosis.localization import Place, localise
@@ -146,7 +146,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         verdict, effects if named else (), tables.possible(found, effects, verdict), left, start,
         gap, _places(found, named, options.seed),
         tables.candidates(found, effects if named else ()),
-        found.first.library.untestable, tables.swallowed(whole, final),
+        _untestable(found), tables.swallowed(whole, final),
         reported.fit if final is whole and not terms else whole, reported, found,
         next_step(found.last, others, verdict, options.seed, gap),
         tuple(told), blocks, _others(whole, found, others, terms, options) if named else (), terms)
@@ -174,6 +174,14 @@ def _others(whole: Fit, found: Found, alternatives: Alternatives, terms: Learned
         whole = with_mechanism(whole, machine, options.fit)
     return other_models(whole, found.last, {i: r for i, (r, _) in alternatives.items()},
                         options.fit)
+
+
+def _untestable(found: Found) -> tuple[Untestable, ...]:
+    """Return what could be tested at no fit: some kinds show only once another is in the model."""
+    last = found.last
+    tested = {f.effect.label for f in last.hypotheses if f.effect} - {
+        u.kind for u in last.library.untestable}
+    return tuple(u for u in found.first.library.untestable if u.kind not in tested)
 
 
 def _places(found: Found, named: bool, seed: int) -> tuple[Place, ...]:

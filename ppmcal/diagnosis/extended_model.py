@@ -37,6 +37,8 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
     for i in chosen:
         hypothesis = search.hypotheses[i]
         at = [place[c] for c in hypothesis.columns]
+        if hypothesis.leans:
+            value, sigma = _over(search, chosen, hypothesis, place, at, value, sigma)
         if hypothesis.slot:
             mechanism = _freed(mechanism, hypothesis.slot, float(value[at[0]]))
             added.append(Added(hypothesis, hypothesis.on, (hypothesis.slot,)))
@@ -51,6 +53,16 @@ def with_named(mechanism: Mechanism, search: Search, chosen: Sequence[int]
     return mechanism, tuple(added)
 
 
+def _over(search: Search, chosen: Sequence[int], hypothesis: Hypothesis, place: dict[int, int],
+          at: Sequence[int], value: Array, sigma: Array) -> tuple[Array, Array]:
+    """Return values and deviations, those of what leans over the coefficient that it leans on."""
+    other = next(f for f in (search.hypotheses[i] for i in chosen)
+                 if (f.kind, f.on) == hypothesis.leans and f.shared)
+    one = np.ones(len(value))
+    one[at] = value[place[other.columns[0]]]
+    return value / one, sigma / np.abs(one)
+
+
 def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value: Array,
           sigma: Array) -> tuple[Mechanism, tuple[str, ...]]:
     kind = hypothesis.effect
@@ -62,13 +74,12 @@ def _with(mechanism: Mechanism, hypothesis: Hypothesis, on: Sequence[str], value
              for n, v, s in zip(names, value, sigma, strict=True)}
     for n, v in hypothesis.constants.items():
         if not specs[n].scaling:
-            plain = specs[n].optional and v == specs[n].default
-            given[n] = Given(v, free=not (specs[n].constant or plain))
+            given[n] = Given(v, free=not specs[n].constant)
     acts = tuple(not on or a in on for a in mechanism.actuators)
     before = len(mechanism.parameters)
     mechanism = with_effect(mechanism, kind, acts, given)
     return mechanism, tuple(p.name for p in mechanism.parameters[before:]
-                            if p.free or p.value != 0.0)
+                            if p.free or not (p.value == 0.0 or np.isnan(p.value)))
 
 
 def _start(spec: EffectParameter, value: float, sigma: float) -> float:

@@ -34,6 +34,9 @@ class Hypothesis:
         usual: the range in which machines have it, by column; empty: any.
         columns: where its columns are in the library.
         effect: the kind with its traits; None for a frozen slot or a shape without a cause.
+        part: of a kind whose parameters are causes of their own, the one that it has.
+        leans: kind and actuators of what gives way to the load, which has to be chosen too; its
+            coefficient is the parameter times that of the other.
         caution: by which its evidence is divided: what a step explains grows with the noise's
             long-run variance, which is known less well than the noise itself.
     """
@@ -55,6 +58,8 @@ class Hypothesis:
     choices: float = 0.0
     caution: float = 1.0
     effect: EffectKind | None = None
+    part: str = ""
+    leans: tuple[str, tuple[str, ...]] | None = None
 
     @property
     def size(self) -> int:
@@ -71,13 +76,20 @@ class Hypothesis:
         """What it is told apart as: the kind, the frozen slot, or the shape's place."""
         if self.anonymous:
             return self.label
-        if self.slot:
-            return f"{GEOMETRY} {self.slot}"
+        return f"{GEOMETRY} {self.slot}" if self.slot else f"{self._called} {self.part}".rstrip()
+
+    @property
+    def _called(self) -> str:
         return self.effect.label if self.effect else self.kind
 
     def apart(self, other: Hypothesis) -> float:
-        """Return by how much the constants of two hypotheses of a grid differ."""
-        return sum(abs(v - other.constants.get(n, v)) for n, v in self.constants.items())
+        """Return by how much the constants of two hypotheses of a grid differ, part by part.
+
+        A constant that only one of them has is 0 in the other.
+        """
+        names = {*self.constants, *other.constants} - {*self.strokes, *other.strokes}
+        pairs = [(self.constants.get(n, 0.0), other.constants.get(n, 0.0)) for n in names]
+        return sum(abs(a - b) / (abs(a) + abs(b)) for a, b in pairs if a != b)
 
     def alike(self, other: Hypothesis) -> bool:
         """Whether the constants are the same; each joint may have a stroke of its own."""
@@ -92,7 +104,7 @@ class Hypothesis:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
             return f"an unknown shape along {' '.join(self.on) or 'the position'}"
-        return f"{self.family} on {', '.join(self.on)}" if self.on else self.family
+        return f"{self._called} on {', '.join(self.on)}" if self.on else self.family
 
 
 def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:

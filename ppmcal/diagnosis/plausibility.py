@@ -89,7 +89,8 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
         if values[i] > search.name or possible(search, [int(i)]):
             return None
         kind = hypothesis.effect
-        if hypothesis.anonymous or kind is None or bic(search, [int(i)]) > now - MUCH_BETTER:
+        if hypothesis.anonymous or kind is None or hypothesis.leans or (
+                bic(search, [int(i)]) > now - MUCH_BETTER):
             continue
         for column in dict.fromkeys("payload" if n in ("load", "wrench") else n
                                     for n in kind.needs):

@@ -22,7 +22,7 @@ from ppmcal.diagnosis.linear_system import (
     range_basis,
 )
 from ppmcal.diagnosis.result import Found
-from ppmcal.diagnosis.selection import own_log_p
+from ppmcal.diagnosis.selection import borne, own_log_p
 from ppmcal.diagnosis.stage import named_only, scaling_columns, without
 from ppmcal.linalg import Array, Bools, finite_rows, subsample, unit_columns
 from ppmcal.model.dataset import Dataset
@@ -111,7 +111,7 @@ def _without(found: Found, key: Key) -> tuple[int, ...]:
     mine = [i for i in last.chosen if _key(last.hypotheses[i]) == key]
     if len(mine) > 1:
         mine = [max(mine, key=lambda i: own_log_p(last.search, last.chosen, i))]
-    return tuple(i for i in last.chosen if i not in mine)
+    return tuple(borne(last.search, [i for i in last.chosen if i not in mine]))
 
 
 def nothing_named(found: Found) -> Found:
@@ -162,13 +162,32 @@ def _against_zero(fit: Fit, covariance: Array, columns: Sequence[int]) -> float:
     inverse = np.array([p.reciprocal for p in parameters])
     value = np.where(inverse, 1.0 / g, g)
     slope = np.where(inverse, -1.0 / g**2, 1.0)
-    linear_part = covariance[np.ix_(linear, linear)] * np.outer(slope, slope)
+    linear_part = _given_optional(fit, covariance, columns, linear) * np.outer(slope, slope)
     if not np.isfinite(linear_part).all():
         return 0.0
     # residuals above the stated noise make everything less certain
     ratio = max(1.0, fit.reduced.square / max(fit.reduced.count - fit.scale.size, 1))
     square = float(value @ np.linalg.pinv(linear_part, hermitian=True) @ value) / ratio
     return float(np.log(max(chdtrc(len(linear), square), 1e-300)))
+
+
+def _given_optional(fit: Fit, covariance: Array, columns: Sequence[int], linear: Sequence[int]
+                  ) -> Array:
+    """Return the covariance of linear columns with the effect's optional ones held where they are.
+
+    Size and hardening may be known together only; whether there is anything is not the question
+    how it hardens.
+    """
+    mechanism = fit.problem.mechanism
+    optional = {e.parameters[s.name] for e in mechanism.effects
+             for s in e.kind.parameters(mechanism.motion) if s.optional}
+    held = [c for c in columns if fit.problem.free[c] in optional]
+    out = covariance[np.ix_(linear, linear)]
+    if held and np.isfinite(covariance[np.ix_(held, held)]).all():
+        cross = covariance[np.ix_(linear, held)]
+        out = out - cross @ np.linalg.pinv(covariance[np.ix_(held, held)],
+                                           hermitian=True) @ cross.T
+    return np.asarray(out)
 
 
 def _outside(fit: Fit, covariance: Array, found: Found, key: Key) -> float:
@@ -190,7 +209,7 @@ def _none_of_machines(fit: Fit, covariance: Array, found: Found, key: Key, spec:
                if names[fit.problem.free[c]].endswith(f".{spec.name}")]
     if not columns:
         return -np.inf
-    scale = found.last.system.stroke if spec.of_stroke else 1.0
+    scale = spec.usual_scale(found.last.system.stroke)
     values = np.array([fit.state.g[fit.problem.free[c]] for c in columns])
     if np.any(values < spec.usual[0] * scale) or np.any(values > spec.usual[1] * scale):
         return 0.0

@@ -11,7 +11,7 @@ from ppmcal.model.effects import ScanRange
 
 
 def scan_range(system: System) -> ScanRange:
-    """Return stroke, rows, moves, times and speeds of a system's rows, SI.
+    """Return stroke, rows, loads, moves, times and speeds of a system's rows, SI.
 
     Moves and times are those of the whole files; without any, the defaults stand.
     """
@@ -24,8 +24,11 @@ def scan_range(system: System) -> ScanRange:
     times = [h.time for h in pasts if h.timed and h.time.size > 1]
     steps = np.concatenate([np.diff(t) for t in times] or [np.zeros(0)])
     speed = np.abs(np.concatenate([p.setting.velocity.ravel() for p in system.parts]))
-    found = ScanRange(system.stroke or 1.0, np.unique(system.group).size, tuple(numbers.tolist()),
-                      tuple(np.sort(moves[moves > 0.0]).tolist()))
+    loads = [p.setting.load for p in system.parts]
+    found = ScanRange(
+        system.stroke or 1.0, np.unique(system.group).size, tuple(numbers.tolist()),
+        max(float(np.max(np.abs(f[np.isfinite(f)]), initial=0.0)) for f in loads),
+        moves=tuple(np.sort(moves[moves > 0.0]).tolist()))
     if (steps > 0.0).any():
         found = replace(found, step=float(np.median(steps[steps > 0.0])),
                         duration=max(float(np.ptp(t)) for t in times))

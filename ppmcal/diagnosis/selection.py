@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.special import gammaln
@@ -44,17 +45,19 @@ def choose(search: Search) -> list[Choice]:
     """
     level = search.name
     values = search.values()
-    starts: list[int] = []
+    starts: list[list[int]] = []
     for i in np.argsort(values, kind="stable"):
         if values[i] > level or len(starts) == STARTS:
             break
-        if possible(search, [int(i)]) and all(
-                search.hypotheses[i].family != search.hypotheses[j].family
-                or search.hypotheses[i].size != search.hypotheses[j].size for j in starts):
-            starts.append(int(i))
+        start = _bearing(search, int(i))
+        first = search.hypotheses[i]
+        if possible(search, start) and all(
+                first.family != search.hypotheses[j].family
+                or first.size != search.hypotheses[j].size for *_, j in starts):
+            starts.append(start)
     found: dict[frozenset[int], Choice] = {}
     for start in starts:
-        chosen = _exchanged(search, _grown(search, [start], level), level)
+        chosen = _exchanged(search, _grown(search, start, level), level)
         if chosen:
             found[frozenset(chosen)] = Choice(tuple(chosen), bic(search, chosen))
     return sorted(found.values(), key=lambda c: c.bic)
@@ -82,9 +85,9 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
 
     ``usual``: they have to be in the range of machines too, not only to have a meaning.
     """
-    if not _apart([search.hypotheses[i] for i in chosen if search.hypotheses[i].turns]):
-        return False
-    if not _once([search.hypotheses[i] for i in chosen]):
+    hypotheses = [search.hypotheses[i] for i in chosen]
+    if not _apart([f for f in hypotheses if f.turns]) or _twice(hypotheses) or (
+            not _once(hypotheses) or len(borne(search, chosen)) < len(chosen)):
         return False
     columns = columns_of(search, chosen)
     value, covariance = search.test.fit(columns)
@@ -133,6 +136,19 @@ def _apart(waves: Sequence[Hypothesis]) -> bool:
     return True
 
 
+def _twice(hypotheses: Sequence[Hypothesis]) -> bool:
+    """Whether one cause is there twice on a joint, or in the machine, with different constants."""
+    return any(a.family == b.family and (not a.on or set(a.on) & set(b.on)) and not a.alike(b)
+               for a, b in combinations(hypotheses, 2)
+               if a.effect is not None and (a.effect.may_be_plain or a.effect.one_by_one))
+
+
+def borne(search: Search, chosen: Sequence[int]) -> list[int]:
+    """Return the chosen hypotheses without those that show only through what is not chosen."""
+    there = [(f.kind, f.on) for f in (search.hypotheses[i] for i in chosen) if f.shared]
+    return [i for i in chosen if search.hypotheses[i].leans in (None, *there)]
+
+
 def _grown(search: Search, chosen: list[int], level: float) -> list[int]:
     """Add the hypothesis of smallest p, drop what the others explain, until nothing changes."""
     for _ in range(2 * MOST_EFFECTS):
@@ -165,6 +181,7 @@ def pruned(search: Search, chosen: Sequence[int], level: float) -> list[int]:
         if values[weakest] <= level:
             break
         left.pop(weakest)
+        left = borne(search, left)
     return left
 
 
@@ -175,14 +192,26 @@ def stand(search: Search, chosen: Sequence[int]) -> bool:
 
 
 def own_log_p(search: Search, chosen: Sequence[int], hypothesis: int) -> float:
-    """Return the log p of one chosen hypothesis given the others."""
+    """Return the log p of one chosen hypothesis given the others, with what leans on it."""
+    own = search.hypotheses[hypothesis]
+    leaning = [j for j in chosen if search.hypotheses[j].leans == (own.kind, own.on)]
     columns = columns_of(search, (hypothesis, *chosen))
     place = {c: j for j, c in enumerate(columns)}
-    others = columns_of(search, [j for j in chosen if j != hypothesis])
-    one = search.hypotheses[hypothesis]
+    others = columns_of(search, [j for j in chosen if j not in (hypothesis, *leaning)])
     rest = search.test.only(columns).given([place[c] for c in others])
-    square, rank = rest.explained(np.array([[place[c] for c in one.columns]]))
-    return float(log_p(square, rest.square, rank, rest.freedom)[0]) / one.caution
+    mine = [place[c] for c in columns_of(search, [hypothesis, *leaning])]
+    square, rank = rest.explained(np.array([mine]))
+    return float(log_p(square, rest.square, rank, rest.freedom)[0]) / own.caution
+
+
+def _bearing(search: Search, leaning: int) -> list[int]:
+    """Return what a hypothesis leans on, at its simplest, and itself; itself where it stands."""
+    leans = search.hypotheses[leaning].leans
+    if leans is None:
+        return [leaning]
+    there = [i for i, f in enumerate(search.hypotheses)
+             if (f.kind, f.on) == leans and f.shared and not f.searched]
+    return [*there[:1], leaning]
 
 
 def _exchanged(search: Search, chosen: list[int], level: float) -> list[int]:

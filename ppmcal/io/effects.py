@@ -238,10 +238,12 @@ def _written(mechanism: Mechanism, effect: Effect) -> dict[str, Any]:
     if not all(effect.on):
         out["on"] = [a for a, used in zip(mechanism.actuators, effect.on, strict=True) if used]
     entries: dict[str, Any] = {}
+    # a kind without its optional parameters is written as if it had none
     plain = {s.name: s.default for s in effect.kind.parameters(mechanism.motion) if s.optional}
     for name, i in effect.parameters.items():
         p = mechanism.parameters[i]
-        if np.isnan(p.value) or (p.value == plain.get(name) and not p.free):
+        if np.isnan(p.value) or (p.value == p.nominal == plain.get(name)
+                                 and not p.free and p.tolerance is None):
             continue
         factor = mechanism.units.factor(p.quantity)
         parts: Mapping[str, float | None] = {

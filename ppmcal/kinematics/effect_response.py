@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.inverse import solve_rows
+from ppmcal.kinematics.loads import limb_forces, loads
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import (
     Dataset,
@@ -19,9 +19,18 @@ from ppmcal.model.dataset import (
     unknown_environment,
     with_platform_directions,
 )
-from ppmcal.model.effects import EffectParameter, LimbSetting, Setting, Shift, Terms, total
+from ppmcal.model.effects import (
+    EffectKind,
+    EffectParameter,
+    LimbSetting,
+    Setting,
+    Shift,
+    Terms,
+    total,
+)
 from ppmcal.model.history import History
-from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.model.mechanism import Effect, Mechanism, with_effect
+from ppmcal.model.parameters import Parameter
 
 ROUNDS = 40
 SETTLED = 1e-12
@@ -87,49 +96,51 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         ends = [{s: np.asarray(v, dtype=float) for s, v in values.items()
                  if s.startswith(f"{end}.point.")} for end in ("base", "platform")]
         limbs.append(LimbSetting(limb.actuator, struts, ends[0], ends[1]))
-    return Setting(
+    closed = loaded or model
+    known = Setting(
         mechanism.motion, np.array([q == "angle" for q in mechanism.actuator_quantity]),
         ratio * q, np.sort(ratio[:, None] * mechanism.limits, axis=1), environment.approach,
         ratio * environment.velocity, environment.temperature, environment.wrench, environment.time,
-        environment.row, tuple(limbs), lambda: loads(loaded or model, q, pose, environment.wrench),
-        history=environment.history, place=environment.place, ratio=ratio,
-        past_load_of=lambda: _past_loads(mechanism, environment.history),
+        environment.row, tuple(limbs), lambda wrench: loads(closed, q, pose, wrench),
+        lambda wrench: limb_forces(closed, q, pose, wrench), environment.weight, mechanism.gravity,
+        cga.rotation_matrix(pose), history=environment.history, place=environment.place,
+        ratio=ratio,
+        past_load_of=lambda: _past_loads(mechanism, environment.history, model.parameters),
         pose_of=lambda: np.concatenate([cga.translation(pose), cga.rotation_vector(pose)], axis=1))
+    return _carrying(mechanism, model.parameters, known)
 
 
-def _past_loads(mechanism: Mechanism, history: History | None) -> Array:
+def _carrying(mechanism: Mechanism, g: Array, known: Setting) -> Setting:
+    """Return the setting with what the platform carries according to the effects at ``g`` (P,)."""
+    weight, wrench = known.weight, known.wrench
+    carried: tuple[str | float, ...] = ()
+    for effect in mechanism.effects:
+        if effect.kind.carried is not None:
+            values = {name: float(g[p]) for name, p in effect.parameters.items()}
+            carried += (effect.kind.name, *values.values())
+            weight, wrench = effect.kind.carried(
+                replace(known, weight=weight, wrench=wrench), values)
+    if wrench is known.wrench:
+        return known
+    return replace(known, weight=weight, wrench=wrench, known=known, carried=carried,
+                   past_load_of=lambda: _past_loads(mechanism, known.history, g))
+
+
+def _past_loads(mechanism: Mechanism, history: History | None, g: Array) -> Array:
     """Return the loads on the actuators at each row of a history (H, k), nominal geometry.
 
     An error of the geometry changes them by its part of the reach, a thousandth of what they do.
+    What the platform carries is that of the effects at ``g`` (P,).
     """
     if history is None:
         return np.full((0, len(mechanism.actuators)), np.nan)
-
-    def found() -> Array:
-        nominal = Model(mechanism.nominal())
-        found = loads(nominal, history.q, forward(nominal, history.q).pose, history.wrench)
-        return np.where(np.all(history.wrench == 0.0, axis=1)[:, None], 0.0, found)
-
-    return history.load(found)
-
-
-def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
-    """Return f = J_q^T wrench (N, k): the wrench's work per unit of each joint coordinate u.
-
-    [LIN] section 2.3: -A^-1 Jq carries joint motion to the platform, its transpose carries
-    the platform's wrench (N, 6), base axes at the platform origin, to the joints.
-    """
-    out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
-    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose) & finite_rows(wrench))
-    if rows.size:
-        closure = model.take(rows).closure(q[rows])
-        lines = closure.lines(pose[rows])
-        a = closure.pose_matrix(pose[rows], lines)
-        jq = closure.joint_matrix(pose[rows], lines, drive=False)
-        # f = -Jq^T A^-T w; at a singular pose nothing bears the load: nan
-        reaction = solve_rows(np.swapaxes(a, -1, -2), wrench[rows][:, model.mechanism.dof])
-        out[rows] = -(np.swapaxes(jq, -1, -2) @ reaction[..., None])[..., 0]
-    return out
+    bare = Model(replace(mechanism.nominal(), effects=()))
+    pose = history.once("pose", lambda: forward(bare, history.q).pose)
+    rows = replace(unknown_environment(*history.q.shape), wrench=history.wrench,
+                   weight=history.weight)
+    at = _carrying(mechanism, g, setting(bare, rows, history.q, pose))
+    rests = np.all(history.wrench == 0.0, axis=1)[:, None]
+    return history.once(f"loads {at.carried}", lambda: np.where(rests, 0.0, at.load))
 
 
 def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effect, Terms]]:
@@ -139,8 +150,51 @@ def effect_terms(mechanism: Mechanism, g: Array, at: Setting) -> list[tuple[Effe
         values = {name: float(g[p]) for name, p in effect.parameters.items()}
         until = _until(mechanism, g, effect)
         own = at if until is None else replace(at, until=until)
-        out.append((effect, effect.kind.evaluate(own, np.array(effect.on), values)))
+        terms = effect.kind.evaluate(own, np.array(effect.on), values)
+        if effect.kind.carried is not None:
+            terms = Terms(terms.shift, {n: _by_carried(mechanism, g, at, p)
+                                        for n, p in effect.parameters.items()})
+        out.append((effect, terms))
     return out
+
+
+def carried_by(kind: EffectKind, model: Model, at: Setting,
+               borne: Callable[[Setting], Shift] | None = None) -> Mapping[str, Shift]:
+    """Return the derivatives of a shift by the parameters of a kind that says what is carried.
+
+    Args:
+        kind: with ``carried``; where the model has it, at its values, else at 0.
+        model: the machine at its parameters.
+        at: its rows.
+        borne: what gives way to the load; default the model's own effects.
+    """
+    mechanism = model.mechanism
+    if not any(e.kind is kind for e in mechanism.effects):
+        mechanism = with_effect(mechanism, kind, (True,) * len(mechanism.actuators), {})
+    g = np.concatenate([model.parameters, mechanism.values[len(model.parameters):]])
+    own = next(e for e in reversed(mechanism.effects) if e.kind is kind)
+    return {n: _by_carried(mechanism, g, at, p, borne) for n, p in own.parameters.items()}
+
+
+CARRIED_STEP = 1e-4
+"""Of central differences, m or rad: exact for kinds that are linear in the load."""
+
+
+def _by_carried(mechanism: Mechanism, g: Array, at: Setting, p: int,
+                borne: Callable[[Setting], Shift] | None = None) -> Shift:
+    """Return the derivative of the shift of all other effects by what the platform carries."""
+    others = replace(mechanism, effects=tuple(
+        e for e in mechanism.effects if e.kind.carried is None
+        and (e.kind.uses_load or {"load", "wrench"} & set(e.kind.needs))))
+    sides = []
+    for sign in (-1.0, 1.0):
+        moved = g.copy()
+        moved[p] += sign * CARRIED_STEP
+        there = _carrying(mechanism, moved, at.known or at)
+        shift = borne(there) if borne is not None else total(
+            [t.shift for _, t in effect_terms(others, g, there)])
+        sides.append(shift.times(sign / (2.0 * CARRIED_STEP)))
+    return total(sides)
 
 
 def _until(mechanism: Mechanism, g: Array, effect: Effect) -> Array | None:
@@ -243,13 +297,22 @@ def with_strokes(mechanism: Mechanism, q: Array) -> Mechanism:
     for effect in mechanism.effects:
         ends = [effect.parameters[n] for n in effect.kind.stroke_ends(mechanism.motion)]
         on = np.array(effect.on)
-        if not ends or np.isfinite(mechanism.limits[on]).all():
+        if not ends or np.isfinite(mechanism.limits[on]).all() or not _spread(effect, parameters):
             continue
         for p, end in zip(ends, (np.nanmin, np.nanmax), strict=True):
             if np.isnan(parameters[p].value):
                 value = float(end(travel[:, on]))
                 parameters[p] = replace(parameters[p], value=value, nominal=value)
     return replace(mechanism, parameters=tuple(parameters))
+
+
+def _spread(effect: Effect, parameters: Sequence[Parameter]) -> bool:
+    """Whether what an effect does is spread over the stroke at all."""
+    own = [(s, parameters[effect.parameters[s.name]])
+           for m in effect.kind.motions for s in effect.kind.parameters(m)
+           if s.name in effect.parameters]
+    spread = [p for s, p in own if s.of_stroke or s.per_stroke]
+    return not spread or any(p.free or p.value != 0.0 for p in spread)
 
 
 def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:

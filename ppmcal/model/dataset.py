@@ -178,10 +178,11 @@ class Environment:
     """What effects depend on, in N rows with k joints, SI; nan where not recorded.
 
     ``approach``, ``velocity`` (of q) (N, k); ``temperature`` K above 20 degrees Celsius (N,);
-    ``wrench`` on the platform (N, 6); ``time`` s (N,). ``row``: number in the campaign, from 1 on
-    through its files in their order (N,); inf: after all of them. ``history``: all rows of the
-    file in the order of their visit, None where that is not known; ``place``: where each row is in
-    it (N,), -1 where it is not.
+    ``wrench`` on the platform (N, 6), and the part of its force that is the payload's ``weight``
+    (N, 3); ``time`` s (N,). ``row``: number in the campaign, from 1 on through its files in their
+    order (N,); inf: after all of them. ``history``: all rows of the file in the order of their
+    visit, None where that is not known; ``place``: where each row is in it (N,), -1 where it is
+    not.
     """
 
     approach: Array
@@ -190,13 +191,15 @@ class Environment:
     wrench: Array
     time: Array
     row: Array
+    weight: Array
     history: History | None = None
     place: Ints | None = None
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Environment:
         """Return the environment of some rows; their history stays whole."""
         return Environment(self.approach[rows], self.velocity[rows], self.temperature[rows],
-                           self.wrench[rows], self.time[rows], self.row[rows], self.history,
+                           self.wrench[rows], self.time[rows], self.row[rows],
+                           self.weight[rows], self.history,
                            None if self.place is None else self.place[rows])
 
     def with_directions(self) -> Environment:
@@ -211,7 +214,8 @@ def unknown_environment(rows: int, joints: int) -> Environment:
     """Return an environment of which nothing is known."""
     one = np.full(rows, np.nan)
     many = np.full((rows, joints), np.nan)
-    return Environment(many, many, one, np.full((rows, 6), np.nan), one, np.full(rows, np.inf))
+    return Environment(many, many, one, np.full((rows, 6), np.nan), one, np.full(rows, np.inf),
+                       np.full((rows, 3), np.nan))
 
 
 def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity: Array,
@@ -233,19 +237,20 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
     if sequence:
         approach = ways(q)
     velocity = np.stack([columns.get(f"vel_{a}", blank) for a in actuators], axis=-1)
-    wrench = np.full((n, 6), np.nan)
+    wrench, force = np.full((n, 6), np.nan), np.full((n, 3), np.nan)
     if "payload" in columns or any(w in columns for w in WRENCH):
         given = [np.asarray(columns.get(w, np.zeros(n))) for w in WRENCH]
         weight = STANDARD_GRAVITY * np.asarray(columns.get("payload", np.zeros(n)))
-        wrench = np.stack(given, axis=-1)
-        wrench[:, :3] += weight[:, None] * gravity
+        wrench, force = np.stack(given, axis=-1), weight[:, None] * gravity
+        wrench[:, :3] += force
     temperature = columns.get("temperature", blank) - REFERENCE_TEMPERATURE
     time = columns.get("time", blank)
     # of a joint whose direction is 0 throughout nobody moves it: it stays where it is
     rests = np.all(approach == 0.0, axis=0)
-    history, place = history_of(np.where(rests, 0.0, q), time, temperature, wrench, sequence)
-    return Environment(approach, velocity, temperature, wrench, time, np.full(n, np.inf), history,
-                       place).with_directions()
+    history, place = history_of(
+        np.where(rests, 0.0, q), time, temperature, wrench, force, sequence)
+    return Environment(approach, velocity, temperature, wrench, time, np.full(n, np.inf), force,
+                       history, place).with_directions()
 
 
 def with_platform_directions(found: Environment, by_axis: Array, drive: Array) -> Environment:

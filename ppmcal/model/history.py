@@ -30,7 +30,7 @@ class History:
         q: joint values (H, k).
         time: s (H,), never falling; all nan where it is not known.
         temperature: K above 20 degrees Celsius (H,).
-        wrench: on the platform (H, 6).
+        wrench: on the platform (H, 6), and ``weight`` (H, 3), its part that is the payload's.
         direct: whether a joint went straight from row to row (k,): what it did in between is known.
     """
 
@@ -38,6 +38,7 @@ class History:
     time: Array
     temperature: Array
     wrench: Array
+    weight: Array
     direct: Bools
     _kept: dict[tuple[object, ...], tuple[Array, Array]] = field(default_factory=dict, repr=False)
 
@@ -61,9 +62,9 @@ class History:
         """
         return self._once((of, tau), lambda: lagged(self.time, drive(), tau))
 
-    def load(self, found: Callable[[], Array]) -> Array:
-        """Return the load on the actuators (H, k), found once."""
-        return self._once(("load",), lambda: (found(), np.zeros(0)))[0]
+    def once(self, what: str, found: Callable[[], Array]) -> Array:
+        """Return what ``found`` does, found once."""
+        return self._once((what,), lambda: (found(), np.zeros(0)))[0]
 
     def rate(self) -> Array:
         """Return each joint's travel per second on the way to each row (H, k), unit of q."""
@@ -83,8 +84,8 @@ class History:
         return self._kept[key]
 
 
-def history_of(q: Array, time: Array, temperature: Array, wrench: Array, sequence: bool
-               ) -> tuple[History | None, Ints]:
+def history_of(q: Array, time: Array, temperature: Array, wrench: Array, weight: Array,
+               sequence: bool) -> tuple[History | None, Ints]:
     """Return the history that N rows make, and each row's place in it, -1 where it has none.
 
     Args:
@@ -92,6 +93,7 @@ def history_of(q: Array, time: Array, temperature: Array, wrench: Array, sequenc
         time: s (N,).
         temperature: K above 20 degrees Celsius (N,).
         wrench: on the platform (N, 6).
+        weight: the part of its force that is the payload's (N, 3).
         sequence: the rows were visited in their order; else the times say in which.
 
     None where neither says. Times that fall where the rows are in order are not believed.
@@ -109,7 +111,7 @@ def history_of(q: Array, time: Array, temperature: Array, wrench: Array, sequenc
     place[order] = np.arange(order.size)
     if not order.size:
         return None, place
-    return History(q[order], times, temperature[order], wrench[order],
+    return History(q[order], times, temperature[order], wrench[order], weight[order],
                    np.asarray(np.isfinite(q).any(axis=0))), place
 
 

@@ -13,7 +13,9 @@ from ppmcal.io.results.diagnosis_wording import (
     learned_gap,
     name_of,
     next_step,
+    own_values,
     rivals,
+    together,
     worst_block,
 )
 from ppmcal.report.diagnosis_figures import pictures
@@ -49,16 +51,19 @@ def _lead(r: DiagnosisRecord) -> str:
 def _effects(r: DiagnosisRecord) -> str:
     """Return the effects that the diagnosis names, one row for each of their parameters."""
     rows: list[list[Cell]] = []
-    for e in r.effects:
-        survival = number(e.survival)
-        values = amounts(e) or [("", "–")]
-        own = "\n".join(f"{name} {text}".strip() for name, text in values)
-        rows.append([
-            words(e.kind), words(where(e.on, actuators(r)) or "machine"),
-            words(own.replace("\n", "; "), "wrap"),
-            amount(e.p_value, probability(e.p_value) or "–"),
-            amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
-            words(_rivals(r, e), "wrap")])
+    for group in together(r):
+        one = own_values(r, group).replace("+-", "±")
+        # values of one hypothesis are one line
+        for some in [group] if one else [[e] for e in group]:
+            e, on = some[0], [a for e in some for a in e.on]
+            survival = number(e.survival)
+            own = one or "; ".join(f"{name} {text}".strip()
+                                   for name, text in amounts(e) or [("", "–")])
+            rows.append([
+                words(e.kind), words(where(on, actuators(r)) or "machine"), words(own, "wrap"),
+                amount(e.p_value, probability(e.p_value) or "–"),
+                amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
+                words(_rivals(r, e), "wrap")])
     return table("What is missing in the model, with 95 % intervals; visible: the part that "
                  "geometry cannot imitate",
                  ["effect", "on", "size ± 95 %", "chance of noise alone", "visible",

@@ -61,7 +61,7 @@ def marked(effects: list[dict[str, Any]], start: dict[str, float]) -> list[dict[
 
 GUESSES = {"play.width": 0.02, "friction.speed": 6.0, "creep.tau": 90.0, "leg_thermal.tau": 250.0,
            "compliance.stiffness": 5000.0, "periodic.period": 7.1, "tilt.direction": 20.0,
-           "tilt.shrink": 1e-4}
+           "tilt.shrink": 1e-4, "compliance.hardening": 0.01, "plate_compliance.reach": 400.0}
 # In each campaign effects that its poses can tell from one another and from the offsets.
 CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
     "planar 1": ("3-RPR", [effect("backlash", ["leg1", "leg3"], width=0.03),
@@ -83,6 +83,14 @@ CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
     "spatial": ("6-UPS", [
         effect("compliance", stiffness=2000.0), effect("platform_thermal", expansion=20e-6),
         effect("backlash", ["leg2", "leg5"], width=0.05), effect("drift", z=3e-6, rx=2e-7)]),
+    "base plate": ("6-UPS", [effect("plate_compliance", base=2e-3, reach=700.0)]),
+    "platform plate": ("6-UPS", [effect("plate_compliance", platform=2e-3, reach=250.0)]),
+    "stiffening": ("3-RPR", [
+        effect("compliance", stiffness=1500.0, hardening=0.02, by_stroke=0.002, low=200.0,
+               high=700.0)]),
+    "inclined": ("6-UPS", [
+        effect("compliance", stiffness=3000.0), effect("gravity_tilt", first=5.0, second=-8.0),
+        effect("payload_offset", x=60.0, y=-90.0, z=80.0)]),
     "memory 1": ("3-RPR", [
         effect("play", ["leg1"], width=0.03), effect("creep", ["leg3"], give=2e-4, tau=150.0),
         effect("friction", ["leg2"], static=0.04, dynamic=0.01, speed=10.0),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import hidden
@@ -18,14 +19,16 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import held_out_gap as gaps
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest, build_test, log_p
 from ppmcal.diagnosis.adequacy import kernel_test
-from ppmcal.diagnosis.candidates import library, usual_range
+from ppmcal.diagnosis.candidates import library
+from ppmcal.diagnosis.diagnose import _untestable
+from ppmcal.diagnosis.grids import usual_range
 from ppmcal.diagnosis.hypotheses import Library, united
 from ppmcal.diagnosis.linear_system import System, build
 from ppmcal.diagnosis.rivals import find, rivals
 from ppmcal.diagnosis.search import DETECT, NAME, null_scan, scan
 from ppmcal.diagnosis.stage import Stage, of_single, run_stage
 from ppmcal.diagnosis.whitening import estimate, heavy, pure_error, simulated
-from ppmcal.model.effects import EffectParameter
+from ppmcal.model.effects import EffectParameter, effect_kinds
 
 Array = NDArray[np.float64]
 
@@ -540,6 +543,42 @@ def test_a_rival_on_several_actuators_names_them_all() -> None:
     assert (rival.hypothesis.kind, rival.hypothesis.on) == ("curvature", ("leg1", "leg3"))
     given = stage.search.test.given
     assert given(rival.hypothesis.columns).square < given(rival.hypothesis.columns[:3]).square
+
+
+def test_what_is_optional_is_tried_alone_after_the_plain_kind() -> None:
+    """And not where its columns are missing; each costs its value and that it was looked for."""
+    system, found = system_of("3-RPR", 1)
+    optional = {s.name for s in effect_kinds()["compliance"].parameters("planar") if s.optional}
+    for kind in ("compliance", "leg_thermal"):
+        own = [f for f in found.hypotheses if f.family == kind and len(f.on) == 1]
+        have = [set(f.constants) & (optional | {"tau"}) for f in own]
+        assert not have[0] and all(len(h) <= 1 for h in have)
+        assert {f.searched for f, h in zip(own, have, strict=True) if h} <= {2}
+        assert {f.searched for f, h in zip(own, have, strict=True) if not h} == {0}
+        assert not any(f.constants[n] == 0.0 for f, h in zip(own, have, strict=True) for n in h)
+        assert set().union(*have) == ({"tau"} if kind == "leg_thermal" else optional)
+    forgetful = [replace(p, response=replace(p.response, rows=replace(
+        p.response.rows, history=None))) for p in system.parts]
+    less = library(replace(system, parts=tuple(forgetful)), ["leg_thermal"])
+    assert {f.family for f in less.hypotheses} == {"leg_thermal"}
+    assert not any("tau" in f.constants for f in less.hypotheses)
+
+
+def test_one_of_two_kinds_of_a_name_may_be_untestable() -> None:
+    """Heat of the drives is tested without a thermometer; heat of the hall stays listed."""
+    system, _ = system_of("3-RPR", 1)
+    cold = [replace(p, response=replace(p.response, rows=replace(
+        p.response.rows, temperature=np.full_like(p.response.rows.temperature, np.nan))))
+        for p in system.parts]
+    less: Any = SimpleNamespace(library=library(replace(system, parts=tuple(cold))))
+    less.hypotheses = less.library.hypotheses
+    assert "leg_thermal" in {f.kind for f in less.hypotheses}
+    found: Any = SimpleNamespace(first=less, last=less)
+    assert "leg_thermal" in {u.kind for u in _untestable(found)}
+    later: Any = SimpleNamespace(library=library(system))
+    later.hypotheses = later.library.hypotheses
+    found = SimpleNamespace(first=less, last=later)
+    assert "leg_thermal" not in {u.kind for u in _untestable(found)}
 
 
 @pytest.mark.parametrize(("traits", "expected"), [

@@ -88,8 +88,17 @@ UNITS = [  # machine, effect, its parameters in mm and deg, in SI
      {"p2": 3e-4, "p3": 0.0, "p4": 0.0, "low": 1.9, "high": 3.4}),
     ("3-RPR", "windup", {"width": 1e-4}, {"width": 1e-7}),
     ("3-RRR-1", "windup", {"width": 1e-4}, {"width": 1e-4 * DEGREE}),
-    ("3-RPR", "compliance", {"stiffness": 20000}, {"stiffness": 2e7}),
-    ("6-RUS", "compliance", {"stiffness": 10}, {"stiffness": 10 / DEGREE}),
+    ("3-RPR", "compliance", {"stiffness": 20000, "hardening": 0.01, "by_stroke": 0.004,
+                              "low": 200, "high": 700},
+     {"stiffness": 2e7, "hardening": 0.01, "by_stroke": 4.0, "low": 0.2, "high": 0.7}),
+    ("6-RUS", "compliance", {"stiffness": 10, "by_stroke": 0.01, "low": 0, "high": 90},
+     {"stiffness": 10 / DEGREE, "hardening": 0.0, "by_stroke": 0.01 / DEGREE, "low": 0.0,
+      "high": 90 * DEGREE}),
+    ("6-UPS", "plate_compliance", {"base": 2e-4, "reach": 300},
+     {"base": 2e-7, "platform": 0.0, "reach": 0.3}),
+    ("6-UPS", "payload_offset", {"x": 50}, {"x": 0.05, "y": 0.0, "z": 0.0}),
+    ("6-UPS", "gravity_tilt", {"second": 3}, {"first": 0.0, "second": 3 * DEGREE}),
+    ("3-RPR", "gravity_tilt", {"turn": 3}, {"turn": 3 * DEGREE}),
     ("3-RPR", "clearance", {"width": 0.03}, {"width": 3e-5}),
     ("3-RPR", "lag", {"tau": 0.002}, {"tau": 0.002}),
     ("3-RPR", "leg_thermal", {"expansion": 11e-6}, {"expansion": 11e-6, "tau": 0.0}),
@@ -119,8 +128,9 @@ def test_names_of_units(tmp_path: Path) -> None:
                {"kind": "windup", "parameters": {"width": 1e-4}},
                {"kind": "leg_thermal", "parameters": {"expansion": 1e-5}},
                {"kind": "gain", "parameters": {"gain": 1e-5}}]
-    for name, names in (("3-RPR", ["N/mm", "mm/N", "1/K", "s", ""]),
-                        ("3-RRR-1", ["N m/deg", "deg/N m", "1/K", "s", ""])):
+    for name, names in (("3-RPR", ["N/mm", "1/N", "1/mm", "mm", "mm", "mm/N", "1/K", "s", ""]),
+                        ("3-RRR-1", ["N m/deg", "1/N m", "1/deg", "deg", "deg", "deg/N m", "1/K",
+                                     "s", ""])):
         mechanism = read(tmp_path, name, effects)
         own = [mechanism.parameters[i] for e in mechanism.effects for i in e.parameters.values()]
         assert [mechanism.units.name(p.quantity) for p in own] == names

@@ -23,7 +23,6 @@ from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import (
     environment_of,
-    loads,
     missing_columns,
     shifted,
     with_strokes,
@@ -31,6 +30,7 @@ from ppmcal.kinematics.effect_response import (
 from ppmcal.kinematics.equilibrium import reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
+from ppmcal.kinematics.loads import loads
 from ppmcal.kinematics.registration import displaced, measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
 from ppmcal.model.dataset import (
@@ -87,7 +87,13 @@ def sizes(mechanism: Mechanism, kind: str) -> dict[str, float]:
     """Return moderate values of all parameters, SI: they move joints by some 1e-5 of the reach."""
     size = 2e-5 * (mechanism.reach if mechanism.actuator_quantity[0] == "length" else 1.0)
     load = 100.0 * (1.0 if mechanism.actuator_quantity[0] == "length" else mechanism.reach)
-    own = {"windup": {"width": size / load}, "compliance": {"stiffness": load / size},
+    own = {"windup": {"width": size / load},
+           "compliance": {"stiffness": load / size, "hardening": 0.5 / load, "by_stroke": 0.4,
+                          "low": -0.5, "high": 2.9},
+           "plate_compliance": {"base": size / 100.0, "platform": 2.0 * size / 100.0,
+                                "reach": 0.4 * mechanism.reach},
+           "payload_offset": dict.fromkeys("xyz", 0.02), "gravity_tilt": {
+               s.name: 0.3 for s in effect_kinds()["gravity_tilt"].parameters(mechanism.motion)},
            "periodic": {"cos": size, "sin": -size, "period": 0.3},
            "tilt": {"shrink": 2e-5, "direction": 0.4}, "lag": {"tau": 1e-4},
            "gain": {"gain": 3e-5}, "sensor_scale": {"scale": -2e-5},
@@ -97,7 +103,8 @@ def sizes(mechanism: Mechanism, kind: str) -> dict[str, float]:
            "hysteresis": {"w1": 1e-4, "w2": -3e-5, "w3": 2e-5, "low": -0.5, "high": 2.9},
            "creep": {"give": size / load, "tau": 90.0}, "product": {"width": 0.2 * size}}
     if kind in own:
-        return own[kind]
+        known = {s.name for s in effect_kinds()[kind].parameters(mechanism.motion)}
+        return {n: v for n, v in own[kind].items() if n in known}
     if kind.endswith("_thermal"):
         # a slot's own growth is left out of the derivative by that slot: 5 K at 1e-6 per K
         return {"expansion": 1e-6, "tau": 70.0}
@@ -117,7 +124,13 @@ def acting(mechanism: Mechanism, *effects: Mapping[str, Any]) -> Mechanism:
 
 
 def with_kind(mechanism: Mechanism, kind: str, free: bool = False) -> Mechanism:
-    """Return the machine with one effect of a kind, at moderate values."""
+    """Return the machine with one effect of a kind, at moderate values.
+
+    What says what is carried shows through a compliance.
+    """
+    if effect_kinds()[kind].carried is not None:
+        mechanism = acting(mechanism, {"kind": "compliance", "parameters": {
+            "stiffness": sizes(mechanism, "compliance")["stiffness"]}})
     constant = {s.name for s in effect_kinds()[kind].parameters(mechanism.motion) if s.constant}
     return acting(mechanism, {"kind": kind, **FURTHER.get(kind, {}), "parameters": {
         n: {"value": v, "free": free and n not in constant}
@@ -165,17 +178,22 @@ def one_row(kind: EffectKind, **fields: float) -> Setting:
         return np.stack([np.full(shape, fields.get(f"{name}_before", np.nan)), row(name, *shape)])
 
     history = History(past("travel", 1), np.array([0.0, fields.get("time", 1.0)]),
-                      past("temperature"), past("wrench", 6), np.array([True]))
+                      past("temperature"), past("wrench", 6), past("weight", 3),
+                      np.array([True]))
     return Setting(kind.motions[0], np.array([kind.joints == "turning"]), row("travel", 1, 1),
                    np.full((1, 2), np.nan), row("approach", 1, 1), row("velocity", 1, 1),
                    row("temperature", 1), row("wrench", 1, 6), row("time", 1),
                    row("row", 1), (LimbSetting(0, own["struts"], own["base"], own["platform"]),),
-                   lambda: row("load", 1, 1), history=history, place=np.array([1]),
-                   past_load_of=lambda: past("load", 1))
+                   lambda wrench: row("load", 1, 1), lambda wrench: row("forces", 1, 1, 3),
+                   row("weight", 1, 3), np.array([0.0, -1.0, 0.0]), np.eye(3)[None],
+                   history=history, place=np.array([1]), past_load_of=lambda: past("load", 1))
 
 
 def first_change(kind: EffectKind, values: Mapping[str, float], **fields: float) -> float:
-    """Return what an effect adds: to u or the first slot, to the pose, or to a measured 1 m."""
+    """Return what an effect adds: to u or a slot, the pose, the wrench or a measured 1 m."""
+    if kind.carried is not None:
+        wrench = kind.carried(one_row(kind, wrench=0.0, **fields), values)[1][0]
+        return float(wrench[np.flatnonzero(wrench)[0]])
     shift = kind.evaluate(one_row(kind, **fields), np.array([True]), values).shift
     if shift.slots:
         return float(np.ravel(next(iter(shift.slots.values())))[0])
@@ -248,15 +266,16 @@ def test_traits_fit_together(kind: str) -> None:
         for s in specs.values():
             assert s.component in ("", *WRENCH)
             assert not (s.constant and s.nonlinear) or s.name == found.onset
-            assert not s.optional or (s.nonlinear and s.default is not None)
+            assert not s.optional or (s.nonlinear and s.default == 0.0)
             assert s.low < 0.0 or not s.scaling or s.default is None
-            tried = s.scan(ScanRange(0.3, 20, tuple(range(1, 21)))) if s.scan is not None else []
+            data = ScanRange(0.3, 20, tuple(range(1, 21)), 50.0, 0.4, 0.2)
+            tried = s.scan(data) if s.scan is not None else []
             assert all(s.low <= v <= s.high for v in tried)
             assert (len(tried) > 1) == s.nonlinear
     rows, k = 5, 2
-    data = Inputs(*(np.ones((rows, k)) for _ in range(4)), np.ones(rows), np.ones((rows, 6)),
+    inputs = Inputs(*(np.ones((rows, k)) for _ in range(4)), np.ones(rows), np.ones((rows, 6)),
                   np.ones(rows), np.ones(rows), np.ones((rows, 6)), np.ones((rows, 3)))
-    shape = found.input.value(data).shape
+    shape = found.input.value(inputs).shape
     parts = len(found.input.components)
     assert shape == (rows, parts) if parts else shape in ((rows,), (rows, k))
 
@@ -312,7 +331,7 @@ def test_the_contracts_equations(kind: str, values: dict[str, float], fields: di
 def nothing(mechanism: Mechanism, kind: str) -> dict[str, float]:
     """Return parameters at which the effect adds nothing."""
     keep = {"period": 0.3, "low": -0.5, "high": 2.9, "stiffness": 1e12, "direction": 0.4,
-            "speed": 0.04}
+            "reach": 0.2, "speed": 0.04}
     if kind == "creep":
         keep["tau"] = 90.0
     return {n: keep.get(n, 0.0) for n in sizes(mechanism, kind)}
@@ -392,20 +411,24 @@ def directions(problem: Problem, jacobian: Array) -> dict[str, Array]:
     values = dict(zip(problem.mechanism.names, problem.mechanism.values, strict=True))
     for c, name in enumerate(names):
         # what acts through a curve needs steps that are small against the value itself
-        part = {"period": 1e-5, "stiffness": 1e-2, "direction": 1e-3, "tau": 1e-3,
+        part = {"period": 1e-5, "stiffness": 1e-2, "direction": 1e-3, "hardening": 1e-2,
+                "reach": 1e-3, "turn": 1e-2, "first": 1e-2, "second": 1e-2, "tau": 1e-3,
                 "speed": 1e-3}.get(name.rsplit(".")[-1])
         if name in values and part is not None:
             size[c] = part * values[name]
     effects = problem.mechanism.effects
     place = {p: c for c, p in enumerate(problem.free)}
-    groups = {e.kind.name: [place[p] for p in e.parameters.values() if p in place]
-              for e in effects}
+    groups: dict[str, list[int]] = {}
+    for e in effects:
+        free = [place[p] for p in e.parameters.values() if p in place]
+        if free:
+            groups.setdefault(e.kind.name, []).extend(free)
     own = {c for group in groups.values() for c in group}
     groups["geometry and registration"] = [c for c in range(len(names)) if c not in own]
     out = {}
     rng = np.random.default_rng(5)
     for group, members in groups.items():
-        if len(effects) == 1 and group == effects[0].kind.name and len(members) <= 6:
+        if len(groups) == 2 and group == effects[-1].kind.name and len(members) <= 6:
             out |= {names[c]: size * (np.arange(len(names)) == c) for c in members}
             continue
         step = np.zeros(len(names))

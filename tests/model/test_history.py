@@ -29,6 +29,7 @@ from ppmcal.kinematics.effect_response import (
     environment_of,
     missing_columns,
     setting,
+    with_strokes,
 )
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
@@ -345,6 +346,16 @@ def test_play_of_a_product_with_travel() -> None:
     found = added(with_effects(BENCH, [one], SI, "e"), data)[1:]
     wanted = 1e-5 * ways(data.q)[1:] * (data.q[1:] - 0.6) / 0.1
     np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-18)
+
+
+def test_a_product_with_travel_has_the_stroke_of_the_data() -> None:
+    """Of a kind whose size is no part of the stroke, too."""
+    open_ended = replace(BENCH, limits=np.full((3, 2), np.nan))
+    one = {"kind": "product", "of": ["lag", "travel"], "parameters": {"tau": 1e-3}}
+    data = campaign()
+    known = with_strokes(with_effects(open_ended, [one], SI, "e"), data.q)
+    ends = {n.rpartition(".")[2]: v for n, v in zip(known.names, known.values, strict=True)}
+    assert (ends["low"], ends["high"]) == (data.q.min(), data.q.max())
 
 
 # --- commands -----------------------------------------------------------------------------------

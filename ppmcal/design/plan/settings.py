@@ -70,8 +70,8 @@ def with_kinds(mechanism: Mechanism, asked: PlanSettings, q: Array) -> Mechanism
                   free=tuple(p for p in mechanism.free if p not in others))
     made = list(out.parameters)
     for effect in own:
-        fitted = [s.name for s in effect.kind.parameters(out.motion)
-                  if not (s.constant or s.optional)]
+        fitted = [s.name for s in effect.kind.parameters(out.motion) if not s.constant
+                  and not (s.optional and made[effect.parameters[s.name]].value == s.default)]
         for name in fitted:
             made[effect.parameters[name]] = replace(made[effect.parameters[name]], free=True)
     kept = {p for e in own for n, p in e.parameters.items() if made[p].free}
@@ -118,6 +118,11 @@ def _refuse(mechanism: Mechanism, name: str, asked: PlanSettings) -> None:
                            'Say between which it can be set, for example --temperature "18,26"')
     if need_load(kind) and not np.any(mechanism.gravity):
         raise BadInput(f"{name} needs the direction of weight", PLACE, "Give `gravity`")
+    bearing = [effect_kinds()[k] for k in asked.kinds if k in effect_kinds()]
+    if kind.carried is not None and not any(
+            k.uses_load and k.carried is None for k in bearing):
+        raise BadInput(f"{name} shows only through what gives way to the load", PLACE,
+                       f"Ask for such a kind too, for example --for compliance --for {name}")
     if kind.by_sign and asked.payload is not None and min(asked.payload) <= 0.0:
         raise BadInput(f"{name} jumps where the load changes its sign; without payload the sign "
                        "is not known", "--payload", "Give two payloads above 0")

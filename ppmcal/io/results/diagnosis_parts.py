@@ -21,7 +21,7 @@ from ppmcal.diagnosis.result import (
     Swallowed,
 )
 from ppmcal.io.results.record import Part, Shown, Text, Whole
-from ppmcal.model.effects import GEOMETRY
+from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
 
 
@@ -48,6 +48,13 @@ class EventRow(Part):
         own = next(d for d in reversed(datasets) if d.before < onset.row)
         return cls(value=onset.row - own.before, low=max(onset.low - own.before, 1),
                    high=onset.high - own.before, dataset=own.name)
+
+
+def kind_of(label: str) -> str:
+    """Return the kind of an alternative, without its part; of a slot of the geometry its name."""
+    whole = label.split(" on ")[0]
+    known = effect_kinds().get(whole.split()[0])
+    return known.name if known is not None and known.one_by_one else whole
 
 
 class EffectInSession(Part):
@@ -102,7 +109,7 @@ class DiagnosedEffect(Part):
         return cls(kind=effect.kind, on=effect.on, parameters=_parameters(result, effect),
                    p_value=effect.p_value, log10_p=effect.log_p / np.log(10.0),
                    survival=effect.survival,
-                   alternatives=tuple(a.split(" on ")[0] for a in effect.alternatives),
+                   alternatives=tuple(kind_of(a) for a in effect.alternatives),
                    alternatives_on=effect.alternatives, odds=effect.odds,
                    sessions=EffectInSession.each(result, effect.sessions),
                    same_in_sessions_p=None if effect.sessions is None else effect.sessions.p_value,

@@ -71,6 +71,36 @@ def group_name(record: DiagnosisRecord, group: Group) -> str:
     return name_of(record, " ".join([group[0].kind, *_geometry(group[0])]), list(on))
 
 
+FEW = 2
+"""So many values of one effect are told one by one."""
+
+
+def own_values(record: DiagnosisRecord, group: Group) -> str:
+    """Return in one line the values of one effect on more than a few actuators, each its own.
+
+    ``expansion 1.1e-06 to 2.3e-05 1/K (leg1 1.1e-06, leg2 ...; +- 4e-07 at most)``; empty where
+    they are few, or not of one hypothesis.
+    """
+    names = [n for n, v in group[0].parameters.items() if v.sigma is not None]
+    if len(group) <= FEW or len({e.log10_p for e in group}) > 1 or any(
+            len(e.on) != 1 or set(e.parameters) != set(group[0].parameters) for e in group):
+        return ""
+    return ", ".join(_own(group, n) for n in names)
+
+
+def _own(group: Group, name: str) -> str:
+    """Return the range of one parameter, and all its values."""
+    values = [e.parameters[name] for e in group]
+    known = [v.value for v in values if v.value is not None]
+    widest = max((1.96 * v.sigma for v in values if v.sigma is not None), default=None)
+    each = ", ".join(f"{e.on[0]} {number(v.value)}" for e, v in zip(group, values, strict=True))
+    if not known:
+        return f"{name}: {each}"
+    unit = f" {values[0].unit}".rstrip()
+    return (f"{name} {number(min(known), 3)} to {number(max(known), 3)}{unit} ({each}; "
+            f"+- {number(widest, 2)} at most)")
+
+
 def effect_name(record: DiagnosisRecord, effect: DiagnosedEffect) -> str:
     """Return ``backlash on leg2``; geometry with the names of its parameters."""
     return group_name(record, [effect])

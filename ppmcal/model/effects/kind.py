@@ -27,14 +27,19 @@ class ScanRange:
     """What a scan of constants may know of the data.
 
     ``stroke``: the longest of the joints, m or rad; ``poses``: number of different ones;
-    ``rows``: numbers of the rows in the campaign, in order; ``moves``: of the joints from row to
-    row, m or rad, the shortest first; ``step``, ``duration``: median time from row to row, and
-    of the whole, s; ``speed``: median speed of the joints at the trigger, m/s or rad/s.
+    ``rows``: numbers of the rows in the campaign, in order; ``load``: the largest on an actuator,
+    N or N m; ``size``, ``near``: largest and smallest distance of two joint centres of a body, m;
+    ``moves``: of the joints from row to row, m or rad, the shortest first; ``step``, ``duration``:
+    median time from row to row, and of the whole, s; ``speed``: median speed of the joints at the
+    trigger, m/s or rad/s.
     """
 
     stroke: float
     poses: int
     rows: tuple[float, ...] = ()
+    load: float = 0.0
+    size: float = 0.0
+    near: float = 0.0
     moves: tuple[float, ...] = ()
     step: float = 60.0
     duration: float = 3600.0
@@ -49,17 +54,18 @@ class EffectParameter:
     (its force in N or moment in N m), or a quotient such as ``joint/load``; ``1`` is a
     pure number. ``default`` None: the file must give it. ``low``, ``high``: the range in which
     it has a meaning, SI. ``usual``: the range in which machines have it, SI, or, with
-    ``of_stroke``, in parts of the joint's stroke: a value outside is not named as this effect
-    (``why``: where the range is from). ``size``: a change that counts, SI. ``constant``: never
-    fitted. ``reciprocal``: the effect is linear in its inverse, in which a fit takes its steps.
-    ``scan``: the values that a search tries, SI, of a parameter in which the effect is not
-    linear; a plan has to be given it. ``stroke_end``: ``low`` or ``high``, for a constant that is
-    that end of the stroke where the file leaves it open (nan). ``component``: of the wrench,
-    ``fx`` ... ``mz``, without which the parameter does nothing. ``optional``: a search tries the
-    kind with it at its default too, as a plain one for which it is not fitted. ``needs``: further
-    columns that it depends on where it is not at its default. ``scaling``: the effect nearly scales
-    with it: at each value of its scan the effect, over that value, is a column, whose coefficient
-    is the parameter.
+    ``of_stroke``, in parts of the joint's stroke, with ``per_stroke``, of its inverse: a value
+    outside is not named as this effect (``why``: where the range is from). ``size``: a change
+    that counts, SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
+    inverse, in which a fit takes its steps. ``scan``: the values that a search tries, SI, of a
+    parameter in which the effect is not linear; a plan has to be given it. ``stroke_end``:
+    ``low`` or ``high``, for a constant that is that end of the stroke where the file leaves it
+    open (nan). ``component``: of the wrench, ``fx`` ... ``mz``, without which the parameter does
+    nothing. ``optional``: at its default, which is 0, the kind is a plain one. A search tries
+    that first, and one such parameter at a time; a plan leaves it there, and so does a file.
+    ``needs``: further columns that it depends on where it is not at its default. ``scaling``: the
+    effect nearly scales with it: at each value of its scan the effect, over that value, is a
+    column, whose coefficient is the parameter.
     """
 
     name: str
@@ -69,6 +75,7 @@ class EffectParameter:
     high: float = np.inf
     usual: tuple[float, float] = (-np.inf, np.inf)
     of_stroke: bool = False
+    per_stroke: bool = False
     why: str = ""
     size: float = 1e-5
     constant: bool = False
@@ -84,6 +91,10 @@ class EffectParameter:
     def nonlinear(self) -> bool:
         """Whether what the effect adds is not this value times its derivative."""
         return self.scan is not None
+
+    def usual_scale(self, stroke: float) -> float:
+        """Return what ``usual`` is multiplied with to be in SI; ``stroke``: the longest."""
+        return stroke if self.of_stroke else 1.0 / stroke if self.per_stroke else 1.0
 
 
 STROKE = "ISO 230-2: errors of a drive are small parts of its stroke"
@@ -184,6 +195,10 @@ class EffectKind:
             weight would make it do.
         doubt: columns whose unit is doubted where its size is none of a machine; empty: those
             that it needs.
+        one_by_one: its parameters are causes of their own: a search tries each alone.
+        carried: what the platform carries in place of what is known: (setting, values) -> weight
+            (N, 3) and wrench (N, 6). Its own terms are none; it acts through the kinds that
+            depend on the load, and is tried once one of them is in the model.
         from_file: of a kind that is only made of what a file says.
         written: of a kind that was made so: units of the file -> its entries.
         variants: motion -> the kinds that a search tries in its place; None: itself.
@@ -215,6 +230,8 @@ class EffectKind:
     by_sign: bool = False
     under_weight: bool = False
     doubt: str = ""
+    one_by_one: bool = False
+    carried: Callable[[Setting, Mapping[str, float]], tuple[Array, Array]] | None = None
     from_file: FromFile | None = None
     written: Callable[[Units], Mapping[str, object]] | None = None
     variants: Callable[[str], Sequence[EffectKind]] | None = None
@@ -236,6 +253,11 @@ class EffectKind:
                                for m in self.motions):
             raise ValueError(f"effect '{self.name}': the period '{self.period}' is no parameter "
                              "with a scan")
+
+    @property
+    def may_be_plain(self) -> bool:
+        """Whether there are parameters that a search tries the kind without."""
+        return any(s.optional for m in self.motions for s in self.parameters(m))
 
     @property
     def label(self) -> str:
@@ -260,12 +282,17 @@ class Worked:
     ``setting``: field -> number for a single row, ``travel_before`` ... of the row before it, at
     time 0; ``values``: the parameters;
     ``result``: the change of u of the actuator, of the first changed slot, of the first
-    pose coordinate or of a measured 1 m, SI.
+    pose coordinate, of a measured 1 m or of the wrench, SI.
     """
 
     values: Mapping[str, float]
     setting: Mapping[str, float]
     result: float
+
+
+def no_terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Return nothing: what a kind adds that acts through others, see ``EffectKind.carried``."""
+    return Terms(Shift(), {name: Shift() for name in values})
 
 
 def fixed_list(*parameters: EffectParameter) -> Callable[[str], tuple[EffectParameter, ...]]:

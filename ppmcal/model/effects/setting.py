@@ -108,12 +108,18 @@ class Setting:
         time: s (N,).
         row: number in the campaign (N,); inf after it.
         limbs: one each.
-        load_of: gives the load on the actuators (N, k), N or N m.
+        load_of: gives the load on the actuators (N, k), N or N m, under a wrench (N, 6).
+        forces_of: gives the force that each limb carries under a wrench (N, limbs, 3), base axes.
+        weight: the part of the wrench's force that is the payload's weight (N, 3), N.
+        gravity: its direction as the file has it, base axes (3,).
+        turn: rotation of the platform (N, 3, 3), from its axes to the base's.
+        known: the same with what the platform carries as recorded, where effects say otherwise.
         pose_of: gives the closed pose of the platform (N, 6), base axes, rotation as a vector.
         until: row from which on another event takes this one's place, by joint (k,); None: never.
         history: all rows in the order of their visit, None where that is not known; ``place`` of
             these rows in it (N,), -1 where they have none; ``ratio`` of the drives (k,).
-        past_load_of: gives the load on the actuators there (H, k).
+        past_load_of: gives the load on the actuators there (H, k), ``carried`` being the kinds and
+            values of the effects that say what the platform carries.
     """
 
     motion: str
@@ -127,18 +133,39 @@ class Setting:
     time: Array
     row: Array
     limbs: tuple[LimbSetting, ...]
-    load_of: Callable[[], Array]
+    load_of: Callable[[Array], Array]
+    forces_of: Callable[[Array], Array]
+    weight: Array
+    gravity: Array
+    turn: Array
     until: Array | None = None
+    known: Setting | None = None
     history: History | None = None
     place: Ints | None = None
     ratio: Array | float = 1.0
     past_load_of: Callable[[], Array] | None = None
+    carried: tuple[str | float, ...] = ()
     pose_of: Callable[[], Array] | None = None
 
     @cached_property
     def load(self) -> Array:
         """F = J_q^T wrench (N, k): positive when it pushes towards larger u."""
-        return self.load_of()
+        return self.load_of(self.wrench)
+
+    @cached_property
+    def forces(self) -> Array:
+        """Force of each limb on the base, which the platform has put on it (N, limbs, 3), N."""
+        return self.forces_of(self.wrench)
+
+    def points(self, body: str) -> Array:
+        """Return the joint centres of ``base`` or ``platform`` in its axes (N or 1, limbs, 3), m.
+
+        A coordinate that limbs do not have, as z in the plane, is 0.
+        """
+        slots = [getattr(limb, body) for limb in self.limbs]
+        rows = max((np.size(v) for s in slots for v in s.values()), default=1)
+        return np.stack([np.stack([np.broadcast_to(s.get(f"{body}.point.{c}", 0.0), (rows,))
+                                   for c in "xyz"], axis=-1) for s in slots], axis=1)
 
     @cached_property
     def pose(self) -> Array:
@@ -187,7 +214,7 @@ class Setting:
         history = self.history
         if history is None or not history.timed or self.past_load_of is None:
             return np.full_like(self.travel, np.nan), np.full_like(self.travel, np.nan)
-        found, slope = history.lagged("load", self.past_load_of, tau)
+        found, slope = history.lagged(f"load {self.carried}", self.past_load_of, tau)
         return self._then(found), self._then(slope)
 
     def _then(self, past: Array) -> Array:

@@ -1,0 +1,57 @@
+"""What actuators and limbs carry of a wrench on the platform."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.inverse import solve_rows
+from ppmcal.linalg import Array, finite_rows
+
+
+def loads(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
+    """Return f = J_q^T wrench (N, k): the wrench's work per unit of each joint coordinate u.
+
+    [LIN] section 2.3: -A^-1 Jq carries joint motion to the platform, its transpose carries
+    the platform's wrench (N, 6), base axes at the platform origin, to the joints.
+    """
+    out = np.full((q.shape[0], len(model.mechanism.actuators)), np.nan)
+    rows, closure, lines, reaction = _reaction(model, q, pose, wrench)
+    if rows.size:
+        jq = closure.joint_matrix(pose[rows], lines, drive=False)
+        # f = -Jq^T A^-T w
+        out[rows] = -(np.swapaxes(jq, -1, -2) @ reaction[..., None])[..., 0]
+    return out
+
+
+def limb_forces(model: Model, q: Array, pose: Array, wrench: Array) -> Array:
+    """Return the force with which the platform pushes on each limb, and that on the base (N, L, 3).
+
+    The wrench (N, 6) is the sum of A's lines times the reactions: what a limb carries of it acts
+    along the line of its closure, base axes, N.
+    """
+    out = np.full((q.shape[0], len(model.mechanism.limbs), 3), np.nan)
+    rows, closure, lines, reaction = _reaction(model, q, pose, wrench)
+    if rows.size:
+        force = reaction[..., None] * lines[..., :3]
+        first = np.cumsum([0, *(len(b.point_moves) for b in closure.bodies)])
+        out[rows] = np.stack([force[:, a:b].sum(axis=1)
+                              for a, b in pairwise(first)], axis=1)
+    return out
+
+
+def _reaction(model: Model, q: Array, pose: Array, wrench: Array
+              ) -> tuple[NDArray[np.int64], Closure, Array, Array]:
+    """Return usable rows (n,), their closure, lines and A^-T w (n, d).
+
+    At a singular pose nothing bears the load: nan.
+    """
+    rows = np.flatnonzero(finite_rows(q) & finite_rows(pose) & finite_rows(wrench))
+    closure = model.take(rows).closure(q[rows])
+    lines = closure.lines(pose[rows])
+    a = closure.pose_matrix(pose[rows], lines)
+    return rows, closure, lines, solve_rows(np.swapaxes(a, -1, -2),
+                                            wrench[rows][:, model.mechanism.dof])

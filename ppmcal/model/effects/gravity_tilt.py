@@ -1,0 +1,56 @@
+"""Weight that does not act in the direction that the file says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.linalg import Array
+from ppmcal.model.effects.kind import (
+    EffectKind,
+    EffectParameter,
+    Worked,
+    no_terms,
+    register,
+)
+from ppmcal.model.effects.setting import Setting
+
+NAMES = {"planar": ("turn",), "translational": ("first", "second"), "spatial": ("first", "second")}
+
+
+def _parameters(motion: str) -> tuple[EffectParameter, ...]:
+    return tuple(EffectParameter(n, "angle", usual=(-1.6, 1.6), size=1e-3,
+                                 why="weight acts downwards") for n in NAMES[motion])
+
+
+def _vector(setting: Setting, values: Mapping[str, float]) -> Array:
+    """Return the rotation vector of the weight (3,): about z, or about two base axes.
+
+    They are the base axes in their order without the one that is nearest to gravity, about which
+    a turn does nothing.
+    """
+    if "turn" in values:
+        return np.array([0.0, 0.0, values["turn"]])
+    rest = np.delete(np.eye(3), int(np.argmax(np.abs(setting.gravity))), axis=0)
+    return np.asarray(values["first"] * rest[0] + values["second"] * rest[1])
+
+
+def _carried(setting: Setting, values: Mapping[str, float]) -> tuple[Array, Array]:
+    """The weight is turned; it goes on acting where it does."""
+    vector, old = _vector(setting, values), setting.weight
+    angle = float(np.linalg.norm(vector))
+    half = np.sinc(0.5 * angle / np.pi)
+    along = np.cross(vector, old)
+    weight = old + np.sinc(angle / np.pi) * along + 0.5 * half**2 * np.cross(vector, along)
+    wrench = setting.wrench.copy()
+    wrench[:, :3] += weight - old
+    return weight, wrench
+
+
+GRAVITY_TILT = register(EffectKind(
+    "gravity_tilt", "weight = payload 9.80665 m/s2 along R gravity, R a turn about two base axes",
+    "the machine stands inclined, or its file names another direction of gravity",
+    _parameters, ("wrench",), no_terms, per_actuator=False, uses_load=True, carried=_carried,
+    remedy="put a level or a plumb line on the base",
+    worked=Worked({"turn": np.pi / 2}, {"weight": 100.0}, -200.0)))

@@ -1,0 +1,42 @@
+"""A payload whose centre of mass is beside the platform's origin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ppmcal.linalg import Array
+from ppmcal.model.effects.kind import (
+    EffectKind,
+    EffectParameter,
+    Worked,
+    no_terms,
+    register,
+)
+from ppmcal.model.effects.setting import Setting
+
+AXES = {"planar": "xy", "spatial": "xyz"}
+
+
+def _parameters(motion: str) -> tuple[EffectParameter, ...]:
+    return tuple(EffectParameter(c, "length", usual=(-1.0, 1.0), size=1e-4,
+                                 why="a payload is held within reach of its platform")
+                 for c in AXES.get(motion, ""))
+
+
+def _carried(setting: Setting, values: Mapping[str, float]) -> tuple[Array, Array]:
+    """The weight acts at (x, y, z) in platform axes: moment = R (x, y, z) x weight."""
+    arm = setting.turn @ np.array([values.get(c, 0.0) for c in "xyz"])
+    wrench = setting.wrench.copy()
+    wrench[:, 3:] += np.cross(arm, setting.weight)
+    return setting.weight, wrench
+
+
+PAYLOAD_OFFSET = register(EffectKind(
+    "payload_offset", "moment of the payload's weight about the platform's origin = R c x weight, "
+    "c its centre of mass", "statics: the wrench of a force that does not act at the origin",
+    _parameters, ("wrench",), no_terms, per_actuator=False, motions=("planar", "spatial"),
+    uses_load=True, carried=_carried,
+    remedy="weigh the payload's centre of mass, or put it on in another place",
+    worked=Worked({"x": 0.0, "y": -0.05}, {"weight": 100.0}, -5.0)))
