@@ -99,7 +99,8 @@ def test_positions_tell_scale() -> None:
         found, mechanism).sentences())
 
 
-@pytest.mark.parametrize("name", ["6-UPS", "3-RPR", "linapod"])
+@pytest.mark.parametrize("name", [
+    "6-UPS", "3-RPR", pytest.param("linapod", marks=pytest.mark.slow)])
 def test_poses_tell_scale_whatever_is_open(name: str) -> None:
     """Frame and target unknown, flat prior: the measured points' distances are measured."""
     mechanism = read_mechanism(ROOT / "configs"

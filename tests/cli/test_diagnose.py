@@ -38,6 +38,10 @@ WRITTEN = {"model.yaml", "effects.csv", "residuals.csv", "diagnosis.json"}
 VERDICTS = {"none", "weak", "named", "named-set", "partial", "unnamed"}
 
 
+CAMPAIGNS = ["backlash", "none", *(
+    pytest.param(n, marks=pytest.mark.slow) for n in ("two", "scale", "thermal"))]
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """Campaigns that several tests look at, made and diagnosed on first use."""
@@ -388,7 +392,7 @@ def test_next_measurements_move_the_way_they_come(made: Callable[[str], Path]) -
 # --- what is written ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["backlash", "none", "two", "scale", "thermal"])
+@pytest.mark.parametrize("name", CAMPAIGNS)
 def test_diagnosis_json(made: Callable[[str], Path], name: str) -> None:
     """Every key of the contract, of the right type, in the machine's units."""
     folder = made(name)
@@ -575,7 +579,7 @@ def test_the_same_command_writes_the_same_bytes(made: Callable[[str], Path],
     assert "next.csv" in before
 
 
-@pytest.mark.parametrize("name", ["backlash", "none", "two", "scale", "thermal"])
+@pytest.mark.parametrize("name", CAMPAIGNS)
 def test_output_is_no_wider_than_a_terminal(made: Callable[[str], Path], name: str) -> None:
     """And tells the verdict, every named effect and what to do next."""
     text = (made(name) / "out.txt").read_text()

@@ -367,7 +367,8 @@ def test_a_payload_in_grams_is_not_a_stiffer_machine(tmp_path: Path) -> None:
     assert abs(stiffness["value"] - 5900.0) < 3.0 * stiffness["sigma"]
 
 
-@pytest.mark.parametrize("seed", [4, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [4, 5])
 def test_gains_of_a_tenth_are_no_gains(tmp_path: Path, seed: int) -> None:
     """No machine has them: refused, or told as implausible."""
     simulate(tmp_path, "6-UPS", [], count=40, seed=seed,

@@ -440,6 +440,7 @@ def test_derivatives_against_differences(name: str) -> None:
         assert np.mean(apart > 1e-6) < (0.02 if "play" in name else 1e-9), parameter
 
 
+@pytest.mark.slow
 def test_an_export_at_rest_says_what_it_leaves_out(tmp_path: Path) -> None:
     """A table of poses has no past: the effects are 0 in it, and told."""
     text = yaml.safe_load((CONFIGS / "3-RPR.yaml").read_text(encoding="utf-8"))

@@ -302,7 +302,8 @@ def test_thresholds(cases: Callable[[str], Case], verdict: str) -> None:
 # --- pictures -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
+@pytest.mark.parametrize("verdict", ["named", "none", *(
+    pytest.param(v, marks=pytest.mark.slow) for v in ("named-set", "unnamed"))])
 def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], verdict: str
                                                   ) -> None:
     case = cases(verdict)
