@@ -20,12 +20,8 @@ from ppmcal.io.folder import current
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
 from ppmcal.io.templates import find_template
-from ppmcal.kinematics.effect_response import (
-    ORDER,
-    environment_of,
-    missing_columns,
-    with_strokes,
-)
+from ppmcal.kinematics.effect_response import environment_of, with_strokes
+from ppmcal.kinematics.needed_columns import ORDER, missing_columns
 from ppmcal.kinematics.tables import with_joints
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism

@@ -24,9 +24,9 @@ from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.kinematics.closure import Closure, Model
-from ppmcal.kinematics.effect_response import remembers
 from ppmcal.kinematics.inverse import home_state, to_joint
 from ppmcal.kinematics.limb_roots import limb_roots
+from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import home_singular_value, inverse_table
 from ppmcal.linalg import Array, finite_rows, ways

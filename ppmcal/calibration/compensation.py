@@ -16,9 +16,10 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import final_shift, remembers
+from ppmcal.kinematics.effect_response import final_shift
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import (
     named_only,
     pose_motor,

@@ -19,7 +19,8 @@ from ppmcal.diagnosis.hypotheses import (
 )
 from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.diagnosis.search import Search, columns_of
-from ppmcal.kinematics.effect_response import carried_by, lacking, setting
+from ppmcal.kinematics.effect_response import carried_by, setting
+from ppmcal.kinematics.needed_columns import lacking
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -21,12 +20,13 @@ from ppmcal.calibration.summary import far_from_nominal, report
 from ppmcal.calibration.validation import split
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
-from ppmcal.diagnosis.adequacy import LEVEL, Remainder, remainder
+from ppmcal.diagnosis.adequacy import LEVEL, remainder
 from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import Added, with_named
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
+from ppmcal.diagnosis.imitation import imitated, left_over
 from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
 from ppmcal.diagnosis.left_out_rows import left_out
 from ppmcal.diagnosis.localization import Place, localise
@@ -104,7 +104,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         found, final = nothing_named(found), None
         gap = _gap(found, held, options)
     say("judging what is left")
-    left = _left(found.last, options.seed)
+    left = left_over(found.last, options.seed)
     start = left if found.last is found.first else remainder(
         replace(found.first, chosen=()), options.seed)
     others = _alternatives(found.last)
@@ -121,7 +121,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
     if options.by_session:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
-    verdict = decide(found, left, start, effects, out, blocks, _imitated(found.last))
+    verdict = decide(found, left, start, effects, out, blocks, imitated(found.last))
     told = findings(whole, final or whole, left, effects, gap, out,
                     not_predicted(blocks, left, start))
     if final is not None:
@@ -189,53 +189,6 @@ def _places(found: Found, named: bool, seed: int) -> tuple[Place, ...]:
     bare = replace(found.first, chosen=())
     with_them = replace(found.last, chosen=named_only(found.last)) if named else bare
     return localise(bare, with_them, seed)
-
-
-def _left(stage: Stage, seed: int) -> Remainder:
-    """Return what named effects leave; an anonymous shape that was chosen says what it follows."""
-    left = remainder(replace(stage, chosen=named_only(stage)), seed)
-    for i in stage.chosen:
-        hypothesis = stage.hypotheses[i]
-        if hypothesis.anonymous:
-            p = probability(own_log_p(stage.search, stage.chosen, i))
-            left = replace(left, follows=" ".join(hypothesis.on) or "position",
-                           p_value=min(p, left.p_value))
-    for joint, j in _neither(stage):
-        p = probability(own_log_p(stage.search, stage.chosen, j))
-        left = replace(left, follows=joint, p_value=min(p, left.p_value))
-    return left
-
-
-def _neither(stage: Stage) -> list[tuple[str, int]]:
-    """Return joints with two smooth kinds, a shape that is neither, and the second's hypothesis."""
-    out = []
-    for i, j in combinations(named_only(stage), 2):
-        a, b = stage.hypotheses[i], stage.hypotheses[j]
-        joint = set(a.on) & set(b.on)
-        if joint and _slow(stage, a) and _slow(stage, b) and a.kind != b.kind:
-            out.append((min(joint), j))
-    return out
-
-
-def _imitated(stage: Stage) -> bool:
-    """Whether all that is named only makes up a shape along joints that none of it is."""
-    joints = {joint for joint, _ in _neither(stage)}
-    return bool(joints) and all(
-        f.on and set(f.on) <= joints and f.effect is not None
-        and (f.effect.smooth or f.effect.period) for f in stage.named)
-
-
-def _slow(stage: Stage, hypothesis: Hypothesis) -> bool:
-    """Whether a hypothesis is smooth over the stroke; a wave is if it has few periods there."""
-    kind = hypothesis.effect
-    if kind is None:
-        return False
-    if kind.period:
-        return stage.system.stroke < FEW_PERIODS * hypothesis.constants[kind.period]
-    return kind.smooth
-
-
-FEW_PERIODS = 4.0
 
 
 def _split(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dataset, ...]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.scan_range import scan_range
-from ppmcal.kinematics.effect_response import lacking
+from ppmcal.kinematics.needed_columns import lacking
 from ppmcal.model.effects import EffectKind, EffectParameter, ScanRange
 
 NEAR = 4.0

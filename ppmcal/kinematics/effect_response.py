@@ -21,7 +21,6 @@ from ppmcal.model.dataset import (
 )
 from ppmcal.model.effects import (
     EffectKind,
-    EffectParameter,
     LimbSetting,
     Setting,
     Shift,
@@ -35,8 +34,6 @@ from ppmcal.model.parameters import Parameter
 ROUNDS = 40
 SETTLED = 1e-12
 """Loads and slots belong together: they change by less than this part of the reach."""
-ORDER = "approach: sequence"
-"""What rows lack if their order is not known, or what the joints did between them."""
 
 
 def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
@@ -313,54 +310,3 @@ def _spread(effect: Effect, parameters: Sequence[Parameter]) -> bool:
            if s.name in effect.parameters]
     spread = [p for s, p in own if s.of_stroke or s.per_stroke]
     return not spread or any(p.free or p.value != 0.0 for p in spread)
-
-
-def missing_columns(mechanism: Mechanism, rows: Environment) -> Sequence[str]:
-    """Return the columns that the effects need and no row has, by name."""
-    out: list[str] = []
-    for effect in mechanism.effects:
-        on = [a for a, used in enumerate(effect.on) if used]
-        out += lacking(_needs(mechanism, effect), [mechanism.actuators[a] for a in on], on, rows)
-    return tuple(dict.fromkeys(out))
-
-
-def remembers(mechanism: Mechanism) -> bool:
-    """Whether an effect depends on what came before a row."""
-    return any({"order", "past"} & set(_needs(mechanism, e)) for e in mechanism.effects)
-
-
-def _needs(mechanism: Mechanism, effect: Effect) -> tuple[str, ...]:
-    """Return what an effect needs, with its parameters as they are."""
-    return (*effect.kind.needs, *(n for s in effect.kind.parameters(mechanism.motion)
-                                  if not _off(mechanism, effect, s) for n in s.needs))
-
-
-def _off(mechanism: Mechanism, effect: Effect, spec: EffectParameter) -> bool:
-    """Whether a parameter has its default for good."""
-    parameter = mechanism.parameters[effect.parameters[spec.name]]
-    return parameter.value == spec.default and not parameter.free
-
-
-def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
-            rows: Environment) -> list[str]:
-    """Return which of the needed columns have no value at all."""
-    out: list[str] = []
-    for need in needs:
-        if need == "row":
-            continue    # every row has its number; none: after the last one
-        if need == "order":
-            direct = None if rows.history is None else rows.history.direct
-            out += [ORDER for a in on if direct is None or not direct[a]][:1]
-            continue
-        if need in ("dir", "vel"):
-            part = rows.approach if need == "dir" else rows.velocity
-            out += [f"{need}_{n}" for n, a in zip(names, on, strict=True)
-                    if not np.isfinite(part[:, a]).any()]
-        elif need in ("load", "wrench"):
-            if not finite_rows(rows.wrench).any():
-                out.append("payload")
-        elif need == "past" and (rows.history is None or not rows.history.timed):
-            out.append("time")
-        elif need != "past" and not np.isfinite(getattr(rows, need)).any():
-            out.append(need)
-    return out

@@ -18,8 +18,9 @@ from ppmcal.calibration.observation import SCALARS, stretched
 from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import ORDER, missing_columns, remembers, with_strokes
+from ppmcal.kinematics.effect_response import with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.kinematics.needed_columns import ORDER, missing_columns, remembers
 from ppmcal.kinematics.registration import displaced, predict
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment

@@ -21,16 +21,12 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.io import read_mechanism
 from ppmcal.io.effects import with_effects
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import (
-    environment_of,
-    missing_columns,
-    shifted,
-    with_strokes,
-)
+from ppmcal.kinematics.effect_response import environment_of, shifted, with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses, uses_load
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import inverse
 from ppmcal.kinematics.loads import loads
+from ppmcal.kinematics.needed_columns import missing_columns
 from ppmcal.kinematics.registration import displaced, measured_pose
 from ppmcal.kinematics.tables import forward_table, inverse_table, pose_motor, pose_vector
 from ppmcal.model.dataset import (

@@ -23,16 +23,10 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.effects import effects_tree, with_effects
 from ppmcal.io.plausibility import unit_findings
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import (
-    ORDER,
-    effect_terms,
-    environment_of,
-    missing_columns,
-    setting,
-    with_strokes,
-)
+from ppmcal.kinematics.effect_response import effect_terms, environment_of, setting, with_strokes
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.needed_columns import ORDER, missing_columns
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import inverse_table, with_joints
 from ppmcal.linalg import Array, ways

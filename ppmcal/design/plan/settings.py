@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
-from ppmcal.kinematics.effect_response import remembers, with_strokes
+from ppmcal.kinematics.effect_response import with_strokes
+from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import STANDARD_GRAVITY
 from ppmcal.model.effects import EffectKind, EffectParameter, effect_kinds
