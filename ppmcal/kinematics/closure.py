@@ -248,7 +248,7 @@ class Closure:
 
 
 def _stack(parts: Sequence[Array]) -> Array:
-    n = max(p.shape[0] for p in parts)
+    (n,) = np.broadcast_shapes(*(p.shape[:1] for p in parts))
     return np.concatenate([np.broadcast_to(p, (n, *p.shape[1:])) for p in parts], axis=1)
 
 
