@@ -15,9 +15,9 @@ from helpers.paths import ROOT
 
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism, read_scenario, write_mechanism
-from ppmcal.model.effects import effect_kinds
+from ppmcal.model.effects import EffectKind, effect_kinds
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import Units
+from ppmcal.units import SI, Units
 
 CONFIGS = ROOT / "configs"
 MOTION = {"3-RPR": "planar", "3-RRR-1": "planar", "delta-linear": "translational",
@@ -68,8 +68,24 @@ def assert_same(a: Mechanism, b: Mechanism, ulps: int = 0) -> None:
                 np.testing.assert_allclose(y, x, rtol=ulps * 2.3e-16, atol=0.0, err_msg=p.name)
         blank: dict[str, Any] = dict.fromkeys(numbers, 0.0)
         assert replace(p, **blank) == replace(q, **blank)
-    assert a.effects == b.effects
+    assert len(a.effects) == len(b.effects)
+    for e, f in zip(a.effects, b.effects, strict=True):
+        assert (e.kind.label, e.on, e.parameters) == (f.kind.label, f.on, f.parameters)
+        assert (e.kind == f.kind) or e.kind.written is not None
+        same_entries(e.kind, f.kind)
     assert a.free == b.free
+
+
+def same_entries(a: EffectKind, b: EffectKind) -> None:
+    """What kinds that are made of a file's entries were made of is equal, in SI."""
+    one, other = (k.written(SI) if k.written else {} for k in (a, b))
+    assert list(one) == list(other)
+    for name, value in one.items():
+        numbers = isinstance(value, list) and not isinstance(value[0], str)
+        if numbers:
+            np.testing.assert_allclose(np.array(other[name]), np.array(value), rtol=1e-14, atol=0.0)
+        else:
+            assert other[name] == value
 
 
 # --- units --------------------------------------------------------------------------------------
