@@ -76,7 +76,8 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
     looked = gammaln(hypotheses + 1) - gammaln(k + 1) - gammaln(max(hypotheses - k, 0) + 1)
     anonymous = sum(1 for i in chosen if search.hypotheses[i].anonymous)
     looked += sum(search.hypotheses[i].choices for i in chosen)
-    return float(n * np.log(max(left, 1e-300) / n) + ANONYMOUS * anonymous
+    seldom = sum(f.effect.seldom for i in chosen if (f := search.hypotheses[i]).effect is not None)
+    return float(n * np.log(max(left, 1e-300) / n) + ANONYMOUS * anonymous + seldom
                  + (len(columns) + searched) * np.log(n) + 2.0 * looked)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from ppmcal.diagnosis.hypotheses import Library
+from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
 from ppmcal.linalg import Array, unit_columns
 from ppmcal.model.effects import GEOMETRY
@@ -107,9 +107,8 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     for hypothesis in library.hypotheses:
         if hypothesis.constants and hypothesis.searched:
             if hypothesis.shared:
-                # steps at will follow any slow noise: of all events only the best one counts
-                event = hypothesis.effect is not None and hypothesis.effect.onset
-                key = ("event", ()) if event else (hypothesis.family, hypothesis.on)
+                # steps at will, or lags, follow any slow noise: of all only the best one counts
+                key = ("slow", ()) if _slow(hypothesis) else (hypothesis.family, hypothesis.on)
                 gain = explains(hypothesis.columns)
                 if gain > grid.get(key, (0.0, []))[0]:
                     grid[key] = gain, list(hypothesis.columns)
@@ -122,6 +121,14 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
         if len(chosen) + len(found) <= room:
             chosen += [c for c in found if c not in chosen]
     return chosen
+
+
+def _slow(hypothesis: Hypothesis) -> bool:
+    """Whether a hypothesis is an event, or depends on what came before a row."""
+    kind = hypothesis.effect
+    return kind is not None and (bool(kind.onset) or "past" in kind.needs or any(
+        "past" in s.needs and hypothesis.constants.get(s.name, s.default) != s.default
+        for motion in kind.motions for s in kind.parameters(motion)))
 
 
 def _cleaned(system: System, columns: Array, noise: Whitening) -> tuple[Array, Array]:
