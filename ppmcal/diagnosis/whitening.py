@@ -105,6 +105,8 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
         return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
     for hypothesis in library.hypotheses:
+        if hypothesis.effect is not None and hypothesis.effect.title:
+            continue    # made of a kind that is there itself, which has most of what it does
         if hypothesis.constants and hypothesis.searched:
             if hypothesis.shared:
                 # steps at will, or lags, follow any slow noise: of all only the best one counts
