@@ -28,6 +28,8 @@ FEWEST = 4
 """Fewer rows have no pattern."""
 THIRDS = 3
 STRETCH = "have"
+FOR_STRETCHES = 0.2
+"""Stretches of travel are many: they have this part of the level, all others the rest."""
 STRETCHES = 8
 """Parts of a joint's travel, which overlap: what is worn in one of them hits the rows there."""
 
@@ -76,18 +78,19 @@ def left_out(fit: Fit) -> LeftOut:
     used = [k | g for k, g in zip(fit.keep, gone, strict=True)]
     count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
     too_many = count > 0 and bool(bdtrc(count - 1, rows, GROSS_SHARE) < LEVEL)
-    best, tried, share, follows = 1.0, 0, 0.0, ""
+    found: list[tuple[float, float, str]] = []
     if FEWEST <= count < rows:
         for words, masks in _patterns(fit.problem):
             inside = sum(int((m & u).sum()) for m, u in zip(masks, used, strict=True))
             hits = sum(int((m & g).sum()) for m, g in zip(masks, gone, strict=True))
             if not 0 < inside < rows:
                 continue
-            tried += 1
-            p = _as_many(hits, rows, inside, count)
-            if p < best:
-                best, share, follows = p, hits / count, words
-    best = min(1.0, best * max(tried, 1))
+            found.append((_as_many(hits, rows, inside, count), hits / count, words))
+    stretches = sum(words.startswith(STRETCH) for *_, words in found)
+    tried = {True: stretches / FOR_STRETCHES, False: (len(found) - stretches) / (1 - FOR_STRETCHES)}
+    best, share, follows = min(
+        ((min(1.0, p * tried[words.startswith(STRETCH)]), part, words)
+         for p, part, words in found), default=(1.0, 0.0, ""))
     return LeftOut(count, rows, too_many, follows if best < LEVEL else "", share, best)
 
 
