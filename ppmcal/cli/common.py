@@ -39,6 +39,15 @@ leave_out_option = click.option(
     "--leave-out", type=click.Choice(["session"]), default=None,
     help="Predict each session (file, or label of a column `session`) by the others, in place of "
     "held-out poses.")
+
+
+def refuse_two_holdouts(leave_out: str | None) -> None:
+    """Refuse --holdout beside --leave-out, which takes its place (UsageError)."""
+    given = click.get_current_context().get_parameter_source("holdout")
+    if leave_out and given == click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("--leave-out session takes the place of --holdout: give one.")
+
+
 json_option = click.option("--json", "as_json", is_flag=True,
                            help="Print the summary as one JSON object.")
 seed_option = click.option("--seed", type=click.IntRange(min=0), default=None,

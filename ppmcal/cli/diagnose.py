@@ -18,6 +18,7 @@ from ppmcal.cli.common import (
     leave_out_option,
     out_option,
     quiet_option,
+    refuse_two_holdouts,
     seed_option,
 )
 from ppmcal.wording import number, where
@@ -62,9 +63,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     from ppmcal.api.diagnose import diagnose
     from ppmcal.calibration.misread import Misread
 
-    holds = click.get_current_context().get_parameter_source("holdout")
-    if leave_out and holds == click.core.ParameterSource.COMMANDLINE:
-        raise click.UsageError("--leave-out session takes the place of --holdout: give one.")
+    refuse_two_holdouts(leave_out)
     console = Console(quiet, as_json)
     try:
         with console.progress("Diagnosing") as show:

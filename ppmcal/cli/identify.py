@@ -18,6 +18,7 @@ from ppmcal.cli.common import (
     out_option,
     plain_table,
     quiet_option,
+    refuse_two_holdouts,
     seed_option,
 )
 from ppmcal.wording import counted, number
@@ -166,9 +167,7 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     given = click.get_current_context().get_parameter_source("damping")
     if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("--damping goes with --method damped.")
-    holds = click.get_current_context().get_parameter_source("holdout")
-    if leave_out and holds == click.core.ParameterSource.COMMANDLINE:
-        raise click.UsageError("--leave-out session takes the place of --holdout: give one.")
+    refuse_two_holdouts(leave_out)
     console = Console(quiet, as_json)
     with console.misread(), console.progress("Fitting") as show:
         result = identify(mech, data, method=method, prior=prior, damping=damping,

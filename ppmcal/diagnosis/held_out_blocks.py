@@ -79,7 +79,7 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
         pairs = [(_left_out(before, fold, keep), _left_out(after, fold, keep)) for fold in folds]
         pairs = [(old, new) for old, new in pairs if old.square.size == new.square.size > 0]
         if len(pairs) == len(folds):
-            old, new = (_joined([p[k] for p in pairs]) for k in (0, 1))
+            old, new = (HeldOutErrors.joined([p[k] for p in pairs]) for k in (0, 1))
             unsure = replace(new, variance=SURELY * new.variance)
             out.append(BlockGap(by, gap_of(old, new, noise, seed),
                                 gap_of(old, unsure, noise, seed).interval))
@@ -161,8 +161,3 @@ def _seen_only_here(fit: Fit, normal: Array, out: Array) -> Bools:
     own = np.arange(len(normal)) >= len(fit.problem.free)
     whole = np.diagonal(normal)
     return np.asarray(own & (whole > 0.0) & (whole - np.sum(out**2, axis=0) <= SEEN * whole))
-
-
-def _joined(parts: Sequence[HeldOutErrors]) -> HeldOutErrors:
-    return HeldOutErrors(*(np.concatenate([getattr(p, name) for p in parts])
-                    for name in ("square", "variance", "count", "group")))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
@@ -50,6 +50,11 @@ class HeldOutErrors:
     variance: Array
     count: Array
     group: Ints
+
+    @classmethod
+    def joined(cls, parts: Sequence[HeldOutErrors]) -> HeldOutErrors:
+        """Return the errors of several sets of rows as one."""
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
 
 def _errors(fit: Fit, held: Sequence[Dataset]) -> HeldOutErrors:

@@ -148,8 +148,7 @@ def _block_gaps(seen: Visible, terms: Sequence[Term], noise: float, seed: int
                     for c in (white.shape[1] - 1, flat.shape[1])]
             errors.append((_errors(seen, pair[0], mine), _errors(seen, pair[1], mine)))
         if errors:
-            old, new = (HeldOutErrors(*(np.concatenate([getattr(p[k], n) for p in errors])
-                        for n in ("square", "variance", "count", "group"))) for k in (0, 1))
+            old, new = (HeldOutErrors.joined([p[k] for p in errors]) for k in (0, 1))
             gap = gap_of(old, new, noise, seed)
             out.append(BlockGap(by, gap, gap.interval))
     return out

@@ -27,7 +27,6 @@ LEVEL = 0.01
 FEWEST = 4
 """Fewer rows have no pattern."""
 THIRDS = 3
-STRETCH = "have"
 FOR_STRETCHES = 0.2
 """Stretches of travel are many: they have this part of the level, all others the rest."""
 STRETCHES = 8
@@ -43,6 +42,7 @@ class LeftOut:
         too_many: whether gross errors do not explain so many.
         follows: what they have in common, "" if nothing; ``share`` of them have it.
         p_value: chance of as clear a pattern, over all that were tried.
+        of_travel: whether what they have in common is a stretch of a joint's travel.
     """
 
     count: int
@@ -51,16 +51,12 @@ class LeftOut:
     follows: str
     share: float
     p_value: float
+    of_travel: bool = False
 
     @property
     def suspicious(self) -> bool:
         """Whether these were not gross errors only."""
         return self.too_many or bool(self.follows)
-
-    @property
-    def of_travel(self) -> bool:
-        """Whether what they have in common is a stretch of a joint's travel."""
-        return self.follows.startswith(STRETCH)
 
     @property
     def sentence(self) -> str:
@@ -78,20 +74,20 @@ def left_out(fit: Fit) -> LeftOut:
     used = [k | g for k, g in zip(fit.keep, gone, strict=True)]
     count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
     too_many = count > 0 and bool(bdtrc(count - 1, rows, GROSS_SHARE) < LEVEL)
-    found: list[tuple[float, float, str]] = []
-    if FEWEST <= count < rows:
-        for words, masks in _patterns(fit.problem):
+    found: list[tuple[float, float, str, bool]] = []
+    for of_travel, level in ((False, 1.0 - FOR_STRETCHES), (True, FOR_STRETCHES)):
+        tests = []
+        for words, masks in _patterns(fit.problem, of_travel) if FEWEST <= count < rows else ():
             inside = sum(int((m & u).sum()) for m, u in zip(masks, used, strict=True))
             hits = sum(int((m & g).sum()) for m, g in zip(masks, gone, strict=True))
-            if not 0 < inside < rows:
-                continue
-            found.append((_as_many(hits, rows, inside, count), hits / count, words))
-    stretches = sum(words.startswith(STRETCH) for *_, words in found)
-    tried = {True: stretches / FOR_STRETCHES, False: (len(found) - stretches) / (1 - FOR_STRETCHES)}
-    best, share, follows = min(
-        ((min(1.0, p * tried[words.startswith(STRETCH)]), part, words)
-         for p, part, words in found), default=(1.0, 0.0, ""))
-    return LeftOut(count, rows, too_many, follows if best < LEVEL else "", share, best)
+            if 0 < inside < rows:
+                tests.append((_as_many(hits, rows, inside, count), hits / count, words))
+        found += [(min(1.0, p * len(tests) / level), share, words, of_travel)
+                  for p, share, words in tests]
+    best, share, follows, of_travel = min(found, default=(1.0, 0.0, "", False))
+    clear = best < LEVEL
+    return LeftOut(count, rows, too_many, follows if clear else "", share, best,
+                   clear and of_travel)
 
 
 def _as_many(hits: int, rows: int, inside: int, count: int) -> float:
@@ -108,16 +104,21 @@ def _as_many(hits: int, rows: int, inside: int, count: int) -> float:
     return min(1.0, float(np.sum(np.exp(parts))))
 
 
-def _patterns(problem: Problem) -> Iterator[tuple[str, list[Bools]]]:
-    """Yield what rows may have in common, in words, and which rows have it, by data set (N,)."""
+def _patterns(problem: Problem, of_travel: bool) -> Iterator[tuple[str, list[Bools]]]:
+    """Yield what rows may have in common, in words, and which rows have it, by data set (N,).
+
+    ``of_travel``: stretches of the joints' travel, else all other patterns.
+    """
     many = len(problem.datasets) > 1
     for i, data in enumerate(problem.datasets):
         where = f" in {data.name}" if many else ""
-        for words, mask in _of_one(problem.mechanism, data, problem.environments[i]):
+        found = (_stretches(problem.mechanism, data) if of_travel else
+                 _of_one(problem.mechanism, data, problem.environments[i]))
+        for words, mask in found:
             masks = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
             masks[i] = mask
             yield words + where, masks
-        if many:
+        if many and not of_travel:
             yield f"are in {data.name}", [np.full(len(d), d is data) for d in problem.datasets]
 
 
@@ -132,14 +133,6 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
     move[move == 0.0] = np.nan  # a row at rest comes after no move
     for a, name in enumerate(mechanism.actuators):
         yield f"come after the longest moves of {name}", thirds(move[:, a])[-1]
-    for a, name in enumerate(mechanism.actuators):
-        factor, unit = mechanism.joint_units[a]
-        fine = parts_of(data.q[:, a], 2 * STRETCHES)
-        for mask in (x | y for x, y in pairwise(fine)):
-            if mask.any():
-                low_end, high_end = (f(data.q[mask, a]) / factor for f in (np.min, np.max))
-                yield (f"{STRETCH} {name} between {low_end:.6g} and {high_end:.6g} {unit}".rstrip(),
-                       mask)
     order = np.arange(n, dtype=float)
     low = ("lowest", "middle", "highest")
     for values, what, parts in (
@@ -151,6 +144,17 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
         # of two levels one is the lowest, the other the highest
         for mask, part in zip(masks, (*parts[:len(masks) - 1], parts[-1]), strict=False):
             yield f"are in the {part} {size} {what}", mask
+
+
+def _stretches(mechanism: Mechanism, data: Dataset) -> Iterator[tuple[str, Bools]]:
+    for a, name in enumerate(mechanism.actuators):
+        factor, unit = mechanism.joint_units[a]
+        fine = parts_of(data.q[:, a], 2 * STRETCHES)
+        for mask in (x | y for x, y in pairwise(fine)):
+            if mask.any():
+                low_end, high_end = (f(data.q[mask, a]) / factor for f in (np.min, np.max))
+                yield (f"have {name} between {low_end:.6g} and {high_end:.6g} {unit}".rstrip(),
+                       mask)
 
 
 def thirds(values: Array) -> list[Bools]:

@@ -546,6 +546,22 @@ def chain_lengths(kind: str, v: Mapping[str, float], c: Mapping[str, Array], u: 
     return (_dot(end[:, :3, 1], apart) + np.linalg.inv(link)[:, 1, 3])[:, None]
 
 
+def assert_slopes_of_lengths(model: Model, q: Array, pose: Array, by_joint_atol: float) -> None:
+    """The closure's matrices are central differences of the limbs' own lengths."""
+    closure, h = model.closure(q), 1e-5
+    by_pose, by_joint = closure.pose_matrix(pose), closure.joint_matrix(pose)
+    for column, coordinate in enumerate(model.mechanism.dof):
+        step = h * np.eye(6)[coordinate]
+        expected = (limb_lengths(model, q, displaced(pose, step))
+                    - limb_lengths(model, q, displaced(pose, -step))) / (2.0 * h)
+        np.testing.assert_allclose(by_pose[..., column], expected, rtol=1e-8, atol=1e-9)
+    for k in range(q.shape[1]):
+        step = h * np.eye(q.shape[1])[k]
+        expected = (limb_lengths(model, q + step, pose)
+                    - limb_lengths(model, q - step, pose)) / (2.0 * h)
+        np.testing.assert_allclose(by_joint[..., k], expected, rtol=1e-8, atol=by_joint_atol)
+
+
 def limb_lengths(model: Model, q: Array, pose: Array, own: Callable[..., Array] = chain_lengths,
                  only: int | None = None) -> Array:
     """Return all limbs' own lengths side by side (N, d), or one limb's."""

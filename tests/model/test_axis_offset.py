@@ -105,18 +105,7 @@ def test_slot_derivatives_are_those_of_the_explicit_joint(kind: str, body: str, 
 @each
 def test_pose_and_joint_derivatives_are_those_of_the_explicit_joint(kind: str, body: str) -> None:
     model, q, pose = sample(kind, body, True)
-    closure, h = model.closure(q), 1e-5
-    by_pose, by_joint = closure.pose_matrix(pose), closure.joint_matrix(pose)
-    for column, coordinate in enumerate(model.mechanism.dof):
-        step = h * np.eye(6)[coordinate]
-        expected = (machines.limb_lengths(model, q, machines.displaced(pose, step))
-                    - machines.limb_lengths(model, q, machines.displaced(pose, -step))) / (2.0 * h)
-        np.testing.assert_allclose(by_pose[..., column], expected, rtol=1e-8, atol=1e-9)
-    for k in range(q.shape[1]):
-        step = h * np.eye(q.shape[1])[k]
-        expected = (machines.limb_lengths(model, q + step, pose)
-                    - machines.limb_lengths(model, q - step, pose)) / (2.0 * h)
-        np.testing.assert_allclose(by_joint[..., k], expected, rtol=1e-8, atol=3e-9)
+    machines.assert_slopes_of_lengths(model, q, pose, by_joint_atol=3e-9)
 
 
 @pytest.mark.slow
