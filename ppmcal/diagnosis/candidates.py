@@ -103,8 +103,9 @@ class _Kinds(Collector):
         super().__init__(system)
         self.grids = Grids(system)
         effects, under_test = system.problem.mechanism.effects, set(tried)
-        self.bears = any(e.kind.uses_load and e.kind.carried is None
-                         and not set(e.parameters.values()) & under_test for e in effects)
+        lasting = [e.kind for e in effects if not set(e.parameters.values()) & under_test]
+        self.bears = any(k.uses_load and k.carried is None for k in lasting)
+        self.there = {k.name for k in lasting}
         self.bearing = next((k for k in effect_kinds().values() if k.under_weight
                              and self.motion in k.motions and len(set(self.turning)) == 1), None)
 
@@ -124,7 +125,8 @@ class _Kinds(Collector):
             self.untestable.append(Untestable(kind.label, ("a compliance in the model",), UNBORNE))
             return
         specs = [s for s in kind.parameters(self.motion) if not (s.constant or s.optional)
-                 and (s.scaling or s.scan is None) and self._varies(s)]
+                 and (s.scaling or s.scan is None) and self._varies(s)
+                 and s.unless not in self.there]
         for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
             for constants in self.grids.of(kind, some[0].name):
                 self._hypotheses(kind, on, constants, some)

@@ -206,7 +206,7 @@ def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Bl
     if not keep[0].all():
         return None
     system = without(build(problem, state, keep), stage.added)
-    found = library(system, tuple({a.kind, b.kind}))
+    found = library(system, tuple({a.kind, b.kind}), [problem.free[c] for c in stage.added])
 
     def columns(hypothesis: Hypothesis) -> Array:
         match = [f for f in found.hypotheses if (f.family, f.on, f.shared, f.slot) == (

@@ -87,6 +87,8 @@ def _only_general(search: Search, chosen: Sequence[int], hypothesis: Hypothesis,
     other = search.hypotheses[rival]
     if other.effect is None or hypothesis.kind not in other.effect.contains:
         return False
+    if _within(search, hypothesis.columns, other):
+        return True     # else it would have been chosen, see `simplified`
     tried = sum((f.family, f.on, f.shared) == (other.family, other.on, other.shared)
                 for f in search.hypotheses)
     return bool(search.values(chosen)[rival] + np.log(tried) > MORE)
@@ -131,7 +133,37 @@ def settled(search: Search, choices: Sequence[Choice]) -> tuple[Search, tuple[in
         search, chosen = merged(search, choice.chosen)
         if not best or bic(search, chosen) < bic(search, best):
             best = chosen
-    return search, best
+    return simplified(search, best)
+
+
+def simplified(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ...]]:
+    """Replace kinds by such as they contain, unless what they add is worth a name itself.
+
+    BIC takes a parameter more at p = 0.03 already; that much is no cause.
+    """
+    for i in chosen:
+        general = search.hypotheses[i]
+        for kind in general.effect.contains if general.effect else ():
+            plain = [j for a in general.on for j, f in enumerate(search.hypotheses)
+                     if (f.family, f.on) == (kind, (a,))]
+            if not plain or len(plain) != len(general.on):
+                continue
+            if general.shared:
+                search, together = _together(search, [search.hypotheses[j] for j in plain])
+                plain = [together]
+            if not _within(search, columns_of(search, plain), general):
+                continue
+            trial = [*(j for j in chosen if j != i), *plain]
+            more = own_log_p(search, [*trial, i], i) + general.choices
+            if more > search.name and stand(search, trial):
+                return simplified(search, trial)
+    return search, tuple(chosen)
+
+
+def _within(search: Search, columns: Sequence[int], general: Hypothesis) -> bool:
+    """Whether columns are among those of a more general hypothesis."""
+    rest = search.test.given(general.columns)
+    return not rest.explained(np.array([list(columns)]))[1].any()
 
 
 def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ...]]:

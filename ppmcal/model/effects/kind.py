@@ -65,7 +65,8 @@ class EffectParameter:
     that first, and one such parameter at a time; a plan leaves it there, and so does a file.
     ``needs``: further columns that it depends on where it is not at its default. ``scaling``: the
     effect nearly scales with it: at each value of its scan the effect, over that value, is a
-    column, whose coefficient is the parameter.
+    column, whose coefficient is the parameter. ``unless``: the kind of effect that is the same;
+    where the model has one, a search leaves this at its default.
     """
 
     name: str
@@ -86,6 +87,7 @@ class EffectParameter:
     optional: bool = False
     needs: tuple[str, ...] = ()
     scaling: bool = False
+    unless: str = ""
 
     @property
     def nonlinear(self) -> bool:

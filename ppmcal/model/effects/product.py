@@ -20,7 +20,7 @@ from ppmcal.model.effects.kind import (
     register,
 )
 from ppmcal.model.effects.lag import LAG
-from ppmcal.model.effects.setting import Setting
+from ppmcal.model.effects.setting import Setting, total
 from ppmcal.units import Units
 
 
@@ -53,32 +53,43 @@ FACTORS = {
 
 
 def product(kind: EffectKind, column: str) -> EffectKind:
-    """Return the kind whose effect is that of ``kind`` times a column of :data:`FACTORS`.
+    """Return the kind whose effect is that of ``kind``, of a size that goes with a column.
 
-    ``kind``: of single actuators, linear in its parameters.
+    Where the column is 0 is a convention, so the size there has parameters of its own: without
+    them what is found would depend on it (Nelder, J. R. Stat. Soc. A 140 (1977) 48, marginality).
+
+    ``kind``: of single actuators, linear in its parameters; ``column``: of :data:`FACTORS`.
     """
     factor = FACTORS[column]
     own = {s.name for s in factor.further}
 
     def evaluate(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
-        terms = kind.evaluate(setting, on, {n: v for n, v in values.items() if n not in own})
+        growing = {n: v for n, v in values.items() if n not in own and not n.endswith(AT_ZERO)}
+        more = kind.evaluate(setting, on, growing)
+        plain = kind.evaluate(setting, on, {n: values[n + AT_ZERO] for n in growing})
         rows = np.broadcast_to(factor.value(setting, values), setting.travel.shape)
-        return Terms(setting.scaled(terms.shift, rows),
-                     {n: setting.scaled(s, rows) for n, s in terms.by.items()})
+        return Terms(total([plain.shift, setting.scaled(more.shift, rows)]),
+                     {**{n: setting.scaled(s, rows) for n, s in more.by.items()},
+                      **{n + AT_ZERO: s for n, s in plain.by.items()}})
 
     def parameters(motion: str) -> tuple[EffectParameter, ...]:
-        return (*(_of(s, factor.per) for s in kind.parameters(motion)), *factor.further)
+        plain = kind.parameters(motion)
+        return (*(_of(s, factor.per) for s in plain),
+                *(replace(s, name=s.name + AT_ZERO, default=0.0, unless=kind.name) for s in plain),
+                *factor.further)
 
     return EffectKind(
-        "product", f"({kind.equation}) times {EQUATIONS[column]}", kind.source, parameters,
+        "product", f"({kind.equation}), its size s_0 + s {EQUATIONS[column]}", kind.source,
+        parameters,
         (*kind.needs, *factor.need), evaluate, joints=kind.joints, motions=kind.motions,
         uses_load=kind.uses_load, follows=kind.input,
         remedy=f"measure the same poses at several values of the {column}, from both sides",
         from_file=FILE, written=lambda units: {"of": [kind.name, column]},
-        title=f"{kind.label} x {column}")
+        contains=(kind.name,), title=f"{kind.label} x {column}")
 
 
-EQUATIONS = {"temperature": "(T - 20 C)", "travel": "where u is in its stroke, -1 to 1"}
+EQUATIONS = {"temperature": "(T - 20 C)", "travel": "(where u is in its stroke, -1 to 1)"}
+AT_ZERO = "_0"
 SEEN = 10.0
 """A size in units of a column stands for so many of them: K by which a hall warms up."""
 
@@ -128,4 +139,5 @@ makes all the others harder to name."""
 
 PRODUCT = register(replace(
     TRIED[0], title="", variants=lambda motion: TRIED,
-    worked=Worked({"width": 2e-6}, {"approach": -1.0, "temperature": 5.0, "travel": 0.3}, -5e-6)))
+    worked=Worked({"width": 2e-6, "width_0": 4e-6},
+                  {"approach": -1.0, "temperature": 5.0, "travel": 0.3}, -7e-6)))
