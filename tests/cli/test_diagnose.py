@@ -448,7 +448,8 @@ def test_diagnosis_json(made: Callable[[str], Path], name: str) -> None:
     assert len(found["provenance"]["inputs"]) == 3
 
 
-@pytest.mark.parametrize("name", ["backlash", "none", "scale"])
+@pytest.mark.parametrize("name", ["backlash", "none",
+                                  pytest.param("scale", marks=pytest.mark.slow)])
 def test_effects_csv(made: Callable[[str], Path], name: str) -> None:
     """One row per candidate, with the contract's columns; named ones first."""
     folder = made(name)
@@ -517,6 +518,7 @@ def test_the_model_is_a_mechanism_file(made: Callable[[str], Path], tmp_path: Pa
             assert any(abs(number(r, "value") - v["value"]) < 0.1 * v["sigma"] for r in own)
 
 
+@pytest.mark.slow
 def test_the_model_compensates(made: Callable[[str], Path], tmp_path: Path) -> None:
     """From dir_ and payload columns: other commands for other directions and loads."""
     folder = shutil.copytree(made("two"), tmp_path / "c")

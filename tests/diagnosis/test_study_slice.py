@@ -36,7 +36,7 @@ HIDDEN = [("3-RPR", 201, "backlash"), ("6-UPS", 202, "backlash"), ("delta-rotary
           ("delta-linear", 221, "gain"), ("delta-linear", 222, "geometry")]
 
 
-QUICK = [("3-RPR", 205, "compliance"), ("3-RPR", 215, "curvature")]
+QUICK = [("3-RPR", 215, "curvature")]
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,7 @@ def test_a_file_written_and_read_is_the_same_machine(kind: str, body: str) -> No
     for full in (False, True):
         drawn = machines.offset_joints(kind, body, full=full)
         rng = np.random.default_rng(3)
+        q, pose = machines.spread(Model(drawn))
         g = drawn.values + 2e-3 * rng.uniform(-1.0, 1.0, drawn.values.size)
         for mechanism in (drawn, drawn.with_values(g)):
             text = write_mechanism(mechanism)
@@ -47,7 +48,6 @@ def test_a_file_written_and_read_is_the_same_machine(kind: str, body: str) -> No
             # a crank's axis and zero are made square again, which costs a last digit
             if mechanism is drawn or kind != "(R)US":
                 assert plus(write_mechanism(again)) == plus(text)
-            q, pose = machines.spread(Model(mechanism))
             np.testing.assert_allclose(Model(again).closure(q).misclosure(pose),
                                        Model(mechanism).closure(q).misclosure(pose), atol=1e-15)
             same, was = (Model(m.nominal()).closure(q).misclosure(pose)
