@@ -118,6 +118,7 @@ def test_home_outside_its_limits_is_said_and_the_columns_are_not_blamed(tmp_path
     assert ppmcal("check", "m.yaml", "--json", cwd=tmp_path, expect=1).json["findings"] == [found]
 
 
+@pytest.mark.slow
 def test_columns_outside_the_limits_are_blamed_where_home_is_inside(tmp_path):
     bench(tmp_path, {"leg2": [340, 420]})
     findings = ppmcal("check", "m.yaml", "d.csv", "--json", cwd=tmp_path, expect=1).json["findings"]

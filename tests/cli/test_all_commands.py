@@ -830,6 +830,7 @@ def test_partly_measured_rows(bench):
     assert found["noise"]["sigma_ratio"] == pytest.approx(1, abs=0.25)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2])
 def test_few_rows_with_unknown_frame_are_refused(bench, count):
     write_csv(bench / "d.csv", rows(bench / "s" / "measurements.csv")[:count])

@@ -202,6 +202,7 @@ def test_tables_against_bisection_and_interpolation_by_hand(tmp_path: Path) -> N
                 assert n + t == pytest.approx(told(n, offset, way), abs=2e-9)
 
 
+@pytest.mark.slow
 def test_joint_errors_of_a_planar_machine_are_corrected(tmp_path: Path) -> None:
     """Driven by hand: strut lengths, interpolation, the joint's own equation, three circles."""
     path = machine(tmp_path, effects=DRIVES, change=offsets())
@@ -266,6 +267,7 @@ def test_steps_counted_down_have_their_own_direction(tmp_path: Path) -> None:
     assert run.json["gain"]["after"]["max"] < 1e-5 < 0.2 < run.json["gain"]["before"]["max"]
 
 
+@pytest.mark.slow
 def test_turning_joints_are_in_degrees_and_metres_become_mm(tmp_path: Path) -> None:
     effect = [{"kind": "eccentricity", "on": ["a"], "parameters": {"cos": 0.05, "sin2": 0.02}}]
     path = machine(tmp_path, "delta-rotary", effect)
@@ -327,6 +329,7 @@ def test_geometry_is_listed_with_its_cost(tmp_path: Path) -> None:
     assert "COMP_FILE = leg1.comp" in words and "HOME_OFFSET" in words
 
 
+@pytest.mark.slow
 def test_loads_temperature_and_speed_are_listed_without_a_cost(tmp_path: Path) -> None:
     effects = [{"kind": "compliance", "parameters": {"stiffness": 1000}},
                {"kind": "windup", "on": ["leg1"], "parameters": {"width": 1e-4}},

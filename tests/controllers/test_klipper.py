@@ -284,6 +284,7 @@ def test_a_leaning_tower_is_listed_with_its_cost(tmp_path: Path) -> None:
         ppmcal("export", "klipper", path, cwd=tmp_path, expect=1).out.split())
 
 
+@pytest.mark.slow
 def test_the_fit_is_a_smallest_one(tmp_path: Path) -> None:
     path = changed(tmp_path, {"b": {"base.direction": [0.002, 0.003, 1]}})
     model = read_mechanism(path)

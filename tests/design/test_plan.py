@@ -466,6 +466,7 @@ def test_what_is_written(planned):
     assert f"{first} measurements reach 0.02 mm" in " ".join(run.out.split())
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_plan(planned, tmp_path):
     folder, _ = planned
     run = ppmcal("plan", CONFIGS / "3-RPR.yaml", "--count", 10, "--accuracy", 0.02, "--seed", 4,

@@ -132,6 +132,7 @@ def test_a_seed_gives_the_same_machines_on_one_core_and_on_two() -> None:
     assert not np.allclose(other.built.position, fewer.built.position)
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_machines(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False,
@@ -329,6 +330,7 @@ def test_the_allocated_file_is_a_machine_with_these_tolerances(tmp_path: Path) -
     assert found["yield"][0]["share"] == pytest.approx(0.95, abs=0.04)
 
 
+@pytest.mark.slow
 def test_costs_of_the_file_decide(tmp_path: Path) -> None:
     """Where offsets are dear, they get wider tolerances than where they are cheap."""
     text = (CONFIGS / "3-RPR.yaml").read_text()

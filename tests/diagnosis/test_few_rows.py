@@ -33,6 +33,7 @@ def test_too_small_a_sigma_is_not_nothing(seed: int) -> None:
     assert result.verdict != "none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_noise_as_stated_is_not_too_much(seed: int) -> None:
     """The other side of the same rule: the excess of noise as stated stays below its limit."""

@@ -228,6 +228,7 @@ def without(fit: Fit, gone: np.ndarray) -> Fit:
                                                  np.flatnonzero(gone)},))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 12, 30])
 def test_chance_gives_a_pattern_as_rarely_as_told(plain: Fit, count: int) -> None:
     module = pytest.importorskip("ppmcal.diagnosis.left_out_rows")

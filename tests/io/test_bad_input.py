@@ -277,6 +277,7 @@ def test_every_length_in_another_unit(files):
     assert all(f"{n}: m" in run.err for n in lengths) and "`read: {units: {" in run.err
 
 
+@pytest.mark.slow
 def test_a_joint_column_and_a_rotation_exchanged(files):
     edit(files / "d.csv", lambda k, r: r | {"q_leg1": r["rz"], "rz": r["q_leg1"]})
     run = ppmcal(*DATA, cwd=files)

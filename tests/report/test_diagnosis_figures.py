@@ -326,6 +326,7 @@ def test_drawings_are_whole_and_need_nothing_else(cases: Callable[[str], Case], 
         assert files[name] == text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_words_have_room(cases: Callable[[str], Case], verdict: str) -> None:
     """No words leave a drawing or lie on other words; only long names are cut short."""

@@ -226,6 +226,7 @@ def test_names_are_escaped(tmp_path: Path) -> None:
     assert not [a for a in page.attributes if a[1].startswith("on")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drop", sorted(identification()))
 def test_any_key_may_be_missing(tmp_path: Path, drop: str) -> None:
     record = identification()
