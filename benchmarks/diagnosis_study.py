@@ -11,16 +11,14 @@ The campaigns come from :mod:`hidden`, which shares no code with the package's e
 from __future__ import annotations
 
 import argparse
-import csv
 import itertools
-import multiprocessing
 import os
 import sys
 import time
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -29,6 +27,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 import numpy as np  # noqa: E402
 from hidden import Hidden, Impossible, Options, applicable, hide  # noqa: E402
 from hidden_unknown import UNKNOWN  # noqa: E402
+from study_runner import read, work  # noqa: E402
 
 from ppmcal.calibration.identify import identify  # noqa: E402
 from ppmcal.calibration.problem import Problem  # noqa: E402
@@ -235,25 +234,6 @@ def more(path: Path, draws: dict[str, int], count: int) -> dict[str, int]:
                       MOST_DRAWS * count) for cell, n in draws.items()}
 
 
-def work(path: Path, todo: list[Job], end: float | None, cores: int) -> bool:
-    """Run campaigns until the time is over; return whether all were run."""
-    names = [f.name for f in fields(Outcome)]
-    with path.open("a", newline="", encoding="utf-8") as file, multiprocessing.Pool(cores) as pool:
-        writer = csv.writer(file)
-        if path.stat().st_size == 0:
-            writer.writerow(names)
-        for n, outcome in enumerate(pool.imap_unordered(run, todo), 1):
-            if outcome is not None:
-                writer.writerow([getattr(outcome, name) for name in names])
-                file.flush()
-            if sys.stderr.isatty():
-                print(f"\r{n} of {len(todo)} campaigns", end="", file=sys.stderr)
-            if end is not None and time.monotonic() > end:
-                pool.terminate()
-                return False
-    return True
-
-
 def main() -> None:
     """Run the study and print its table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -272,7 +252,7 @@ def main() -> None:
         done = {f"{r['cell']}|{r['machine']}|{r['seed']}" for r in read(path)}
         draws = {j.cell: given.count for j in draw(0, given.seed) if j.cell.startswith(given.cell)}
         while todo := [j for j in jobs(draws, given.seed) if j.key not in done]:
-            if not work(path, todo, end, given.cores):
+            if not work(path, Outcome, run, todo, end, given.cores):
                 break
             done |= {j.key for j in todo}
             draws = more(path, draws, given.count)
@@ -281,14 +261,6 @@ def main() -> None:
     text = table(read(path))
     (given.out / "summary.md").write_text(text, encoding="utf-8")
     print(text)
-
-
-def read(path: Path) -> list[dict[str, str]]:
-    """Return the lines of study.csv."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 if __name__ == "__main__":
