@@ -97,6 +97,10 @@ def base_compliance(rng, run: Run) -> Effect:
     return Effect("base_compliance", (), {"give": give}, ("give",), units, apply)
 
 
+ALONE = 0.1
+"""A plate that takes along the next joint by less than this part."""
+
+
 def plate(part: str):
     """A plate that bends where the legs push: smooth influence between its joints."""
 
@@ -117,7 +121,10 @@ def plate(part: str):
             target = state.base if part == "base" else state.platform
             target += bend
 
+        # where no joint moves another one, each strut is only softer by its own seat
+        near = np.exp(-((apart[~np.eye(len(apart), dtype=bool)].min() / wide) ** 2) / 2)
         units = {"give": "mm/N", "reach": "mm"}
-        return Effect("plate_compliance", (), values, ("give",), units, apply, note=f"the {part}")
+        return Effect("plate_compliance", (), values, ("give",), units, apply, note=f"the {part}",
+                      same=("compliance",) if near < ALONE else ())
 
     return make

@@ -197,7 +197,8 @@ def truth_of(world: World, blames: list[Blame], recipe: dict) -> dict:
     mends = all(b.mends for b in blames) and not case.other
     return {
         "group": case.group, "kinds": [b.kind for b in blames] + [e.kind for e in world.effects],
-        "accept": [*case.accept, *[k for b in blames for k in b.accept]],
+        "accept": [*case.accept, *[k for b in blames for k in b.accept],
+                   *[k for e in world.effects for k in e.same]],
         "effects": effects, "eta_all": total, "mistakes": [blame_record(b) for b in blames],
         "mend": read if read and mends else None, "predicts_to_noise": mends,
         "parameters": len(machine.slots), "rank": world.judge.rank if world.judge else None,

@@ -40,7 +40,8 @@ class State:
 class Effect:
     """One cause: its kind, legs, true parameters (those in ``sized`` grow with eta), units.
 
-    ``apply(state, run, values)`` adds it to a state. ``note`` tells what a reader should know.
+    ``apply(state, run, values)`` adds it to a state. ``note`` tells what a reader should know;
+    ``same`` are kinds that do just the same on this machine.
     """
 
     kind: str
@@ -51,6 +52,7 @@ class Effect:
     apply: Callable[[State, Run, dict], None]
     row: int | None = None
     note: str = ""
+    same: tuple[str, ...] = ()
 
     def scaled(self, scale: float) -> Effect:
         """The same effect, so many times as large."""

@@ -59,7 +59,7 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
     keep, reasons = _usable(problem, state)
     _enough(problem, keep)
     suspects = [np.zeros_like(k) for k in keep]
-    if options.robust and options.method != "damped" and not near:
+    if options.robust and options.method != "damped":
         suspects = gross_errors(problem, state, keep)
         keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
     unused = state.poses

@@ -24,6 +24,8 @@ LENGTH_FACTORS = {1000.0: "mm against m", 25.4: "in against mm", 1e6: "um agains
 TURN = 2.0 * np.pi
 TOO_FAR = 3.0
 TOO_LITTLE = 1e-3
+MOST_FAR = 1.0 / 3.0
+"""More rows than this part that are too far away are no typos: the unit is wrong."""
 
 
 def unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> list[str]:
@@ -130,11 +132,25 @@ def _span(values: Array) -> float:
     return out
 
 
+def _far(values: Array, limit: float) -> NDArray[np.bool_]:
+    """Return the rows (N,) that are so far from the median row; none where they are many."""
+    values = values.reshape(len(values), -1)
+    seen = np.isfinite(values).any(axis=1)
+    middle = np.nanmedian(values[seen], axis=0) if seen.any() else 0.0
+    far = np.nan_to_num(np.abs(values - middle)).max(axis=1, initial=0.0) > limit
+    return far if far.sum() <= MOST_FAR * seen.sum() else np.zeros_like(far)
+
+
 def _positions(mechanism: Mechanism, data: Dataset) -> list[str]:
     """Compare the measured motion with the machine's reach."""
     reach, out = mechanism.reach, []
     values = data.position if data.kind in ("pose", "position") else data.value
-    span = _span(values)
+    far = _far(values, TOO_FAR * reach)
+    if far.any():
+        out.append(f"{data.source}: {row_list(data.rows[far] - 1)}: measured "
+                   f"{TOO_FAR:g} times the machine's reach of {reach:.4g} m and more away from "
+                   "the other rows; mend or delete them.")
+    span = _span(values[~far])
     commanded = 0.0 if data.commanded is None else _span(data.commanded[:, :3])
     if span > TOO_FAR * reach:
         out.append(f"{data.source}: the measured motion spans {span:.4g} m, but the machine "

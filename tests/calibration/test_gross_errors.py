@@ -18,6 +18,7 @@ from ppmcal.calibration.identify import identify
 from ppmcal.calibration.misreading import misfit
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
+from ppmcal.diagnosis.refit import of_rows
 from ppmcal.io import read_campaign, read_mechanism, read_scenario
 
 
@@ -29,6 +30,34 @@ def problem(path: Path) -> Problem:
 def left_out(path: Path) -> set[int]:
     """Rows (from 0) that a fit leaves out."""
     return set(identify(problem(path)).reasons[0])
+
+
+def a_whole_tenth(rows: list[Row]) -> None:
+    """Metres off: rows that pull a fit away wherever it starts."""
+    for i in range(3, len(rows), 10):
+        rows[i]["x"] = float(rows[i]["x"]) + 5000.0 * (-1.0) ** i
+
+
+@pytest.mark.slow
+def test_a_fit_to_some_of_the_rows_leaves_them_out_too(tmp_path: Path) -> None:
+    whole = identify(problem(session(tmp_path, a_whole_tenth)))
+    gross = np.arange(whole.keep[0].size) % 10 == 3
+    assert not (whole.keep[0] & gross).any()
+    rows = np.arange(gross.size) % 4 != 0
+    some = of_rows(whole, [rows], FitOptions())
+    assert not (some.keep[0] & gross[rows]).any()
+    assert some.keep[0].sum() >= (whole.keep[0] & rows).sum() - 1
+    np.testing.assert_allclose(some.state.g, whole.state.g, atol=5e-4)
+
+
+def test_typos_are_not_the_span_of_the_motion(tmp_path: Path) -> None:
+    def two(rows: list[Row]) -> None:
+        rows[4]["x"] = float(rows[4]["x"]) + 9000.0
+        rows[9]["z"] = float(rows[9]["z"]) - 9000.0
+
+    told = ppmcal("check", MACHINE, session(tmp_path, two)).out
+    assert "rows 5, 10: measured 3 times" in " ".join(told.split())
+    assert "motion spans" not in told
 
 
 # --- rows typed wrong -----------------------------------------------------------------------------
