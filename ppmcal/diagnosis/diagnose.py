@@ -11,7 +11,7 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import refuse_small_misreading
+from ppmcal.calibration.misreading import gross_errors, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.observation import coordinates
@@ -48,6 +48,7 @@ from ppmcal.diagnosis.verdict import (
     not_predicted,
     refuse_unconverged,
 )
+from ppmcal.linalg import Bools
 from ppmcal.model.dataset import Dataset
 
 Say = Callable[[str], None]
@@ -218,13 +219,24 @@ def _find(before: Fit, options: DiagnosisOptions, say: Say) -> Found:
     if out <= MANY_OUT * sum(k.size for k in before.keep):
         return found
     say("testing effects with the outliers")
-    everything = [k | o for k, o in zip(before.keep, before.outliers, strict=True)]
+    everything = [k | (o & ~typo) for k, o, typo in zip(
+        before.keep, before.outliers, _typed_wrong(before), strict=True)]
     second = run_stage(training, before.state, everything, options.seed,
                        options.kinds, options.draws)
     other = _settled(before, second, options, say)
     explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
         len(r) for r in found.after.reasons)
     return other if other.added and explained else found
+
+
+def _typed_wrong(fit: Fit) -> list[Bools]:
+    """Return rows (N,) of each data set that are gross errors while their neighbours are not."""
+    rows = [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)]
+    out = []
+    for gross in gross_errors(fit.problem, fit.state, rows):
+        beside = np.convolve(gross, [1, 0, 1], mode="same") > 0 if gross.size > 1 else gross
+        out.append(gross & ~beside)
+    return out
 
 
 MANY_OUT = 0.02

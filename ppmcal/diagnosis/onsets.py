@@ -15,16 +15,20 @@ import numpy as np
 from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.diagnosis.linear_system import MOST_ROWS, RANK, System, build
+from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, System, build, range_basis
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.result import NamedEffect, Onset
-from ppmcal.linalg import Array, Bools, range_basis, subsample
+from ppmcal.linalg import Array, Bools, finite_rows, subsample, unit_columns
 from ppmcal.model.effects import ScanRange
 from ppmcal.model.mechanism import Effect, Mechanism
 
 LIKELY = float(chdtri(1.0, 0.05))
 """What a row may explain less than the best one, in units of the noise's variance."""
 ROUNDS = 3
+IN_STATE = 3.0
+"""Rows with residuals up to so many times the noise belong to the state before or after,"""
+LINEAR = 0.1
+"""or up to this part of the step itself."""
 NEAR = 25
 """So many rows to each side of where the search has found the onset."""
 
@@ -94,7 +98,10 @@ def _moved(fit: Fit, names: Sequence[str], row: int) -> Mechanism:
 def _profiled(fit: Fit, event: _Event) -> Onset:
     """Return the likeliest row of an event and those that are nearly as likely."""
     mechanism = fit.problem.mechanism
-    keep: list[Bools] = subsample(fit.keep, MOST_ROWS)
+    # rows beside a wrong onset were taken for outliers
+    there = [k | (o & finite_rows(p)) for k, o, p in zip(
+        fit.keep, fit.outliers, fit.state.poses, strict=True)]
+    keep: list[Bools] = subsample(there, MOST_ROWS)
     system = build(fit.problem, fit.state, keep)
     effects = [mechanism.effects[i] for i in event.effects]
     others = _others(mechanism, event)
@@ -102,15 +109,22 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
     rest = [c for c, p in enumerate((*fit.problem.free, *[-1] * (
         system.jacobian.shape[2] - len(fit.problem.free)))) if p not in own]
     # events of one joint take each other's place: as steps that add up they are linear
-    flat = [system.jacobian[..., rest].reshape(system.residual.size, -1),
-            *(_steps(system, [e], _row(fit.state.g, e)) for e in others)]
-    basis = range_basis(np.concatenate(flat, axis=1), RANK)
+    flat = system.jacobian[..., rest].reshape(system.residual.size, -1)
+    beside = [_steps(system, [e], _row(fit.state.g, e)) for e in others]
     sizes = np.concatenate([_own_step(fit.state.g, e, others) for e in effects])
-    here = _steps(system, effects, event.row)
-    target = _free_of(basis, (system.residual.reshape(-1) + here @ sizes)[:, None])[:, 0]
+    here = _steps(system, effects, event.row) @ sizes
+    used = np.concatenate([k[there_] for k, there_ in zip(fit.keep, keep, strict=True)])
+    weight = _in_a_state(system, here, _steps(system, effects, -np.inf) @ sizes, used)
+    # what no tolerance makes visible may not imitate a step, see `INVISIBLE`
+    basis = range_basis(weight[:, None] * flat, INVISIBLE)
+    if beside:
+        more = unit_columns(_free_of(basis, weight[:, None] * np.concatenate(beside, axis=1)))
+        basis = np.concatenate([basis, range_basis(more)], axis=1)
+    target = _free_of(basis, (weight * (system.residual.reshape(-1) + here))[:, None])[:, 0]
     tried = _tried(system, mechanism, effects[0], event.row,
                    [_row(fit.state.g, e) for e in others])
-    gains = np.array([_gain(_free_of(basis, _steps(system, effects, r)), target) for r in tried])
+    gains = np.array([_gain(_free_of(basis, weight[:, None] * _steps(system, effects, r)), target)
+                      for r in tried])
     noise = max(1.0, float(target @ target - gains.max()) / max(
         system.count - basis.shape[1] - sizes.size - 1, 1))
     near = tried[gains >= gains.max() - LIKELY * noise]
@@ -118,9 +132,22 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
     if event.row in tried and gains[tried == event.row][0] >= gains.max() - 1e-9:
         best = int(event.row)
     # of rows between two that are used, none is likelier than another
-    used = np.concatenate([p.response.rows.row for p in system.parts])
-    low = used[used < near.min()].max(initial=0.0) + 1.0
+    rows = np.concatenate([p.response.rows.row for p in system.parts])
+    low = rows[rows < near.min()].max(initial=0.0) + 1.0
     return Onset(best, int(low), int(near.max()))
+
+
+def _in_a_state(system: System, here: Array, after: Array, used: Bools) -> Array:
+    """Return 1 for values (N m,) of rows in use, or in the state before or after the event, else 0.
+
+    ``here``: what the step adds now (N m,); ``after``: in every row, had it been there all along.
+    """
+    before = system.residual + here.reshape(system.residual.shape)
+    after = after.reshape(before.shape)
+    # a step of many millimetres is not linear
+    limit = np.maximum(IN_STATE, LINEAR * np.sqrt(np.mean(after**2, axis=1)))
+    near = [np.sqrt(np.mean(s**2, axis=1)) < limit for s in (before, before - after)]
+    return np.repeat((used | near[0] | near[1]).astype(float), before.shape[1])
 
 
 def _row(g: Array, effect: Effect) -> float:

@@ -56,14 +56,15 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
     values = search.values(others)
     now, doubt = bic(search, chosen), doubtful(search, chosen, effect)
     hypothesis = search.hypotheses[effect]
-    taken = {search.hypotheses[i].family for i in chosen}
+    taken = [search.hypotheses[i] for i in chosen]
     best: dict[str, Rival] = {}
     for rival in [*((int(i),) for i in np.argsort(values, kind="stable")
                     if values[i] <= NOTICEABLE), *_elsewhere(search, hypothesis)]:
         first = search.hypotheses[rival[0]]
-        if first.anonymous or first.family in taken or first.family in best:
+        if first.anonymous or first.family in (hypothesis.family, *best) or any(
+                f.family == first.family and (f.alike(first) or not _event(first)) for f in taken):
             continue
-        if _only_general(search, chosen, hypothesis, rival[0]):
+        if _only_general(search, chosen, hypothesis, rival):
             continue
         trial = (*others, *rival)
         worse = bic(search, trial) - now
@@ -81,17 +82,22 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
     return list(best.values())
 
 
-def _only_general(search: Search, chosen: Sequence[int], hypothesis: Hypothesis, rival: int
-                  ) -> bool:
+def _event(hypothesis: Hypothesis) -> bool:
+    """Whether it may happen several times: another row is another cause."""
+    return hypothesis.effect is not None and bool(hypothesis.effect.onset)
+
+
+def _only_general(search: Search, chosen: Sequence[int], hypothesis: Hypothesis,
+                  rival: Sequence[int]) -> bool:
     """Whether a rival contains the hypothesis and adds nothing to it."""
-    other = search.hypotheses[rival]
+    other = search.hypotheses[rival[0]]
     if other.effect is None or hypothesis.kind not in other.effect.contains:
         return False
-    if _within(search, hypothesis.columns, other):
+    if _within(search, hypothesis.columns, columns_of(search, rival)):
         return True     # else it would have been chosen, see `simplified`
     tried = sum((f.family, f.on, f.shared) == (other.family, other.on, other.shared)
                 for f in search.hypotheses)
-    return bool(search.values(chosen)[rival] + np.log(tried) > MORE)
+    return bool(search.values(chosen)[rival[0]] + np.log(tried) > MORE)
 
 
 def _elsewhere(search: Search, hypothesis: Hypothesis) -> list[tuple[int, ...]]:
@@ -151,7 +157,7 @@ def simplified(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int
             if general.shared:
                 search, together = _together(search, [search.hypotheses[j] for j in plain])
                 plain = [together]
-            if not _within(search, columns_of(search, plain), general):
+            if not _within(search, columns_of(search, plain), general.columns):
                 continue
             trial = [*(j for j in chosen if j != i), *plain]
             more = own_log_p(search, [*trial, i], i) + general.choices
@@ -160,9 +166,9 @@ def simplified(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int
     return search, tuple(chosen)
 
 
-def _within(search: Search, columns: Sequence[int], general: Hypothesis) -> bool:
-    """Whether columns are among those of a more general hypothesis."""
-    rest = search.test.given(general.columns)
+def _within(search: Search, columns: Sequence[int], others: Sequence[int]) -> bool:
+    """Whether columns are combinations of others, seen past the geometry."""
+    rest = search.test.given(others)
     return not rest.explained(np.array([list(columns)]))[1].any()
 
 

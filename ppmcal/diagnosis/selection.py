@@ -56,11 +56,43 @@ def choose(search: Search) -> list[Choice]:
                 or first.size != search.hypotheses[j].size for *_, j in starts):
             starts.append(start)
     found: dict[frozenset[int], Choice] = {}
-    for start in starts:
+    for start in [*starts, *_there_and_back(search, level)]:
         chosen = _exchanged(search, _grown(search, start, level), level)
         if chosen:
             found[frozenset(chosen)] = Choice(tuple(chosen), bic(search, chosen))
     return sorted(found.values(), key=lambda c: c.bic)
+
+
+def _there_and_back(search: Search, level: float) -> list[list[int]]:
+    """Return pairs of an event and the one that undoes it, which alone may both be too small.
+
+    Of each kind and place the best event and the best one beside it; the best such pairs, where
+    both together reach the threshold although they were chosen from all pairs of rows.
+    """
+    events: dict[tuple[str, tuple[str, ...], bool], list[int]] = {}
+    for i, f in enumerate(search.hypotheses):
+        if f.effect is not None and f.effect.onset:
+            events.setdefault((f.family, f.on, f.shared), []).append(i)
+    pairs: list[tuple[float, list[int]]] = []
+    values = search.values()
+    for own in events.values():
+        first = min(own, key=lambda i: values[i])
+        columns = columns_of(search, own)
+        place = {c: n for n, c in enumerate(columns)}
+        test = search.test.only(columns)
+        rest = test.given([place[c] for c in search.hypotheses[first].columns])
+        groups = np.array([[place[c] for c in search.hypotheses[i].columns] for i in own])
+        second = own[int(np.argmax(rest.explained(groups)[0]))]
+        both = np.array([[place[c] for c in columns_of(search, (first, second))]])
+        square, rank = test.explained(both)
+        value = float(log_p(square, test.square, rank, test.freedom)[0])
+        value = value / search.hypotheses[first].caution + np.log(len(own))
+        if value <= level and second != first and possible(search, [first, second]):
+            pairs.append((value, [first, second]))
+    return [pair for _, pair in sorted(pairs)[:MOST_PAIRS]]
+
+
+MOST_PAIRS = 2
 
 
 def bic(search: Search, chosen: Sequence[int]) -> float:

@@ -135,10 +135,10 @@ def _span(values: Array) -> float:
 def _far(values: Array, limit: float) -> NDArray[np.bool_]:
     """Return the rows (N,) that are so far from the median row; none where they are many."""
     values = values.reshape(len(values), -1)
-    seen = np.isfinite(values).any(axis=1)
-    middle = np.nanmedian(values[seen], axis=0) if seen.any() else 0.0
+    values = values[:, np.isfinite(values).any(axis=0)]
+    middle = np.nanmedian(values, axis=0) if values.size else 0.0
     far = np.nan_to_num(np.abs(values - middle)).max(axis=1, initial=0.0) > limit
-    return far if far.sum() <= MOST_FAR * seen.sum() else np.zeros_like(far)
+    return far if far.sum() <= MOST_FAR * len(far) else np.zeros_like(far)
 
 
 def _positions(mechanism: Mechanism, data: Dataset) -> list[str]:
