@@ -188,8 +188,8 @@ def _loads() -> dict[str, Case]:
         "platform-plate": cause(bo.plate("platform"), plan=WRENCH),
         "clearance-one": cause(ph.clearance("one"), plan=WRENCH),
         "clearance-all": cause(ph.clearance("all"), plan=WRENCH),
-        "payload-off-centre": cause(ph.off_centre, POSED, accept=("learned",)),
-        "gravity-wrong": cause(ph.gravity_wrong, accept=("learned",)),
+        "payload-off-centre": cause(ph.off_centre, POSED, accept=("payload_offset", "learned")),
+        "gravity-wrong": cause(ph.gravity_wrong, accept=("gravity_tilt", "learned")),
         "compliance-and-periodic": cause((ph.compliance("all"), ph.periodic("one"))),
         "three": cause((ph.backlash("all"), heat, ph.compliance("all")), plan=WARM),
     }

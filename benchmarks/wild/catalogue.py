@@ -22,7 +22,7 @@ from .cases import CASES, Case, fits
 from .files import coordinates, in_file_units, mechanism_record, table_text, write_text, yaml_text
 from .machines import MACHINES, build, draw_errors, values_of, with_errors
 from .mistakes import Blame, Paper
-from .world import Effect, Judge, judge, measured, poses
+from .world import Effect, Judge, judge, measured, poses, rest
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def truth_of(world: World, blames: list[Blame], recipe: dict) -> dict:
     return {
         "group": case.group, "kinds": [b.kind for b in blames] + [e.kind for e in world.effects],
         "accept": [*case.accept, *[k for b in blames for k in b.accept],
-                   *[k for e in world.effects for k in e.same]],
+                   *[k for e in world.effects for k in (*e.same, *like_backlash(world, e))]],
         "effects": effects, "eta_all": total, "mistakes": [blame_record(b) for b in blames],
         "mend": read if read and mends else None, "predicts_to_noise": mends,
         "parameters": len(machine.slots), "rank": world.judge.rank if world.judge else None,
@@ -208,6 +208,21 @@ def truth_of(world: World, blames: list[Blame], recipe: dict) -> dict:
                   "rotvec_deg": _degrees(world.place.frame_rot)},
         "note": case.note, "recipe": recipe,
     }  # fmt: skip
+
+
+LIKE = 0.25
+"""Part of an effect's RMS that is none of a plain reversal, below which it is one."""
+
+
+def like_backlash(world: World, effect: Effect) -> list[str]:
+    """Backlash, where play or friction did no more in this campaign than change sides."""
+    if effect.kind not in ("play", "friction"):
+        return []
+    state = rest(world.run)
+    effect.apply(state, world.run, effect.values)
+    du, dirs = (x[:, list(effect.legs)].ravel() for x in (state.du, world.run.dirs))
+    other = du - dirs * (dirs @ du) / (dirs @ dirs)
+    return ["backlash"] if other @ other < LIKE**2 * (du @ du) else []
 
 
 def _degrees(rot: np.ndarray) -> list[float]:

@@ -200,7 +200,8 @@ def _split(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dataset, .
                  for o, d in zip(out, problem.datasets, strict=True))
     if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
         return whole, ()
-    held = tuple(d.take(o & usable(d)) for d, o in zip(problem.datasets, out, strict=True))
+    held = tuple(d.take(o & usable(d) & ~typo) for d, o, typo in zip(
+        problem.datasets, out, _typed_wrong(whole), strict=True))
     return of_rows(whole, [~o for o in out], options.fit), held
 
 

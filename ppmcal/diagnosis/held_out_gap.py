@@ -15,6 +15,8 @@ from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset
 
 DRAWS = 2000
+UNPREDICTED = 100.0
+"""Variance of a prediction over that of the noise, beyond which it is none."""
 REJECT = 0.05
 
 
@@ -116,6 +118,8 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
     # a gross error is far from the others; where half of the rows are far, the model is wrong
     scale = max(1.0, float(np.median(away / chdtri(count, 0.5))))
     good = chdtrc(count, away / scale) * new.square.size >= REJECT
+    # what neither fit can predict tells nothing of them
+    good &= np.maximum(old.variance, new.variance) / count <= UNPREDICTED * noise**2
     if not good.any():
         good = np.ones_like(good)
     labels, group = np.unique(new.group[good], return_inverse=True)

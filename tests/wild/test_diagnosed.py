@@ -7,7 +7,18 @@ from pathlib import Path
 import pytest
 from wild.catalogue import write
 
-from ppmcal.api.diagnose import diagnose
+from ppmcal.api.diagnose import DiagnosisResult, diagnose
+
+
+def diagnosed(folder: Path, case: str, machine: str, seed: int) -> DiagnosisResult:
+    write(case, machine, 120, seed, folder)
+    return diagnose(folder / "mechanism.yaml", [folder / "data.csv"])
+
+
+def told(found: DiagnosisResult) -> set[tuple[str, float]]:
+    """Kinds of the events that were named, with their rows."""
+    return {(e["kind"], e["parameters"]["from_row"]["value"])
+            for e in found.record.entries()["effects"]}
 
 
 @pytest.mark.slow
@@ -20,3 +31,33 @@ def test_typos_do_not_pull_the_fit_of_the_training_rows_away(tmp_path: Path) -> 
     (training,) = found.diagnosis.found.before.reasons
     wrong = set(truth["mistakes"][0]["indices"])
     assert len(training) <= len(wrong)
+
+
+@pytest.mark.slow
+def test_a_reversal_beside_typos(tmp_path: Path) -> None:
+    """One of them is a strut's sign: a row that no fit can predict."""
+    found = diagnosed(tmp_path, "gross-5-backlash", "3-RPR", 250006)
+    assert found.record.verdict == "named"
+    assert [e.kind for e in found.diagnosis.effects] == ["backlash"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("case", "machine", "seed", "events"), [
+    ("homed-there-and-back", "3-RPR", 220423, {("zero_shift", 40), ("zero_shift", 70)}),
+    ("slip-turn", "hexapod", 632855, {("zero_shift", 77)}),
+    ("target-bumped", "3-RPR", 500482, {("target_shift", 51)}),
+    ("homed-one", "delta-rotary", 1452, {("zero_shift", 46)})])
+def test_events_with_their_rows(tmp_path: Path, case: str, machine: str, seed: int,
+                                events: set[tuple[str, float]]) -> None:
+    """One that is undone, one of 5 mm, one of the target, one beside rows that were left out."""
+    found = told(diagnosed(tmp_path, case, machine, seed))
+    assert {k for k, _ in found} == {k for k, _ in events}
+    assert all(min(abs(row - at) for _, at in found) <= 2 for _, row in events)
+
+
+@pytest.mark.slow
+def test_a_second_event_of_a_named_kind_is_a_rival(tmp_path: Path) -> None:
+    """The base moved twice; the second time is as well called new zeros of all legs."""
+    found = diagnosed(tmp_path, "base-moved-twice", "delta-rotary", 885891).diagnosis
+    for effect in found.effects:
+        assert "base_shift" in (effect.kind, *(a.split(" ")[0] for a in effect.alternatives))
