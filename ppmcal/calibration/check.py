@@ -32,6 +32,7 @@ from ppmcal.kinematics.tables import home_singular_value, inverse_table
 from ppmcal.linalg import Array, finite_rows, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import counted
 
 SINGULAR_HOME = 0.02
 """A finding: smallest singular value of A at home below this."""
@@ -151,9 +152,10 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
         used = tuple(datasets) or (trial_dataset(mechanism),)
     if any(len(d) for d in used) and not misreadings:
         rank, columns, unseen, redundant, lost = visibility(mechanism, used)
-        if lost:
-            findings.append(f"{lost} rows have no pose at their joint values: check q, its unit "
-                            "and the home pose.")
+        # of poses about home some are beyond where a learned term is known
+        if lost and (datasets or not any(e.kind.known for e in mechanism.effects)):
+            findings.append(f"{counted(lost, 'row')} without a pose at the joint values: check q, "
+                            "its unit and the home pose.")
     ahead = (
         predict_identifiability(Problem(mechanism, tuple(datasets), mechanism.free), "prior")
         if (datasets and columns)

@@ -109,7 +109,7 @@ def _inputs(rows: Rows, mechanism: Mechanism) -> tuple[Array, ...]:
     at = rows.response.setting()
     return (at.travel, at.approach, at.velocity, at.load,
             at.temperature + REFERENCE_TEMPERATURE - ZERO_CELSIUS, at.wrench, at.time, at.row,
-            pose_vector(rows.response.pose), rows.response.seen.points[0])
+            pose_vector(rows.response.pose), rows.response.seen.points[0], at.move)
 
 
 def binned(x: Array, before: Array, after: Array, row: Ints,

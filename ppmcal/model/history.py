@@ -75,6 +75,14 @@ class History:
         return np.where((step > 0.0) & np.isfinite(travel), travel / np.where(
             step > 0.0, step, 1.0), 0.0 * step)
 
+    def moved(self) -> Array:
+        """Return how far each joint went from the row before (H, k), 0 at first; unit of q.
+
+        nan where it was not recorded, or not straight.
+        """
+        step = np.diff(self.q, axis=0, prepend=self.q[:1])
+        return np.where(self.direct, step, np.nan)
+
     def _once(self, key: tuple[object, ...], make: Callable[[], tuple[Array, Array]]
               ) -> tuple[Array, Array]:
         if key not in self._kept:

@@ -12,6 +12,7 @@ INPUTS = {
     "direction": "direction of approach (+: joint increasing)", "load": "load on the joint",
     "wound load": "load on the joint, its sign that of the approach",
     "temperature": "temperature", "time": "time since the first row", "velocity": "joint velocity",
+    "last move": "move from the row before",
     "travel": "joint position", "phase": "joint position within one period",
     "wrench": "load on the platform", "pose": "platform", "point": "measured",
 }

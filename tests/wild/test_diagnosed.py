@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from helpers.commands import ppmcal, rows
 from wild.catalogue import write
 
 from ppmcal.api.diagnose import DiagnosisResult, diagnose
@@ -61,3 +62,24 @@ def test_a_second_event_of_a_named_kind_is_a_rival(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, "base-moved-twice", "delta-rotary", 885891).diagnosis
     for effect in found.effects:
         assert "base_shift" in (effect.kind, *(a.split(" ")[0] for a in effect.alternatives))
+
+
+@pytest.mark.slow
+def test_what_follows_the_last_move_is_learned(tmp_path: Path) -> None:
+    """Joints that stop short by a part of their move: in no library, and it comes back in order."""
+    found = diagnosed(tmp_path, "shortfall", "delta-rotary", 266676)
+    assert found.record.verdict == "unnamed"
+    (term,) = found.record.entries()["learned"]
+    assert term["input"] == "last move"
+    assert term["gap"]["before"] > 1.4
+    assert term["gap"]["after"] < 1.1
+    found.save(tmp_path / "d")
+    ppmcal("check", "d/model.yaml", cwd=tmp_path, expect=0)
+    targets = tmp_path / "wanted.csv"
+    targets.write_text("".join(",".join(line.split(",")[4:7]) + "\n" for line in
+                               (tmp_path / "data.csv").read_text().splitlines()))
+    ppmcal("compensate", "d/model.yaml", targets, "--out", "c", cwd=tmp_path, expect=2)
+    ppmcal("compensate", "d/model.yaml", targets, "--approach", "sequence", "--out", "c",
+           cwd=tmp_path, expect=None)
+    status = [r["status"] for r in rows(tmp_path / "c" / "commands.csv")]
+    assert status.count("ok") > 0.8 * len(status)

@@ -14,7 +14,8 @@ from ppmcal.linalg import Array
 class Inputs:
     """What N rows depend on, SI, k actuators: see :class:`Setting`; nan where not recorded.
 
-    ``pose`` (N, 6) of the platform; ``point`` (N, 3) as measured; ``temperature`` deg C.
+    ``pose`` (N, 6) of the platform; ``point`` (N, 3) as measured; ``temperature`` deg C; ``move``
+    from the row before.
     """
 
     travel: Array
@@ -27,6 +28,7 @@ class Inputs:
     row: Array
     pose: Array
     point: Array
+    move: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +70,7 @@ PHASE = EffectInput("phase", "joint", lambda rows: rows.travel)
 """The travel, folded by the period of the kind that follows it."""
 DIRECTION = EffectInput("direction", "", lambda rows: rows.approach, classes=True)
 VELOCITY = EffectInput("velocity", "joint/s", lambda rows: rows.velocity)
+MOVE = EffectInput("last move", "joint", lambda rows: rows.move)
 LOAD = EffectInput("load", "load", lambda rows: rows.load)
 WOUND_LOAD = EffectInput("wound load", "load", lambda rows: rows.approach * np.abs(rows.load))
 TEMPERATURE = EffectInput("temperature", "deg C", lambda rows: rows.temperature)

@@ -16,7 +16,15 @@ import numpy as np
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.linalg import Array, Bools
-from ppmcal.model.effects.inputs import DIRECTION, LOAD, POSE, TEMPERATURE, TRAVEL, VELOCITY
+from ppmcal.model.effects.inputs import (
+    DIRECTION,
+    LOAD,
+    MOVE,
+    POSE,
+    TEMPERATURE,
+    TRAVEL,
+    VELOCITY,
+)
 from ppmcal.model.effects.inputs import TIME as TIME_INPUT
 from ppmcal.model.effects.kind import (
     EffectKind,
@@ -63,12 +71,14 @@ def _coordinate(place: int, setting: Setting) -> Array:
 INPUTS = {i.name: i for i in (
     LearnedInput("travel", "joint", (), lambda s: s.travel, of_machine=False),
     LearnedInput("velocity", "joint/s", ("vel",), lambda s: s.velocity, of_machine=False),
+    LearnedInput("last move", "joint", ("order",), lambda s: s.move, of_machine=False),
     LearnedInput("load", "load", ("load",), lambda s: s.load, of_machine=False, by_pose=True),
     LearnedInput("temperature", "deg C", ("temperature",), lambda s: s.temperature, zero=20.0),
     LearnedInput("time", "s", ("time",), lambda s: s.time),
     *(LearnedInput(c, "angle" if c[0] == "r" else "length", (), partial(_coordinate, p),
                    by_pose=True) for c, p in PLACE.items()))}
-FOLLOWED = {"travel": TRAVEL, "velocity": VELOCITY, "load": LOAD, "temperature": TEMPERATURE,
+FOLLOWED = {"travel": TRAVEL, "velocity": VELOCITY, "last move": MOVE,
+            "load": LOAD, "temperature": TEMPERATURE,
             "time": TIME_INPUT, **dict.fromkeys(PLACE, POSE)}
 
 

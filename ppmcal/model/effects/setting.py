@@ -209,6 +209,13 @@ class Setting:
         found, slope = history.lagged("rate", history.rate, tau)
         return np.abs(self.ratio) * self._then(found), np.abs(self.ratio) * self._then(slope)
 
+    @cached_property
+    def move(self) -> Array:
+        """How far each joint went from the row before (N, k), m or rad; nan: not known."""
+        if self.history is None:
+            return np.full_like(self.travel, np.nan)
+        return self.ratio * self._then(self.history.once("moved", self.history.moved))
+
     def late_load(self, tau: float) -> tuple[Array, Array]:
         """Return the actuators' load, followed late (N, k), and its derivative by tau."""
         history = self.history
