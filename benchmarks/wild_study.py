@@ -44,7 +44,7 @@ from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.errors import PpmcalError
 
 KINDS = frozenset(("permuted", "sign", "unit", "rotation", "inverse", "mirrored", "exchanged",
-                   "shifted", "stale", "outside-limits", "radius"))
+                   "shifted", "stale", "outside-limits", "radius", "other-machine"))
 AT_NOISE = 2.0
 """A mended file is fitted to at most so many times the noise,"""
 INSIDE = 3.0
@@ -150,6 +150,8 @@ def mended(folder: Path, answer: Answer, asked: Callable[[Path], Answer]) -> boo
 def named(truth: dict[str, Any], answer: Answer) -> bool:
     """Whether the mistakes of the truth are told."""
     told = {m.kind: m for f in (*answer.found, *answer.beside) for m in f.mistakes}
+    if "other-machine" in truth["kinds"]:
+        return "other-machine" in told
     if "a diameter for a radius" in answer.refused:
         return [w["kind"] for w in truth["mistakes"]] == ["radius"]    # home cannot be reached
     for wrong in truth["mistakes"]:

@@ -28,6 +28,7 @@ from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import refuse_misread, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import noise_check, with_estimated_noise
+from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
@@ -176,6 +177,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         refuse_misread(problem)
         fit, odd, told = _fit(problem, options, sigma, progress)
         refuse_small_misreading(fit)
+        if chosen == "prior":
+            refuse_other_machine(fit)
         found = report(fit, options, fraction, seed, other, leave_out)
     if before is not None:
         notes += odd + carried_on(fit, before, options)

@@ -12,6 +12,13 @@ from ppmcal.errors import NoResult
 from ppmcal.units import SI, Units
 
 
+MENDS = {
+    "other-machine": "Give the mechanism file of the machine that was measured. If it really is "
+                     "that far from nominal, give larger tolerances, or --prior flat",
+}
+"""What only the user can mend, by kind of mistake."""
+
+
 class Misread(NoResult):
     """Measurements that are not of this machine as the files are read (exit code 3).
 
@@ -48,6 +55,9 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
 def mend_of(found: Sequence[Misreading]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
     blocks = [json.dumps(m.block).replace('"', "") for m in found if m.block is not None]
+    own = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
+    if own:
+        return own[0]
     if not blocks:
         beyond = [c for m in found for x in m.mistakes if x.kind == "outside-limits"
                   for c in x.columns]

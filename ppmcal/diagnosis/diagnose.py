@@ -15,6 +15,7 @@ from ppmcal.calibration.misreading import refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import far_from_nominal, report
 from ppmcal.calibration.validation import split
@@ -132,6 +133,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     named = bool(effects) and verdict != "unnamed"
     if final is None or not named:
         final = whole
+    refuse_other_machine(final)
     terms = None
     if verdict in LEARNED_AFTER:
         say("learning what is left")

@@ -32,6 +32,7 @@ from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import misfit, refuse_misread, refuse_small_misreading
+from ppmcal.calibration.other_machine import other_machine, refuse_other_machine
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.readings import (
@@ -41,6 +42,7 @@ from ppmcal.calibration.readings import (
     understood,
     written,
 )
+from ppmcal.calibration.stale_rows import stale
 from ppmcal.calibration.validation import held_out, residuals
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.errors import BadInput
@@ -421,11 +423,63 @@ def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
     assert found.times > 5.0 and not found.misread
 
 
-def test_a_geometry_that_absorbs_another_machine_is_not_fine(tmp_path: Path) -> None:
+def test_a_geometry_that_absorbs_another_machine_is_refused(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "other-machine", "delta-linear")
-    said = diagnose(problem, DiagnosisOptions(draws=300))
-    assert said.verdict == "unnamed"
-    assert any("tolerances from nominal" in f for f in said.findings)
+    with pytest.raises(Misread, match="the file of another machine?"):
+        refuse_other_machine(identify(problem))
+
+
+@pytest.mark.slow
+def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
+    problem = campaign(tmp_path, "other-machine", "hexapod")
+    paths = tmp_path / "mechanism.yaml", tmp_path / "data.csv"
+    checked = json.loads(ppmcal("check", *paths, "--json", expect=1).out)["misreadings"]
+    done = ppmcal("identify", *paths, "--out", tmp_path / "o", "--json", expect=3)
+    assert not (tmp_path / "o").exists()
+    for entries in (checked, json.loads(done.out)["misreadings"]):
+        assert [e["kind"] for e in entries if e["kind"] != "outside-limits"] == ["other-machine"]
+    assert "the file of another machine?" in " ".join(done.err.split())
+    with pytest.raises(Misread, match="the file of another machine?"):
+        diagnose(problem, DiagnosisOptions(draws=300))
+    # who says that tolerances are none is believed
+    flat = ppmcal("identify", *paths, "--out", tmp_path / "o", "--prior", "flat")
+    assert flat.code in (0, 1) and (tmp_path / "o" / "identified.yaml").exists()
+
+
+def test_one_number_typed_wrong_is_no_other_machine(tmp_path: Path) -> None:
+    """Both points of a leg's base 30 tolerances off: told as a finding, and fitted."""
+    problem = campaign(tmp_path, "none", "delta-linear")
+    wrong = np.flatnonzero([n.startswith("leg1.base.point") for n in problem.mechanism.names])[:2]
+    fit = identify(problem)
+    g = problem.mechanism.values.copy()
+    g[wrong] += 30.0 * np.array([problem.mechanism.parameters[i].tolerance for i in wrong])
+    assert other_machine(problem, replace(fit.state, g=g)) is None
+    zeros = [i for i, p in enumerate(problem.mechanism.parameters)
+             if p.tolerance_class == "offset"]
+    g = problem.mechanism.values.copy()
+    g[zeros] += 1.0
+    assert len(zeros) >= 3 and other_machine(problem, replace(fit.state, g=g)) is None
+
+
+@pytest.mark.parametrize("machine", ["3-RPR", "delta-linear"])
+def test_measurements_that_stay_while_the_machine_rests_are_stale(tmp_path: Path, machine: str
+                                                                  ) -> None:
+    data = campaign(tmp_path, "stale-pose", machine).datasets[0]
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    machine_ = load(tmp_path / "mechanism.yaml")
+    (found,) = stale(replace(data, unusable=None), machine_)[1]
+    assert list(found.rows) == truth["mistakes"][0]["rows"]
+    rest = np.append(False, (np.diff(data.q, axis=0) == 0.0).all(axis=1))
+    assert rest[np.array(found.rows) - 1].any() and not rest[np.array(found.rows) - 1].all()
+
+
+def test_an_instrument_of_few_digits_repeats_by_chance(tmp_path: Path) -> None:
+    """Measured to a hundredth where the noise is a tenth of that: repeats are the same."""
+    problem = campaign(tmp_path, "none", "delta-linear")
+    data = problem.datasets[0]
+    for coarse in (5e-5, 2e-5):
+        few = replace(data, position=np.round(data.position / coarse) * coarse, unusable=None)
+        assert stale(few, problem.mechanism)[1] == ()
 
 
 @pytest.mark.parametrize("machine", ["3-RPR", "delta-rotary"])
