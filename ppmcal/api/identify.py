@@ -33,6 +33,7 @@ from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.validation import Residuals
+from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
 from ppmcal.io.results.identification import IdentificationRecord
@@ -174,9 +175,11 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         progress("comparing the measurements with the nominal machine")
         if machine.effects:
             refuse_wrong_units(machine, datasets)
-        refuse_misread(problem)
+        if refuse_misread(problem).doubted:
+            refuse_wrong_part(problem)
         fit, odd, told = _fit(problem, options, sigma, progress)
         refuse_small_misreading(fit)
+        refuse_wrong_rows(fit)
         if chosen == "prior":
             refuse_other_machine(fit)
         found = report(fit, options, fraction, seed, other, leave_out)

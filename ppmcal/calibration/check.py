@@ -23,6 +23,7 @@ from ppmcal.calibration.misreading import MEND, doubtful_machine, misfit
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import Misreading
+from ppmcal.calibration.wrong_rows import wrong_parts
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, to_joint
 from ppmcal.kinematics.limb_roots import limb_roots
@@ -137,7 +138,8 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
     if datasets and mechanism.free and value >= SINGULAR_HOME:
         problem = Problem(mechanism, tuple(datasets), mechanism.free)
         found = misfit(problem)
-        misreadings = found.readings or (() if found.misread else doubtful_machine(problem))
+        misreadings = found.readings or (() if found.misread else (
+            (found.doubted and wrong_parts(problem)) or doubtful_machine(problem)))
         findings += [f"{m.source}: {misreading_sentence(m, mechanism.units)}. {mend_of([m])}."
                      for m in misreadings]
         if found.misread and not misreadings:

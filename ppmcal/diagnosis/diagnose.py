@@ -19,6 +19,7 @@ from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import far_from_nominal, report
 from ppmcal.calibration.validation import split
+from ppmcal.calibration.wrong_rows import refuse_wrong_rows
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import LEVEL, remainder
@@ -89,6 +90,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     whole = identify(with_whole_rows(problem), options.fit)
     refuse_unconverged(whole)
     refuse_small_misreading(whole)
+    refuse_wrong_rows(whole)
     training, held = _split(whole, options)
     found = _find(training, options, say)
     say("confirming in all rows")

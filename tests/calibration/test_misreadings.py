@@ -26,6 +26,7 @@ from helpers.mistakes import (
 from scipy.spatial.transform import Rotation
 from wild import catalogue
 
+from ppmcal.api.identify import identify as api_identify
 from ppmcal.api.inputs import load, prepared, read_data, shipped
 from ppmcal.calibration.check import check
 from ppmcal.calibration.fit import FitOptions
@@ -44,6 +45,7 @@ from ppmcal.calibration.readings import (
 )
 from ppmcal.calibration.stale_rows import stale
 from ppmcal.calibration.validation import held_out, residuals
+from ppmcal.calibration.wrong_rows import refuse_wrong_rows, wrong_parts
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
@@ -425,7 +427,7 @@ def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
 
 def test_a_geometry_that_absorbs_another_machine_is_refused(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "other-machine", "delta-linear")
-    with pytest.raises(Misread, match="the file of another machine?"):
+    with pytest.raises(Misread, match="the file of another machine"):
         refuse_other_machine(identify(problem))
 
 
@@ -439,11 +441,54 @@ def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
     for entries in (checked, json.loads(done.out)["misreadings"]):
         assert [e["kind"] for e in entries if e["kind"] != "outside-limits"] == ["other-machine"]
     assert "the file of another machine?" in " ".join(done.err.split())
-    with pytest.raises(Misread, match="the file of another machine?"):
+    with pytest.raises(Misread, match="the file of another machine"):
         diagnose(problem, DiagnosisOptions(draws=300))
     # who says that tolerances are none is believed
     flat = ppmcal("identify", *paths, "--out", tmp_path / "o", "--prior", "flat")
     assert flat.code in (0, 1) and (tmp_path / "o" / "identified.yaml").exists()
+
+
+@pytest.mark.parametrize("machine", ["delta-linear", "hexapod"])
+def test_rows_that_hold_each_others_measurements_are_told(tmp_path: Path, machine: str) -> None:
+    problem = campaign(tmp_path, "shuffled", machine)
+    with pytest.raises(Misread, match="rows are in another order") as refused:
+        refuse_wrong_rows(identify(problem))
+    (mistake,) = refused.value.found[0].mistakes
+    assert mistake.kind == "shuffled" and refused.value.found[0].block is None
+    right = campaign(tmp_path / "right", "none", machine)
+    places = [p.datasets[0].position for p in (problem, right)]
+    moved = np.flatnonzero((places[0] != places[1]).any(axis=1)) + 1
+    # the measurement of another row of the same pose is as good
+    assert set(mistake.rows) <= set(moved) and len(mistake.rows) > 0.75 * len(moved)
+
+
+@pytest.mark.parametrize(("case", "machine"), [
+    ("stretch-swapped", "delta-linear"),
+    pytest.param("stretch-mirrored", "delta-rotary", marks=pytest.mark.slow),
+    pytest.param("stretch-unit", "hexapod", marks=pytest.mark.slow),
+    pytest.param("swapped-at-end", "3-RPR", marks=pytest.mark.slow),
+    pytest.param("stretch-mirrored", "3-RPR", marks=pytest.mark.slow),
+    pytest.param("swapped-at-end", "crank-hexapod", marks=pytest.mark.slow)])
+def test_a_mistake_in_a_stretch_is_told_with_its_rows(tmp_path: Path, case: str, machine: str
+                                                      ) -> None:
+    campaign(tmp_path, case, machine)
+    (true,) = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))["mistakes"]
+    with pytest.raises(Misread) as refused:
+        api_identify(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
+    (found,) = refused.value.found
+    assert [m.kind for m in found.mistakes] == [true["kind"]] and found.block is None
+    assert list(found.mistakes[0].rows) == true["rows"]
+    assert f"rows {true['rows'][0]} to {true['rows'][-1]}" in refused.value.what
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", ["3-RRR", "delta-linear", "hexapod"])
+@pytest.mark.parametrize("case", ["slip-turn", "homed-there-and-back", "base-moved-twice",
+                                  "gross-10"])
+def test_what_happens_in_a_stretch_is_no_mistake(tmp_path: Path, case: str, machine: str) -> None:
+    problem = campaign(tmp_path, case, machine, 90, 3.0)
+    assert wrong_parts(problem) == ()
+    refuse_wrong_rows(identify(problem))
 
 
 def test_one_number_typed_wrong_is_no_other_machine(tmp_path: Path) -> None:
