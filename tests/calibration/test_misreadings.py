@@ -7,7 +7,8 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -47,6 +48,7 @@ from ppmcal.calibration.stale_rows import stale
 from ppmcal.calibration.validation import held_out, residuals
 from ppmcal.calibration.wrong_rows import refuse_wrong_rows, wrong_parts
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.diagnosis.plausibility import same_in_halves
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.rotations import ORDERS
@@ -314,6 +316,18 @@ def test_columns_of_another_unit(tmp_path: Path, effect: dict[str, Any], more: d
     done = ppmcal("diagnose", MACHINE, data, "--out", tmp_path / "wrong", "--draws", "300",
                   expect=3)
     assert f"`read: {line}" in done.err
+
+
+@pytest.mark.parametrize(("wrong", "same"), [(0.0, True), (1.0, True), (0.4, False)])
+def test_directions_that_are_wrong_in_part_have_no_other_sign(wrong: float, same: bool) -> None:
+    """The block `signs` would turn the right rows round too."""
+    rng = np.random.default_rng(1)
+    right = rng.choice([-1.0, 1.0], 200)
+    written_ = np.where(np.arange(200) < wrong * 200, -right, right)
+    basis = np.full((200, 1), 200**-0.5)
+    stage = SimpleNamespace(columns=written_[:, None], basis=basis,
+                            residual=2.0 * right + rng.normal(size=200))
+    assert same_in_halves(cast(Any, stage), [0]) is same
 
 
 # --- the arithmetic -------------------------------------------------------------------------------
