@@ -180,9 +180,9 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         fit, odd, told = _fit(problem, options, sigma, progress)
         refuse_small_misreading(fit)
         refuse_wrong_rows(fit)
-        if chosen == "prior":
-            refuse_other_machine(fit)
         found = report(fit, options, fraction, seed, other, leave_out)
+        if chosen == "prior":
+            refuse_other_machine(found.fit)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
     found = replace(found, findings=(*notes, *units, *found.findings), earlier=before)

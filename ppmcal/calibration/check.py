@@ -19,7 +19,8 @@ from ppmcal.calibration.identifiability import (
 )
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
-from ppmcal.calibration.misreading import MEND, doubtful_machine, misfit
+from ppmcal.calibration.misreading import MEND, misfit
+from ppmcal.calibration.other_machine import doubtful_machine
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import Misreading

@@ -11,7 +11,6 @@ does not come near the noise either, a calibration would only bend the geometry.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +21,6 @@ from ppmcal.calibration.least_squares import least_squares, parameter_scale, pri
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.negative_struts import negative_struts, with_positive_struts
 from ppmcal.calibration.observation import coordinates
-from ppmcal.calibration.other_machine import other_machine
 from ppmcal.calibration.outliers import Distances, distances, huber_weights
 from ppmcal.calibration.plain_mistakes import other_zeros
 from ppmcal.calibration.problem import Problem, State
@@ -211,16 +209,18 @@ def refuse_misread(problem: Problem) -> Misfit:
     return found
 
 
-def doubtful_machine(problem: Problem) -> tuple[Misreading, ...]:
-    """Return that the machine's file is of another one, as a short fit of few rows shows it."""
+def short_fit(problem: Problem) -> tuple[Problem, State, float]:
+    """Return few rows of a problem, where a short robust fit ends, and the noise it leaves, times.
+
+    Raises:
+        BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`.
+    """
     few = _few(_toleranced(problem))
-    with suppress(PpmcalError, np.linalg.LinAlgError):
-        state = few.start()
-        keep = [finite_rows(p) for p in state.poses]
-        keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
-        found = other_machine(few, _after_trial(few, state, keep))
-        return (found,) if found else ()
-    return ()
+    state = few.start()
+    keep = [finite_rows(p) for p in state.poses]
+    keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
+    end = _after_trial(few, state, keep)
+    return few, end, distances(few, end).times(keep)
 
 
 def refuse_small_misreading(fit: Fit) -> None:

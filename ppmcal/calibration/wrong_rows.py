@@ -144,7 +144,9 @@ class _LeftOut:
         data = self.data
         parts = list(coordinates(data, self.fit.problem.mechanism.motion))
         whole = finite_rows(data.q) & np.isfinite(shown(data)[:, parts]).all(axis=1)
-        return np.flatnonzero(whole & ~self._unusable & ~self.fit.keep[self.index])
+        out = np.flatnonzero(whole & ~self._unusable & ~self.fit.keep[self.index])
+        # what is near the noise as it is needs no other reading
+        return out[~self.fits(data.take(out), out, True)] if len(out) else out
 
     @property
     def _unusable(self) -> Bools:
@@ -223,7 +225,9 @@ class _LeftOut:
         where = linear_sum_assignment(cdist(expected * scale, shown(own)[:, parts] * scale))[1]
         other = replace(own, position=own.position[where], rotation=own.rotation[where],
                         whole=None, place=None)
-        right = self.fits(other, rows, True)
+        # repeats of one pose are as good as each other
+        moved = (own.q != own.q[where]).any(axis=1) & (own.groups != own.groups[where])
+        right = self.fits(other, rows, True) & moved
         if right.sum() < max(FEWEST, MENDED * len(rows)):
             return None
         numbers = tuple(int(n) for n in own.rows[right])

@@ -135,12 +135,12 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     named = bool(effects) and verdict != "unnamed"
     if final is None or not named:
         final = whole
-    refuse_other_machine(final)
     terms = None
     if verdict in LEARNED_AFTER:
         say("learning what is left")
         terms = _terms(found, final, held, named, options)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed)
+    refuse_other_machine(reported.fit)
     far = "" if named else far_from_nominal(reported.estimates)
     if far:
         told.append(far)
