@@ -8,7 +8,7 @@ on standard output; ``--out FILE`` keeps the lines as CSV. Per campaign:
 
 - shows: as it was written, a short fit leaves more than twice the noise, or rows have no pose;
 - named: every kind of the truth, or one as right as it, is among those told by `identify` (by
-  `diagnose`, of columns that only effects depend on), and stale rows with their numbers;
+  `diagnose`, of columns that only effects depend on), and with its rows, where it is not in all;
 - mended: read with the block proposed, the file is fitted to the noise inside the tolerances;
 - refused: a file without a mistake that is said to have one.
 """
@@ -44,9 +44,12 @@ from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.errors import PpmcalError
 
 KINDS = frozenset(("permuted", "sign", "unit", "rotation", "inverse", "mirrored", "exchanged",
-                   "shifted", "stale", "outside-limits", "radius"))
+                   "shifted", "stale", "outside-limits", "radius", "other-machine",
+                   "shuffled"))
 AT_NOISE = 2.0
 """A mended file is fitted to at most so many times the noise,"""
+NEARLY = 0.75
+"""Of the rows with a mistake, so large a part has to be told, and hardly any other."""
 INSIDE = 3.0
 """and the geometry moves by no more than so many tolerances, RMS over the parameters."""
 
@@ -150,15 +153,25 @@ def mended(folder: Path, answer: Answer, asked: Callable[[Path], Answer]) -> boo
 def named(truth: dict[str, Any], answer: Answer) -> bool:
     """Whether the mistakes of the truth are told."""
     told = {m.kind: m for f in (*answer.found, *answer.beside) for m in f.mistakes}
+    if "other-machine" in truth["kinds"]:
+        return "other-machine" in told
     if "a diameter for a radius" in answer.refused:
         return [w["kind"] for w in truth["mistakes"]] == ["radius"]    # home cannot be reached
     for wrong in truth["mistakes"]:
         kind = next((k for k in (wrong["kind"], *wrong["accept"]) if k in told), None)
         if wrong["kind"] in KINDS and kind is None:
             return False
-        if wrong["kind"] == "stale" and not set(told["stale"].rows) >= set(wrong["rows"]):
+        rows = set(told[kind].rows) if kind else set()
+        if wrong["kind"] == "stale" and not rows >= set(wrong["rows"]):
+            return False
+        if wrong["kind"] != "stale" and wrong["rows"] and not _about(rows, set(wrong["rows"])):
             return False
     return bool(answer.kinds)
+
+
+def _about(told: set[int], true: set[int]) -> bool:
+    """Whether a mistake of some rows is told of these: a few may be right by chance."""
+    return len(told & true) >= NEARLY * len(true) and len(told - true) <= (1 - NEARLY) * len(true)
 
 
 def judged(case: str, machine: str, seed: int, rows: int, eta: float, folder: Path) -> Line:

@@ -73,6 +73,10 @@ def _mistakes() -> dict[str, Case]:
                                        errors=(ro.approach_inverted(0.4),)),
         "other-machine": Case("mistake", other=True, note="mechanism of another seed"),
     }  # fmt: skip
+    for name, error in (("swapped", mi.legs_swapped), ("sign", mi.sign("one")),
+                        ("unit", mi.joint_unit("one")), ("mirrored", mi.mirrored)):
+        out[f"stretch-{name}"] = mistake(ro.in_stretch(error, 0.12, 0.3))
+    out["swapped-at-end"] = mistake(ro.in_stretch(mi.legs_swapped, 0.4, 0.6, to_end=True))
     for order in ("xyz", "XYZ", "zyx", "ZYX", "zyz"):
         name = "euler-" + ("fixed-" if order.islower() else "moving-") + order.lower()
         out[name] = mistake(mi.euler(order), machines=SPATIAL, plan=POSE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .mistakes import Blame, Paper
@@ -97,6 +99,23 @@ def approach_inverted(share: float):
             paper.table[name] = values
         read = {"signs": dict.fromkeys(names, -1)} if share == 1 else None
         return Blame("sign", names, read, rows.tolist() if share < 1 else [], mends=share == 1)
+
+    return make
+
+
+def in_stretch(mistake, low: float, high: float, to_end: bool = False):
+    """A mistake of columns on a part of the rows only, as after a cable was changed."""
+
+    def make(rng, paper):
+        right = {name: values.copy() for name, values in paper.table.items()}
+        blame = mistake(rng, paper)
+        count = int(rng.uniform(low, high) * paper.rows)
+        start = paper.rows - count if to_end else int(rng.integers(0, paper.rows - count + 1))
+        inside = (np.arange(paper.rows) >= start) & (np.arange(paper.rows) < start + count)
+        for name, values in right.items():
+            paper.table[name] = np.where(inside, paper.table[name], values)
+        rows = np.flatnonzero(inside).tolist()
+        return replace(blame, read=None, rows=rows, mends=False, note="rows in a stretch only")
 
     return make
 

@@ -25,6 +25,7 @@ from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
+from ppmcal.calibration.wrong_rows import refuse_wrong_part
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.diagnose import diagnose as diagnosed
 from ppmcal.diagnosis.result import Diagnosis
@@ -128,7 +129,8 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     with with_unit_findings(machine, datasets) as units:
         progress("comparing the measurements with the nominal machine")
         refuse_wrong_units(machine, datasets)
-        refuse_misread(problem)
+        if refuse_misread(problem).doubted:
+            refuse_wrong_part(problem)
         found = diagnosed(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)), progress)

@@ -28,10 +28,12 @@ from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import refuse_misread, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import noise_check, with_estimated_noise
+from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.validation import Residuals
+from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
 from ppmcal.io.results.identification import IdentificationRecord
@@ -173,10 +175,14 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         progress("comparing the measurements with the nominal machine")
         if machine.effects:
             refuse_wrong_units(machine, datasets)
-        refuse_misread(problem)
+        if refuse_misread(problem).doubted:
+            refuse_wrong_part(problem)
         fit, odd, told = _fit(problem, options, sigma, progress)
         refuse_small_misreading(fit)
+        refuse_wrong_rows(fit)
         found = report(fit, options, fraction, seed, other, leave_out)
+        if chosen == "prior":
+            refuse_other_machine(found.fit)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
     found = replace(found, findings=(*notes, *units, *found.findings), earlier=before)

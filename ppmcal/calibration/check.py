@@ -20,9 +20,11 @@ from ppmcal.calibration.identifiability import (
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
 from ppmcal.calibration.misreading import MEND, misfit
+from ppmcal.calibration.other_machine import doubtful_machine
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import Misreading
+from ppmcal.calibration.wrong_rows import wrong_parts
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, to_joint
 from ppmcal.kinematics.limb_roots import limb_roots
@@ -136,8 +138,10 @@ def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
                         f"{value:.2g} (a sound machine has 0.1 to 1). Choose another home pose.")
     misreadings: tuple[Misreading, ...] = ()
     if datasets and mechanism.free and value >= SINGULAR_HOME:
-        found = misfit(Problem(mechanism, tuple(datasets), mechanism.free))
-        misreadings = found.readings
+        problem = Problem(mechanism, tuple(datasets), mechanism.free)
+        found = misfit(problem)
+        misreadings = found.readings or (() if found.misread else (
+            (found.doubted and wrong_parts(problem)) or doubtful_machine(problem)))
         findings += [f"{m.source}: {misreading_sentence(m, mechanism.units)}. {mend_of([m])}."
                      for m in misreadings]
         if found.misread and not misreadings:

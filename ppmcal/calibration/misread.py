@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 
 import numpy as np
 
+from ppmcal.calibration.mistakes import block_text
 from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.errors import NoResult
 from ppmcal.units import SI, Units
+
+MENDS = {
+    "other-machine": "Give the mechanism file of the machine that was measured. If it really is "
+                     "that far from nominal, give larger tolerances, or --prior flat",
+    "shuffled": "No entry of the sidecar mends that: put the measurements in the order of the "
+                "joint values again, where they were recorded, or leave those rows out",
+}
+"""What only the user can mend, by kind of mistake."""
+PLAIN = ("stale", "outside-limits")
+"""Kinds that name their rows and are no other reading of them."""
 
 
 class Misread(NoResult):
@@ -47,7 +57,13 @@ def misreading_sentence(found: Misreading, units: Units) -> str:
 
 def mend_of(found: Sequence[Misreading]) -> str:
     """Return the lines to write into the sidecars, or what else to do."""
-    blocks = [json.dumps(m.block).replace('"', "") for m in found if m.block is not None]
+    blocks = [block_text(m.block) for m in found if m.block is not None]
+    own = [MENDS[x.kind] for m in found for x in m.mistakes if x.kind in MENDS]
+    if own:
+        return own[0]
+    if not blocks and any(x.rows and x.kind not in PLAIN for m in found for x in m.mistakes):
+        return ("Put those rows into a file of their own whose sidecar says so, or leave them "
+                "out")
     if not blocks:
         beyond = [c for m in found for x in m.mistakes if x.kind == "outside-limits"
                   for c in x.columns]

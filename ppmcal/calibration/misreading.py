@@ -10,7 +10,7 @@ does not come near the noise either, a calibration would only bend the geometry.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,13 +27,16 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import NOISE, Misreading, Trial, find_misreading
 from ppmcal.calibration.small_misreading import find_small_misreading
 from ppmcal.errors import BadInput, NoResult, PpmcalError
-from ppmcal.linalg import Array, Bools, finite_rows, subsample
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
+from ppmcal.model.dataset import Dataset
 from ppmcal.units import Units
 
 GROSS = 5.0
 """A gross error: a row so many times beyond what noise and tolerances explain."""
 MOST_GROSS = 1.0 / 3.0
 """If more rows than this part are gross, it is not rows that are wrong."""
+MANY_GROSS = 0.2
+"""If more than this part are, they may be read wrongly, and no others."""
 DOUBTED = 5.0
 """Half of the rows are so many times beyond what noise and tolerances explain: try a fit."""
 FAR_FROM_NOISE = 10.0
@@ -61,7 +64,7 @@ class Misfit:
         position, rotation: of the measured point, m, and of the body, rad; nan where not
             measured. A height or a distance counts as a position.
         before, after: times the noise, without and with a short fit; nan where none was needed.
-        lost: rows without a pose, of ``rows``.
+        lost: rows without a pose, of ``rows``; gross: part of them that are gross errors.
         readings: how the files are to be read instead, where that explains everything.
     """
 
@@ -73,6 +76,12 @@ class Misfit:
     lost: int
     rows: int
     readings: tuple[Misreading, ...] = ()
+    gross: float = 0.0
+
+    @property
+    def doubted(self) -> bool:
+        """Whether so much is wrong that a fit of all rows may go astray."""
+        return self.times > DOUBTED or self.gross > MANY_GROSS
 
     @property
     def misread(self) -> bool:
@@ -111,13 +120,16 @@ def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[
 
     None where there are too many of them to be single mistakes.
     """
-    found = explained_distances(problem, state)
-    limit = GROSS * max(1.0, found.times(keep))
-    out = [k & (away > limit) for k, away in zip(keep, _away(found), strict=True)]
+    out = _gross(explained_distances(problem, state), keep)
     total = sum(int(k.sum()) for k in keep)
     if sum(int(o.sum()) for o in out) > MOST_GROSS * total:
         return [np.zeros_like(o) for o in out]
     return out
+
+
+def _gross(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
+    limit = GROSS * max(1.0, found.times(keep))
+    return [k & (away > limit) for k, away in zip(keep, _away(found), strict=True)]
 
 
 def misfit(problem: Problem) -> Misfit:
@@ -160,7 +172,9 @@ def _misfit(problem: Problem) -> Misfit:
         return Misfit(np.inf, np.nan, np.nan, np.nan, np.nan, 0, 0, found)
     keep = [finite_rows(p) for p in state.poses]
     rows, lost = sum(k.size for k in keep), sum(int((~k).sum()) for k in keep)
-    times = explained_distances(few, state).times(keep)
+    explained = explained_distances(few, state)
+    times = explained.times(keep)
+    gross = sum(int(g.sum()) for g in _gross(explained, keep)) / max(rows, 1)
     position, rotation = _medians(few, state)
     before = after = float("nan")
     found = ()
@@ -171,9 +185,9 @@ def _misfit(problem: Problem) -> Misfit:
             before = distances(few, state).times(keep)
             after = distances(few, _after_trial(few, state, keep)).times(keep)
             found = _other_zeros(problem) if after > TELLING else ()
-            if not found and _right_in_part(problem):
+            if not found and any(True for _ in right_parts(problem)):
                 before = after = float("nan")
-    return Misfit(times, position, rotation, before, after, lost, rows, found)
+    return Misfit(times, position, rotation, before, after, lost, rows, found, gross)
 
 
 def refuse_misread(problem: Problem) -> Misfit:
@@ -193,6 +207,20 @@ def refuse_misread(problem: Problem) -> Misfit:
         raise Misread(found.sentence(problem.mechanism.units),
                       ", ".join(d.source for d in problem.datasets), MEND)
     return found
+
+
+def short_fit(problem: Problem) -> tuple[Problem, State, float]:
+    """Return few rows of a problem, where a short robust fit ends, and the noise it leaves, times.
+
+    Raises:
+        BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`.
+    """
+    few = _few(_toleranced(problem))
+    state = few.start()
+    keep = [finite_rows(p) for p in state.poses]
+    keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
+    end = _after_trial(few, state, keep)
+    return few, end, distances(few, end).times(keep)
 
 
 def refuse_small_misreading(fit: Fit) -> None:
@@ -217,8 +245,8 @@ def _sure(problem: Problem, whole: Trial) -> tuple[Misreading, ...]:
     return tuple(m for m in _misreadings(problem, whole) if m.noise_after <= TELLING)
 
 
-def _right_in_part(problem: Problem) -> bool:
-    """Whether the first or the last rows alone fit: then something happened in between.
+def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
+    """Yield data sets and their first or last rows that fit alone: something happened in between.
 
     What is read wrongly is wrong from the first row to the last.
     """
@@ -233,8 +261,7 @@ def _right_in_part(problem: Problem) -> bool:
                 continue
             keep = [finite_rows(p) for p in state.poses]
             if keep[0].mean() > LOST and explained_distances(few, state).times(keep) <= DOUBTED:
-                return True
-    return False
+                yield data, part
 
 
 def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:

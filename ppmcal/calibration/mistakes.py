@@ -5,6 +5,7 @@ The mend is the block ``read`` of the sidecar as a whole: what it already says, 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -146,6 +147,11 @@ def convention_words(convention: str) -> str:
 def with_line(data: Dataset, key: str, lines: Mapping[str, object]) -> dict[str, object]:
     """Return the sidecar's block ``read`` with more of one key, such as units: {payload: g}."""
     return {**data.read, key: {**data.read.get(key, {}), **lines}}
+
+
+def block_text(block: Mapping[str, object]) -> str:
+    """Return the sidecar's block ``read`` in one line of YAML."""
+    return json.dumps(block).replace('"', "")
 
 
 def read_block(reading: FileReading, mechanism: Mechanism, data: Dataset) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Rows that repeat the row before: an instrument, or a log of joints, that had not moved on.
 
 Noise makes it next to impossible that a pose is measured twice with the same digits, and a
-machine that has moved does not show the joint values of the row before.
+machine that has moved does not show the joint values of the row before. Where a machine stays, a
+measurement is stale if it repeats to the last digit and the file's other repeats do not.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ MOVED = 0.1
 """A machine has moved that went farther than this part of its usual step."""
 MOST = 0.5
 """Where more rows than this part repeat, they are meant to."""
+BY_CHANCE = 0.05
+"""Rows expected to repeat by the coarseness of the digits alone: from here on none is stale."""
 
 
 def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[Mistake, ...]]:
@@ -41,19 +44,40 @@ def stale(data: Dataset, mechanism: Mechanism) -> tuple[Bools, tuple[Mistake, ..
     same_joints, joint_step = _steps(data.q)
     next_to = np.append(False, np.diff(data.rows) == 1)
     same_group = np.append(False, np.diff(data.groups) == 0)
+    moved = _moved(joint_step)
+    resting = _same_at_rest(measured, np.isfinite(joint_step) & ~moved & next_to)
+    why = ", although the machine had moved"
+    at_rest = f"{why} or its other repeats differ" if resting.any() else why
     found = []
-    for rows, columns, what in (
-            (same_pose & _moved(joint_step) & next_to,
-             tuple(("x", "y", "z", "rx", "ry", "rz")[c] for c in parts), "the measurement"),
+    for rows, columns, what, reason in (
+            (same_pose & moved & next_to | resting,
+             tuple(("x", "y", "z", "rx", "ry", "rz")[c] for c in parts), "the measurement is",
+             at_rest),
             (same_joints & _moved(pose_step) & next_to & ~same_group,
-             tuple(f"q_{a}" for a in mechanism.actuators), "the joint values")):
+             tuple(f"q_{a}" for a in mechanism.actuators), "the joint values are", why)):
         if rows.any() and rows.mean() < MOST:
             out |= rows
             numbers = tuple(int(n) for n in data.rows[rows])
-            found.append(Mistake("stale", columns, f"in {counted(len(numbers), 'row')} "
-                                 f"{what} {'is' if what.endswith('t') else 'are'} still that of "
-                                 "the row before, although the machine had moved", numbers))
+            found.append(Mistake("stale", columns, f"in {counted(len(numbers), 'row')} {what} "
+                                 f"still that of the row before{reason}", numbers))
     return out, tuple(found)
+
+
+def _same_at_rest(measured: Array, rest: Bools) -> Bools:
+    """Return which measurements (N, m) repeat the one before although noise should show (N,).
+
+    ``rest``: rows at which the machine had stayed (N,). The other ones tell how often a coordinate
+    comes out the same by itself.
+    """
+    equal = np.concatenate([np.zeros((1, measured.shape[1]), bool), np.diff(measured, axis=0) == 0])
+    same = rest & equal.all(axis=1)
+    others = rest & ~same & np.isfinite(measured).all(axis=1)
+    count = int(others.sum())
+    # a rate after so many trials, never 0 (Laplace)
+    chance = float(np.prod((equal[others].sum(axis=0) + 1.0) / (count + 2.0)))
+    if same.sum() >= MOST * rest.sum() or chance * rest.sum() > BY_CHANCE:
+        return np.zeros_like(rest)
+    return same
 
 
 def _steps(values: Array) -> tuple[Bools, Array]:

@@ -15,9 +15,11 @@ from ppmcal.calibration.misreading import gross_errors, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import far_from_nominal, report
 from ppmcal.calibration.validation import split
+from ppmcal.calibration.wrong_rows import refuse_wrong_rows
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import LEVEL, remainder
@@ -89,6 +91,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     whole = identify(with_whole_rows(problem), options.fit)
     refuse_unconverged(whole)
     refuse_small_misreading(whole)
+    refuse_wrong_rows(whole)
     training, held = _split(whole, options)
     found = _find(training, options, say)
     say("confirming in all rows")
@@ -138,6 +141,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         say("learning what is left")
         terms = _terms(found, final, held, named, options)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed)
+    refuse_other_machine(reported.fit)
     far = "" if named else far_from_nominal(reported.estimates)
     if far:
         told.append(far)

@@ -97,10 +97,22 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
             if column == "dir" and all(d.approach == "sequence"
                                        for d in found.before.problem.datasets):
                 continue    # the order of the rows has no other sign
+            if column == "dir" and not same_in_halves(stage, list(hypothesis.columns)):
+                continue    # directions inverted in part: another sign mends nothing
             for key, value, factor in OTHER_UNITS.get(column, ()):
                 if _in_range(search, int(i), factor):
                     return _column_misreading(found, hypothesis, column, key, value, stage)
     return None
+
+
+def same_in_halves(stage: Stage, columns: Sequence[int]) -> bool:
+    """Whether columns go with the residuals by the same sign in the first and the last rows."""
+    own, basis = stage.columns[:, columns], stage.basis
+    own = own - basis @ (basis.T @ own)
+    rest = stage.residual - basis @ (basis.T @ stage.residual)
+    halves = np.array_split(np.arange(len(rest)), 2)
+    signs = np.sign([own[h].T @ rest[h] for h in halves])
+    return bool(np.all(signs[0] == signs[1]))
 
 
 def _in_range(search: Search, index: int, factor: float) -> bool:

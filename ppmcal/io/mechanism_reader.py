@@ -23,7 +23,7 @@ from ppmcal.io.yaml import decimals, to_file
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism
-from ppmcal.model.parameters import Parameter, free_indices
+from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
@@ -178,7 +178,7 @@ def _parameters(file: MechanismFile, drafts: Sequence[Draft], units: Units, home
             said.add((p.tolerance_class, p.quantity))
             why = "1/1000 of the reach" if p.quantity == "length" else "1e-3 rad"
             findings.append(
-                f"{source}: tolerances: no tolerance is given for '{p.tolerance_class}'; "
+                f"{source}: tolerances: {NO_TOLERANCE} '{p.tolerance_class}'; "
                 f"{number:.6g} {units.name(p.quantity)} ({why}) is used. Add it to `tolerances`.")
     return made, {c: given[c] for c in TolerancesFile.model_fields if c in given}, findings
 

@@ -16,6 +16,8 @@ from ppmcal.linalg import Array
 
 RATIO = "ratio"
 """Name and class of the slot that holds a drive ratio."""
+NO_TOLERANCE = "no tolerance is given for"
+"""What a finding says of parameters whose tolerance is a default."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -26,12 +27,14 @@ from helpers.mistakes import (
 from scipy.spatial.transform import Rotation
 from wild import catalogue
 
+from ppmcal.api.identify import identify as api_identify
 from ppmcal.api.inputs import load, prepared, read_data, shipped
 from ppmcal.calibration.check import check
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import misfit, refuse_misread, refuse_small_misreading
+from ppmcal.calibration.other_machine import other_machine, refuse_other_machine
 from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.readings import (
@@ -41,8 +44,11 @@ from ppmcal.calibration.readings import (
     understood,
     written,
 )
+from ppmcal.calibration.stale_rows import stale
 from ppmcal.calibration.validation import held_out, residuals
+from ppmcal.calibration.wrong_rows import refuse_wrong_rows, wrong_parts
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.diagnosis.plausibility import same_in_halves
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.rotations import ORDERS
@@ -312,6 +318,18 @@ def test_columns_of_another_unit(tmp_path: Path, effect: dict[str, Any], more: d
     assert f"`read: {line}" in done.err
 
 
+@pytest.mark.parametrize(("wrong", "same"), [(0.0, True), (1.0, True), (0.4, False)])
+def test_directions_that_are_wrong_in_part_have_no_other_sign(wrong: float, same: bool) -> None:
+    """The block `signs` would turn the right rows round too."""
+    rng = np.random.default_rng(1)
+    right = rng.choice([-1.0, 1.0], 200)
+    written_ = np.where(np.arange(200) < wrong * 200, -right, right)
+    basis = np.full((200, 1), 200**-0.5)
+    stage = SimpleNamespace(columns=written_[:, None], basis=basis,
+                            residual=2.0 * right + rng.normal(size=200))
+    assert same_in_halves(cast(Any, stage), [0]) is same
+
+
 # --- the arithmetic -------------------------------------------------------------------------------
 
 @pytest.mark.parametrize("convention", ["rotvec", "quat-xyzw", "quat-wxyz",
@@ -421,11 +439,106 @@ def test_what_happens_in_mid_run_is_no_misreading(tmp_path: Path) -> None:
     assert found.times > 5.0 and not found.misread
 
 
-def test_a_geometry_that_absorbs_another_machine_is_not_fine(tmp_path: Path) -> None:
+def test_a_geometry_that_absorbs_another_machine_is_refused(tmp_path: Path) -> None:
     problem = campaign(tmp_path, "other-machine", "delta-linear")
-    said = diagnose(problem, DiagnosisOptions(draws=300))
-    assert said.verdict == "unnamed"
-    assert any("tolerances from nominal" in f for f in said.findings)
+    with pytest.raises(Misread, match="the file of another machine"):
+        refuse_other_machine(identify(problem))
+
+
+@pytest.mark.slow
+def test_commands_refuse_the_file_of_another_machine(tmp_path: Path) -> None:
+    problem = campaign(tmp_path, "other-machine", "hexapod")
+    paths = tmp_path / "mechanism.yaml", tmp_path / "data.csv"
+    checked = json.loads(ppmcal("check", *paths, "--json", expect=1).out)["misreadings"]
+    done = ppmcal("identify", *paths, "--out", tmp_path / "o", "--json", expect=3)
+    assert not (tmp_path / "o").exists()
+    for entries in (checked, json.loads(done.out)["misreadings"]):
+        assert [e["kind"] for e in entries if e["kind"] != "outside-limits"] == ["other-machine"]
+    assert "the file of another machine?" in " ".join(done.err.split())
+    with pytest.raises(Misread, match="the file of another machine"):
+        diagnose(problem, DiagnosisOptions(draws=300))
+    # who says that tolerances are none is believed
+    flat = ppmcal("identify", *paths, "--out", tmp_path / "o", "--prior", "flat")
+    assert flat.code in (0, 1) and (tmp_path / "o" / "identified.yaml").exists()
+
+
+@pytest.mark.parametrize("machine", ["delta-linear", "hexapod"])
+def test_rows_that_hold_each_others_measurements_are_told(tmp_path: Path, machine: str) -> None:
+    problem = campaign(tmp_path, "shuffled", machine)
+    with pytest.raises(Misread, match="rows are in another order") as refused:
+        refuse_wrong_rows(identify(problem))
+    (mistake,) = refused.value.found[0].mistakes
+    assert mistake.kind == "shuffled" and refused.value.found[0].block is None
+    right = campaign(tmp_path / "right", "none", machine)
+    places = [p.datasets[0].position for p in (problem, right)]
+    moved = np.flatnonzero((places[0] != places[1]).any(axis=1)) + 1
+    # the measurement of another row of the same pose is as good
+    assert set(mistake.rows) <= set(moved) and len(mistake.rows) > 0.75 * len(moved)
+
+
+@pytest.mark.parametrize(("case", "machine"), [
+    ("stretch-swapped", "delta-linear"),
+    pytest.param("stretch-mirrored", "delta-rotary", marks=pytest.mark.slow),
+    pytest.param("stretch-unit", "hexapod", marks=pytest.mark.slow),
+    pytest.param("swapped-at-end", "3-RPR", marks=pytest.mark.slow),
+    pytest.param("stretch-mirrored", "3-RPR", marks=pytest.mark.slow),
+    pytest.param("swapped-at-end", "crank-hexapod", marks=pytest.mark.slow)])
+def test_a_mistake_in_a_stretch_is_told_with_its_rows(tmp_path: Path, case: str, machine: str
+                                                      ) -> None:
+    campaign(tmp_path, case, machine)
+    (true,) = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))["mistakes"]
+    with pytest.raises(Misread) as refused:
+        api_identify(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
+    (found,) = refused.value.found
+    assert [m.kind for m in found.mistakes] == [true["kind"]] and found.block is None
+    assert list(found.mistakes[0].rows) == true["rows"]
+    assert f"rows {true['rows'][0]} to {true['rows'][-1]}" in refused.value.what
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", ["3-RRR", "delta-linear", "hexapod"])
+@pytest.mark.parametrize("case", ["slip-turn", "homed-there-and-back", "base-moved-twice",
+                                  "gross-10"])
+def test_what_happens_in_a_stretch_is_no_mistake(tmp_path: Path, case: str, machine: str) -> None:
+    problem = campaign(tmp_path, case, machine, 90, 3.0)
+    assert wrong_parts(problem) == ()
+    refuse_wrong_rows(identify(problem))
+
+
+def test_one_number_typed_wrong_is_no_other_machine(tmp_path: Path) -> None:
+    """Both points of a leg's base 30 tolerances off: told as a finding, and fitted."""
+    problem = campaign(tmp_path, "none", "delta-linear")
+    wrong = np.flatnonzero([n.startswith("leg1.base.point") for n in problem.mechanism.names])[:2]
+    fit = identify(problem)
+    g = problem.mechanism.values.copy()
+    g[wrong] += 30.0 * np.array([problem.mechanism.parameters[i].tolerance for i in wrong])
+    assert other_machine(problem, replace(fit.state, g=g)) is None
+    zeros = [i for i, p in enumerate(problem.mechanism.parameters)
+             if p.tolerance_class == "offset"]
+    g = problem.mechanism.values.copy()
+    g[zeros] += 1.0
+    assert len(zeros) >= 3 and other_machine(problem, replace(fit.state, g=g)) is None
+
+
+@pytest.mark.parametrize("machine", ["3-RPR", "delta-linear"])
+def test_measurements_that_stay_while_the_machine_rests_are_stale(tmp_path: Path, machine: str
+                                                                  ) -> None:
+    data = campaign(tmp_path, "stale-pose", machine).datasets[0]
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    machine_ = load(tmp_path / "mechanism.yaml")
+    (found,) = stale(replace(data, unusable=None), machine_)[1]
+    assert list(found.rows) == truth["mistakes"][0]["rows"]
+    rest = np.append(False, (np.diff(data.q, axis=0) == 0.0).all(axis=1))
+    assert rest[np.array(found.rows) - 1].any() and not rest[np.array(found.rows) - 1].all()
+
+
+def test_an_instrument_of_few_digits_repeats_by_chance(tmp_path: Path) -> None:
+    """Measured to a hundredth where the noise is a tenth of that: repeats are the same."""
+    problem = campaign(tmp_path, "none", "delta-linear")
+    data = problem.datasets[0]
+    for coarse in (5e-5, 2e-5):
+        few = replace(data, position=np.round(data.position / coarse) * coarse, unusable=None)
+        assert stale(few, problem.mechanism)[1] == ()
 
 
 @pytest.mark.parametrize("machine", ["3-RPR", "delta-rotary"])

@@ -1,0 +1,102 @@
+"""The mechanism file of another machine: a geometry that no tolerance allows.
+
+A fit with tolerances moves the geometry by about one of them, whatever else is wrong with the
+data, unless something happens in mid-run. The file of a sister machine moves it by five to sixty
+(RMS), and often comes to the noise.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.misread import Misread
+from ppmcal.calibration.misreading import PARTS, TELLING, short_fit
+from ppmcal.calibration.mistakes import Mistake
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.reading_trial import NOISE, Misreading
+from ppmcal.errors import PpmcalError
+from ppmcal.model.parameters import NO_TOLERANCE
+
+FAR = 4.0
+"""Tolerances from nominal, RMS over the geometry without the drives' zeros,"""
+FEWEST = 3
+"""and of at least so many parameters: one number typed wrong is no other machine."""
+NEAR = 2.0
+"""If the first or the last rows alone are this near, and at the noise, it is the machine."""
+OFFSET = "offset"
+
+
+def other_machine(problem: Problem, state: State) -> Misreading | None:
+    """Return that a geometry is none of this machine's, None where tolerances allow it.
+
+    Zeros of drives have no say, nor has a tolerance that the file does not give. Where the first
+    or the last rows alone are of this machine, something happened in between, and bent it.
+
+    Args:
+        problem: machine and data.
+        state: where a fit with the tolerances as prior ended.
+    """
+    mechanism = problem.mechanism
+    if any(NO_TOLERANCE in f for f in mechanism.findings):
+        return None
+    away = _away(problem, state)
+    far = sorted((name for name, times in away.items() if times > FAR), key=lambda n: -away[n])
+    size = _size(away)
+    if size <= FAR or len(far) < FEWEST or _right_in_part(problem):
+        return None
+    words = ", ".join(f"{name} by {away[name]:.0f}" for name in far[:3])
+    text = (f"geometry {size:.0f} tolerances from nominal (RMS; {words}): the file of another "
+            "machine?")
+    return Misreading(mechanism.source, (Mistake("other-machine", tuple(far), text),), None, NOISE,
+                      np.nan, np.nan, np.nan)
+
+
+def doubtful_machine(problem: Problem) -> tuple[Misreading, ...]:
+    """Return that the machine's file is of another one, as a short fit of few rows shows it."""
+    with suppress(PpmcalError, np.linalg.LinAlgError):
+        few, state, _ = short_fit(problem)
+        if _size(_away(few, state)) > FAR:
+            found = other_machine(replace(problem, free=few.free), state)
+            return (found,) if found else ()
+    return ()
+
+
+def refuse_other_machine(fit: Fit) -> None:
+    """Refuse a fit, with tolerances as prior, whose geometry is none of this machine's.
+
+    Raises:
+        Misread: with how far it is from nominal, and where most.
+    """
+    found = other_machine(fit.problem, fit.state)
+    if found is not None:
+        raise Misread.of([found], fit.problem.mechanism.units)
+
+
+def _away(problem: Problem, state: State) -> dict[str, float]:
+    """Return by how many tolerances the geometry is from nominal, zeros of drives left out."""
+    out = {}
+    for i in problem.free:
+        parameter = problem.mechanism.parameters[i]
+        tau = parameter.prior_sigma
+        if tau and parameter.tolerance_class and parameter.tolerance_class != OFFSET:
+            out[parameter.name] = abs(float(state.g[i]) - parameter.nominal) / tau
+    return out
+
+
+def _size(away: dict[str, float]) -> float:
+    return float(np.sqrt(np.mean(np.square([*away.values()])))) if away else 0.0
+
+
+def _right_in_part(problem: Problem) -> bool:
+    for data in problem.datasets:
+        for part in np.array_split(np.arange(len(data)), PARTS)[::PARTS - 1]:
+            with suppress(PpmcalError, np.linalg.LinAlgError):
+                few, state, left = short_fit(replace(
+                    problem, datasets=(data.take(part),), pivots=None, given=None, earlier=None))
+                if left <= TELLING and _size(_away(few, state)) <= NEAR:
+                    return True
+    return False
