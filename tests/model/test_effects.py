@@ -270,7 +270,8 @@ def test_traits_fit_together(kind: str) -> None:
             assert (len(tried) > 1) == s.nonlinear
     rows, k = 5, 2
     inputs = Inputs(*(np.ones((rows, k)) for _ in range(4)), np.ones(rows), np.ones((rows, 6)),
-                  np.ones(rows), np.ones(rows), np.ones((rows, 6)), np.ones((rows, 3)))
+                  np.ones(rows), np.ones(rows), np.ones((rows, 6)), np.ones((rows, 3)),
+                    np.ones((rows, k)))
     shape = found.input.value(inputs).shape
     parts = len(found.input.components)
     assert shape == (rows, parts) if parts else shape in ((rows,), (rows, k))
