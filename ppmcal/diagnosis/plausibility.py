@@ -72,6 +72,9 @@ OTHER_UNITS: Mapping[str, tuple[tuple[str, str, float], ...]] = {
     "vel": (("signs", "-1", -1.0), ("units", "per minute", 1.0 / 60.0)),
 }
 """By column: other readings, and the factor on what was recorded."""
+SIDES = ("+1 is where a joint ends beyond its encoder; of a drive that stays behind its encoder it "
+         "is the side from which it came, not the way it went")
+"""What the sign of a direction means: du = s width/2, with a width that is none below 0."""
 MUCH_BETTER = 10.0
 """BIC by which an effect of a column read otherwise has to be better than what was chosen."""
 
@@ -134,6 +137,8 @@ def _column_misreading(found: Found, hypothesis: Hypothesis, column: str, key: s
     what = "has the other sign" if key == "signs" else f"is in {value}"
     text = (f"{names[0] if len(names) == 1 else column + '_ of ' + ', '.join(hypothesis.on)} "
             f"{what}: {hypothesis.label} then has a size that machines have")
+    if column == "dir":
+        text += f". {SIDES}"
     whole: dict[str, str | int] = {n: int(value) if key == "signs" else value for n in names}
     block = None if value == "per minute" else with_line(data, key, whole)
     before = float(np.sqrt(np.mean(stage.residual**2)))
