@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.least_squares import (
     Progress,
     column_scale,
@@ -22,7 +23,6 @@ from ppmcal.calibration.least_squares import (
     prior_weights,
     qr_factor,
 )
-from ppmcal.calibration.misreading import gross_errors
 from ppmcal.calibration.observation import coordinates, shown
 from ppmcal.calibration.outliers import REJECT, distances, huber_weights, worst
 from ppmcal.calibration.problem import Problem, State

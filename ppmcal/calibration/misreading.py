@@ -14,14 +14,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import least_squares, parameter_scale, prior_weights
+from ppmcal.calibration.gross_rows import beyond, explained_distances, gross_errors, toleranced
+from ppmcal.calibration.least_squares import least_squares, prior_weights
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.negative_struts import negative_struts, with_positive_struts
 from ppmcal.calibration.observation import coordinates
-from ppmcal.calibration.outliers import Distances, distances, huber_weights
+from ppmcal.calibration.outliers import distances, huber_weights
 from ppmcal.calibration.plain_mistakes import other_zeros
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import NOISE, Misreading, Trial, find_misreading
@@ -31,10 +31,6 @@ from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.units import Units
 
-GROSS = 5.0
-"""A gross error: a row so many times beyond what noise and tolerances explain."""
-MOST_GROSS = 1.0 / 3.0
-"""If more rows than this part are gross, it is not rows that are wrong."""
 MANY_GROSS = 0.2
 """If more than this part are, they may be read wrongly, and no others."""
 DOUBTED = 5.0
@@ -100,38 +96,6 @@ class Misfit:
                 f"{self.after:.3g} times the noise")
 
 
-def explained_distances(problem: Problem, state: State) -> Distances:
-    """Return every row's distance from the machine, freed of what the tolerances explain."""
-    problem = _toleranced(problem)
-    scale = np.zeros(len(problem.columns))
-    scale[:len(problem.free)] = parameter_scale(problem)
-    nobody = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
-    return distances(problem, state, np.diag(scale**2), nobody)
-
-
-def _toleranced(problem: Problem) -> Problem:
-    """Return the problem with every parameter free that has a tolerance: all that may be wrong."""
-    own = {i for i, p in enumerate(problem.mechanism.parameters) if p.prior_sigma and not p.fixed}
-    return replace(problem, free=tuple(sorted(own | set(problem.free))))
-
-
-def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Bools]:
-    """Return which of the rows ``keep`` are gross errors, by data set (N,).
-
-    None where there are too many of them to be single mistakes.
-    """
-    out = _gross(explained_distances(problem, state), keep)
-    total = sum(int(k.sum()) for k in keep)
-    if sum(int(o.sum()) for o in out) > MOST_GROSS * total:
-        return [np.zeros_like(o) for o in out]
-    return out
-
-
-def _gross(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
-    limit = GROSS * max(1.0, found.times(keep))
-    return [k & (away > limit) for k, away in zip(keep, _away(found), strict=True)]
-
-
 def misfit(problem: Problem) -> Misfit:
     """Return how far measurements are from a machine, and how they may have been meant.
 
@@ -161,7 +125,7 @@ def misfit(problem: Problem) -> Misfit:
 
 def _misfit(problem: Problem) -> Misfit:
     """Return what :func:`misfit` does, of joints whose signs are right."""
-    few = _few(_toleranced(problem))
+    few = _few(toleranced(problem))
     try:
         state = few.start()
     except BadInput:
@@ -174,7 +138,7 @@ def _misfit(problem: Problem) -> Misfit:
     rows, lost = sum(k.size for k in keep), sum(int((~k).sum()) for k in keep)
     explained = explained_distances(few, state)
     times = explained.times(keep)
-    gross = sum(int(g.sum()) for g in _gross(explained, keep)) / max(rows, 1)
+    gross = sum(int(g.sum()) for g in beyond(explained, keep)) / max(rows, 1)
     position, rotation = _medians(few, state)
     before = after = float("nan")
     found = ()
@@ -215,7 +179,7 @@ def short_fit(problem: Problem) -> tuple[Problem, State, float]:
     Raises:
         BadInput: as :meth:`ppmcal.calibration.problem.Problem.start`.
     """
-    few = _few(_toleranced(problem))
+    few = _few(toleranced(problem))
     state = few.start()
     keep = [finite_rows(p) for p in state.poses]
     keep = [k & ~g for k, g in zip(keep, gross_errors(few, state, keep), strict=True)]
@@ -253,7 +217,7 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
     for data in problem.datasets:
         rows = np.arange(len(data))
         for part in () if data.frame.same_as else np.array_split(rows, PARTS)[::PARTS - 1]:
-            few = _few(_toleranced(replace(problem, datasets=(data.take(part),), pivots=None,
+            few = _few(toleranced(replace(problem, datasets=(data.take(part),), pivots=None,
                                            given=None, earlier=None)))
             try:
                 state = few.start()
@@ -294,7 +258,7 @@ def trial(problem: Problem, lands: float = np.inf) -> Trial:
     ``lands``: the fit is not made where more than so many times what tolerances and noise explain
     is left without it.
     """
-    few = _few(_toleranced(problem))
+    few = _few(toleranced(problem))
     state = few.start()
     keep = [finite_rows(p) for p in state.poses]
     if sum(int((~k).sum()) for k in keep) > LOST * sum(k.size for k in keep):
@@ -314,12 +278,6 @@ def _few(problem: Problem) -> Problem:
     datasets = tuple(d.take(np.flatnonzero(k)) if k.any() else d
                      for d, k in zip(problem.datasets, keep, strict=True))
     return replace(problem, datasets=datasets, earlier=None)
-
-
-def _away(found: Distances) -> list[Array]:
-    """Return each row's distance over the median of noise, by data set (N,); 0 where unknown."""
-    return [np.sqrt(np.where(np.isnan(d) | (m == 0), 0.0, d) / chdtri(np.maximum(m, 1.0), 0.5))
-            for d, m in zip(found.square, found.size, strict=True)]
 
 
 def _medians(problem: Problem, state: State) -> tuple[float, float]:

@@ -9,9 +9,10 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
+from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import gross_errors, refuse_small_misreading
+from ppmcal.calibration.misreading import refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.observation import coordinates

@@ -1,0 +1,58 @@
+"""Rows that are far beyond what noise and tolerances explain, whatever the geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from ppmcal.calibration.least_squares import parameter_scale
+from ppmcal.calibration.outliers import Distances, distances
+from ppmcal.calibration.problem import Problem, State
+from ppmcal.linalg import Array, Bools
+
+GROSS = 5.0
+"""A gross error: a row so many times beyond what noise and tolerances explain."""
+MOST_GROSS = 1.0 / 3.0
+"""If more rows than this part are gross, it is not rows that are wrong."""
+
+
+def explained_distances(problem: Problem, state: State) -> Distances:
+    """Return every row's distance from the machine, freed of what the tolerances explain."""
+    problem = toleranced(problem)
+    scale = np.zeros(len(problem.columns))
+    scale[:len(problem.free)] = parameter_scale(problem)
+    nobody = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
+    return distances(problem, state, np.diag(scale**2), nobody)
+
+
+def toleranced(problem: Problem) -> Problem:
+    """Return the problem with every parameter free that has a tolerance: all that may be wrong."""
+    own = {i for i, p in enumerate(problem.mechanism.parameters) if p.prior_sigma and not p.fixed}
+    return replace(problem, free=tuple(sorted(own | set(problem.free))))
+
+
+def gross_errors(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Bools]:
+    """Return which of the rows ``keep`` are gross errors, by data set (N,).
+
+    None where there are too many of them to be single mistakes.
+    """
+    out = beyond(explained_distances(problem, state), keep)
+    total = sum(int(k.sum()) for k in keep)
+    if sum(int(o.sum()) for o in out) > MOST_GROSS * total:
+        return [np.zeros_like(o) for o in out]
+    return out
+
+
+def beyond(found: Distances, keep: Sequence[Bools]) -> list[Bools]:
+    """Return the rows ``keep`` that are beyond :data:`GROSS` times what half of them are."""
+    limit = GROSS * max(1.0, found.times(keep))
+    return [k & (away > limit) for k, away in zip(keep, times_away(found), strict=True)]
+
+
+def times_away(found: Distances) -> list[Array]:
+    """Return each row's distance over the median of noise, by data set (N,); 0 where unknown."""
+    return [np.sqrt(np.where(np.isnan(d) | (m == 0), 0.0, d) / chdtri(np.maximum(m, 1.0), 0.5))
+            for d, m in zip(found.square, found.size, strict=True)]
