@@ -24,6 +24,8 @@ DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))
 
 import real_deltas  # noqa: E402
 import real_priors  # noqa: E402
+import real_sessions  # noqa: E402
+import real_stewart  # noqa: E402
 
 EDITED = ("011", "019", "022")
 """Events whose saved parameters were edited by hand after solving."""
@@ -144,3 +146,25 @@ def test_successive_calibrations_are_compared(capsys: pytest.CaptureFixture[str]
     (moved,) = [line for line in lines if line.startswith("015_")]
     assert all(f"{tower}.offset" in moved for tower in "abc")
     assert sum("offset" in line or "radius" in line for line in lines) < len(lines) / 2
+
+
+@pytest.mark.slow
+def test_what_a_day_of_the_rig_says_of_the_other() -> None:
+    """Frame anew, each day predicts the other; a curvature of one day is no worse on the other."""
+    mechanism, days = real_sessions.rig(DATA / "stewart-jugglebot")
+    first, second = real_sessions.both_ways(mechanism, days)
+    assert first.figures[0] < real_stewart.LIMITS["60 -> 108", ""]
+    assert second.figures[0] < real_stewart.LIMITS["108 -> 60", ""]
+    assert "curvature" in second.named
+    # a gain in the rows that both models are judged by, none over all rows
+    assert second.same[1] < second.same[0]
+    assert second.figures[1] < 1.01 * second.figures[0]
+
+
+@pytest.mark.slow
+def test_half_of_the_touches_is_not_explained_away_and_predicts_the_other() -> None:
+    """284 touches of one height: nothing is learned of that height."""
+    (path,) = (DATA / "delta-rostock").glob("*.csv")
+    for one in real_sessions.both_ways(*real_sessions.halves(path)):
+        assert one.figures[2] < 1.05 * one.figures[0]
+        assert one.figures[2] > 0.5 * one.figures[0]

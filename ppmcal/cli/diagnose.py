@@ -149,6 +149,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
     from ppmcal.io.results.diagnosis_wording import (
         actuators,
         name_of,
+        onset,
         own_values,
         rivals,
         together,
@@ -160,8 +161,9 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         heads = ["" if list(e.on) == on else f"{where(e.on, actuators(record))} " for e in group]
         chances = [_p(e.log10_p) for e in group]
         alone = [f" ({p})" if len(set(chances)) > 1 else "" for p in chances]
-        sizes = own_values(record, group) or "; ".join(f"{head}{_values(e.parameters)}{p}"
-                          for head, e, p in zip(heads, group, alone, strict=True))
+        sizes = own_values(record, group) or "; ".join(
+            f"{head}{_event(onset(e))}{_values(e.parameters)}{p}"
+            for head, e, p in zip(heads, group, alone, strict=True))
         out.append(f"{name_of(record, group[0].kind, on)}: {sizes}"
                    + ("." if alone[0] else f"; {chances[0]}."))
         out += [f"  {head}{_values(e.derived)} at mid-stroke ({number(at.value)} {at.unit})."
@@ -169,6 +171,10 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         if others := rivals(record, group[0]):
             out.append(f"  Cannot be told from: {'; '.join(others)}.")
     return out
+
+
+def _event(when: str) -> str:
+    return f"{when}: " if when else ""
 
 
 def _suspected(result: Diagnosis) -> list[str]:

@@ -18,6 +18,7 @@ from ppmcal.calibration.sessions import session_masks
 from ppmcal.diagnosis.linear_system import MOST_ROWS, System, build
 from ppmcal.diagnosis.result import NamedEffect, SessionEffect
 from ppmcal.linalg import Array, Bools, subsample
+from ppmcal.wording import where
 
 SEEN = 1e-10
 """An effect is not seen in a session that holds less than this of its squared column."""
@@ -37,15 +38,19 @@ def with_sessions(fit: Fit, effects: Sequence[NamedEffect]
     told = []
     for effect, sizes in zip(effects, found, strict=True):
         if sizes is not None and sizes.p_value < DIFFERENT:
-            name = sizes.names[0]
-            quantity = mechanism.parameters[mechanism.names.index(name)].quantity
+            first = sizes.names[0]
+            quantity = mechanism.parameters[mechanism.names.index(first)].quantity
             unit = mechanism.units.factor(quantity)
             each = ", ".join(
                 f"{value / unit:.3g} ± {sigma / unit:.2g} {mechanism.units.name(quantity)} in "
                 f"{label}" for label, value, sigma in zip(
                     sizes.labels, sizes.value[:, 0], sizes.sigma[:, 0], strict=True))
-            told.append(f"{effect.hypothesis.label} is not the same in all sessions (p = "
-                        f"{sizes.p_value:.1g}): {name.rpartition('.')[2]} {each}")
+            place = where(effect.on, len(mechanism.actuators))
+            # one hypothesis may have a value for each of several actuators
+            kind = effect.hypothesis.label.partition(" on ")[0]
+            name = f"{kind} on {place}" if place else kind
+            told.append(f"{name} is not the same in all sessions (p = "
+                        f"{sizes.p_value:.1g}): {first.rpartition('.')[2]} {each}")
     return tuple(replace(e, sessions=s) for e, s in zip(effects, found, strict=True)), told
 
 

@@ -29,6 +29,10 @@ PER_NODE = 3
 """Rows that a node must have, in the mean."""
 MARGIN = 0.005
 """The first and the last node are beyond the data by this part of their range."""
+FELT = 1e-9
+"""A term that moves the measured values by less than this part of what others do is not felt."""
+BEYOND = 30.0
+"""A pose coordinate is an input where its range is so many times what residuals amount to."""
 PASSING = ("time",)
 """Inputs that no later command can have again: what follows them is told, and not learned."""
 
@@ -98,16 +102,18 @@ def all_settings(fit: Fit) -> list[Setting]:
 def candidates(seen: Visible, everywhere: Sequence[Setting]) -> list[TermCandidate]:
     """Return the terms that these rows could tell, those of joints first.
 
+    Terms that no measured coordinate feels are not among them.
+
     Args:
         seen: the rows.
         everywhere: all rows that the model has to hold in, for the nodes.
     """
-    out = []
-    for curve, on in _forms(seen, everywhere):
-        columns = columns_of(seen, curve, on)
-        if np.isfinite(columns).all():
-            out.append(TermCandidate(curve, on, columns, without_range(columns, seen.basis)))
-    return out
+    tried = [(curve, on, columns_of(seen, curve, on)) for curve, on in _forms(seen, everywhere)]
+    tried = [t for t in tried if np.isfinite(t[2]).all()]
+    # heights of a level plane say nothing of where along it the platform is
+    least = FELT * max((float(np.abs(c).max()) for *_, c in tried), default=0.0)
+    return [TermCandidate(curve, on, columns, without_range(columns, seen.basis))
+            for curve, on, columns in tried if np.abs(columns).max() > least]
 
 
 def again(seen: Visible, term: TermCandidate) -> TermCandidate:
@@ -129,6 +135,8 @@ def _forms(seen: Visible, everywhere: Sequence[Setting]
     for source in INPUTS.values():
         if source.name in PASSING or not _recorded(source, here, mechanism.coordinates):
             continue
+        if source.name in PLACE and _is_residual(seen, source, here):
+            continue
         for on in groups:
             joint = mechanism.actuator_quantity[on.index(True)]
             curve = _curve(source, here, everywhere, on, joint)
@@ -142,6 +150,20 @@ def _forms(seen: Visible, everywhere: Sequence[Setting]
             for acts in mechanism.coordinates if curve is not None else ():
                 assert curve is not None
                 yield replace(curve, acts=acts), (True,) * k
+
+
+def _is_residual(seen: Visible, source: LearnedInput, here: Sequence[Setting]) -> bool:
+    """Return whether a coordinate of the predicted pose hardly varies but by the errors.
+
+    Where touches are all of one height, the predicted z is that height less the residual: a
+    function of it explains every residual, also of unseen rows, and nothing else.
+    """
+    place = slice(0, 3) if PLACE[source.name] < 3 else slice(3, 6)
+    units = np.concatenate([u.reshape(-1, 6) for u in seen.by_place])[:, place]
+    felt = float(np.sqrt(np.max(np.mean(units**2, axis=0))))
+    size = float(np.sqrt(np.mean(seen.left**2)))
+    width = float(np.ptp(np.concatenate([source.value(s) for s in here])))
+    return width * felt < BEYOND * size
 
 
 def _recorded(source: LearnedInput, here: Sequence[Setting], coordinates: Sequence[str]) -> bool:

@@ -14,6 +14,8 @@ from helpers.commands import number, ppmcal, rows, write_csv
 from helpers.diagnoses import effect, simulate
 
 from ppmcal.api.inputs import load, shipped
+from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, EventRow
+from ppmcal.io.results.diagnosis_wording import onset
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import effect_terms, final_shift, setting
 from ppmcal.kinematics.registration import after_events
@@ -83,6 +85,14 @@ def test_rows_count_in_their_own_file(tmp_path: Path) -> None:
     (only,) = [e for e in found["effects"] if e["kind"] == "zero_shift"]
     assert only["row"]["dataset"] == "second" and abs(only["row"]["value"] - 7) <= 2
     assert only["parameters"]["from_row"]["value"] == 24 + only["row"]["value"]
+
+
+def test_the_row_of_an_event_is_told() -> None:
+    wide = DiagnosedEffect(kind="zero_shift", row=EventRow(value=76, low=60, high=77, dataset="b"))
+    assert onset(wide) == "from row 76 of b on (95 %: 60 to 77)"
+    sure = wide.model_copy(update={"row": EventRow(value=7, low=7, high=7, dataset="b")})
+    assert onset(sure) == "from row 7 of b on"
+    assert onset(DiagnosedEffect(kind="gain")) == ""
 
 
 def model(tmp_path: Path, effects: list[dict[str, Any]]) -> Any:

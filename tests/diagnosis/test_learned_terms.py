@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import real_priors
 import yaml
 from helpers.commands import ppmcal
 from helpers.diagnoses import BOXES, CONFIGS, STATION
@@ -19,7 +20,7 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnosis.diagnose import DiagnosisOptions, _split
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, _split, diagnose
 from ppmcal.diagnosis.held_out_gap import measure_gap
 from ppmcal.diagnosis.learned_terms import learned_terms, visible
 from ppmcal.diagnosis.learning import learn, relearned, shapes_of
@@ -32,6 +33,46 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
 ROBUST = FitOptions()
+ROD, RADIUS = 300.0, 150.0
+
+
+def touches(size: float, count: int = 15) -> tuple[Mechanism, tuple[Dataset, ...]]:
+    """Return a linear delta and touches of a level bed, and of waves of it, mm."""
+    turns = np.radians([210.0, 330.0, 90.0])
+    start = {"radius": RADIUS, "arms": [ROD] * 3, "angles": np.degrees(turns).tolist(),
+             "stepdists": [0.01] * 3, "endstops": [0.0] * 3}
+    grid = np.linspace(-70.0, 70.0, count)
+    x, y = (v.ravel() for v in np.meshgrid(grid, grid))
+    rng = np.random.default_rng(3)
+    wave = size * np.sin(x / 9.0) * np.sin(y / 9.0) + 0.02 * rng.standard_normal(x.size)
+    away = np.hypot(x[:, None] - RADIUS * np.cos(turns), y[:, None] - RADIUS * np.sin(turns))
+    carriage = wave[:, None] + np.sqrt(ROD**2 - away**2)
+    steps = (np.sqrt(ROD**2 - RADIUS**2) - carriage) / 0.01
+    rows = np.column_stack([np.zeros(x.size), steps]).tolist()
+    return real_priors.machine({"heights": rows, "distances": [], "geometry_start": start}, "fixed")
+
+
+def test_a_level_bed_is_not_explained_by_its_own_height() -> None:
+    """The predicted height of one plane is the residual itself; what nothing feels is no term."""
+    mechanism, data = touches(0.1)
+    fit = identify(Problem(mechanism, data, mechanism.free), FitOptions(robust=False))
+    seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+    tried = candidates(seen, all_settings(fit))
+    inputs = {(c.curve.input, c.curve.acts) for c in tried}
+    assert {("x", "z"), ("y", "z"), ("travel", "joint")} <= inputs
+    assert not any(i == "z" or acts in ("x", "y") for i, acts in inputs)
+    # each can be judged
+    assert all(shapes_of(c) for c in tried)
+
+
+@pytest.mark.slow
+def test_waves_of_a_level_bed_are_not_explained_away() -> None:
+    mechanism, data = touches(0.1)
+    found = diagnose(Problem(mechanism, data, mechanism.free))
+    assert found.verdict in ("unnamed", "partial")
+    if found.learned is not None:
+        # the waves are of x and y together, which no term of one input can be
+        assert found.learned.gap.after > 1.0
 
 
 def hidden(input_: str, x: Array, y: Array, **more: Any) -> dict[str, Any]:

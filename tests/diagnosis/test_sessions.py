@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,9 @@ from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import on_other_rows
+from ppmcal.diagnosis import session_effects
 from ppmcal.diagnosis.held_out_blocks import _left_out, schemes
+from ppmcal.diagnosis.result import NamedEffect, SessionEffect
 from ppmcal.io import read_campaign, read_mechanism
 
 OTHER = "t/measurements.csv"
@@ -105,6 +108,25 @@ def test_a_left_out_session_is_predicted_to_first_order_as_by_a_fit_without_it(
         errors, _ = on_other_rows(fit, [data[out]])
         wanted = np.sqrt(np.mean(np.nansum((errors.vector[0] / errors.sigma[0]) ** 2, axis=1)))
         assert found == pytest.approx(wanted, rel=0.02)
+
+
+def test_what_differs_between_sessions_names_its_own_actuator(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """One hypothesis with a value for each leg: each leg is told by its name."""
+    legs = ("leg1", "leg2", "leg3")
+    mechanism = SimpleNamespace(
+        actuators=legs, names=[f"gain.{leg}.gain" for leg in legs],
+        parameters=[SimpleNamespace(quantity="number")] * 3,
+        units=SimpleNamespace(factor=lambda q: 1.0, name=lambda q: ""))
+    whole = SimpleNamespace(label="gain on leg1, leg2, leg3")
+    effects = [NamedEffect("gain", (leg,), (f"gain.{leg}.gain",), 1e-9, -20.0, 0.9, (), (),
+                           whole) for leg in legs[:2]]
+    differs = [SessionEffect(("s", "t"), e.parameters, np.array([[0.1], [0.5]]),
+                             np.full((2, 1), 0.01), 1e-6) for e in effects]
+    monkeypatch.setattr(session_effects, "session_effects", lambda fit, named: differs)
+    fit = SimpleNamespace(problem=SimpleNamespace(mechanism=mechanism))
+    _, told = session_effects.with_sessions(fit, effects)
+    assert [t.partition(" is not")[0] for t in told] == ["gain on leg1", "gain on leg2"]
 
 
 def test_one_session_cannot_be_left_out(tmp_path: Path) -> None:

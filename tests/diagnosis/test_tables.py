@@ -28,6 +28,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.results import diagnosis_wording as wording
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import effects_csv
+from ppmcal.io.results.diagnosis_parts import NextMeasurements
 from ppmcal.report.diagnosis import diagnosis_section
 from ppmcal.report.records import Diagnosed
 from ppmcal.wording import number
@@ -268,3 +269,13 @@ def test_amplitude_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     page = diagnosis_section(Diagnosed("d", wavy().whole, None))
     assert re.search(r"amplitude [\d.]+ ± [\d.]+ mm; phase at mid-stroke [−-]?[\d.]+ ± [\d.]+ deg",
                      page)
+
+
+@pytest.mark.parametrize("odds", [650000.0, 1.0 / 650000.0])
+def test_odds_before_and_after_are_of_different_things(odds: float) -> None:
+    """A lead now, whichever way, and what is left of it at least if the other one is true."""
+    record = DiagnosisRecord(next_measurements=NextMeasurements(
+        reason="65 measurements", file="next.csv", rows=65, odds_before=odds, odds_after=21.0))
+    step = wording.next_step(record)
+    assert "ahead by odds of 650000 to 1 now" in step
+    assert "even if it is the other, should be ahead by 21 to 1" in step

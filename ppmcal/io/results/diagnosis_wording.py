@@ -97,8 +97,20 @@ def _own(group: Group, name: str) -> str:
     if not known:
         return f"{name}: {each}"
     unit = f" {values[0].unit}".rstrip()
-    return (f"{name} {number(min(known), 3)} to {number(max(known), 3)}{unit} ({each}; "
+    low, high = (number(end(known), 3) for end in (min, max))
+    if low == high:
+        low, high = (number(end(known)) for end in (min, max))
+    return (f"{name} {low} to {high}{unit} ({each}; "
             f"+- {number(widest, 2)} at most)")
+
+
+def onset(effect: DiagnosedEffect) -> str:
+    """Return ``from row 76 of day2 on (95 %: 60 to 77)`` of an event, else nothing."""
+    if effect.row is None:
+        return ""
+    row = effect.row
+    sure = f" (95 %: {row.low} to {row.high})" if row.low < row.high else ""
+    return f"from row {row.value}{f' of {row.dataset}' if row.dataset else ''} on{sure}"
 
 
 def effect_name(record: DiagnosisRecord, effect: DiagnosedEffect) -> str:
@@ -212,8 +224,10 @@ def next_step(record: DiagnosisRecord) -> str:
         out.append(f"They are in {wanted.file}{much}.")
         before, after = finite(wanted.odds_before), finite(wanted.odds_after)
         if before and after:
-            out.append(f"The odds between the rivals are {_odds(before)} to 1 now and should be "
-                       f"about {_odds(after)} to 1 then.")
+            lead = max(before, 1.0 / before)
+            out.append(f"The likelier of the two is ahead by odds of {_odds(lead)} to 1 now. With "
+                       "these rows the true one, even if it is the other, should be ahead by "
+                       f"{_odds(after)} to 1 or more.")
     return " ".join(out)
 
 
