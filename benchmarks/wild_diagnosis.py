@@ -59,11 +59,6 @@ class Job:
     rows: int
     eta: float
 
-    @property
-    def key(self) -> str:
-        """What identifies the campaign in a stopped study."""
-        return f"{self.case}|{self.machine}|{self.seed}|{self.rows}|{self.eta}"
-
 
 @dataclass(frozen=True)
 class Line:
@@ -119,7 +114,7 @@ def run(job: Job) -> Line | None:
             kinds = " ".join(m.kind for f in error.found for m in f.mistakes)
             return _line(job, truth, {"verdict": f"misread {kinds}".strip()}, start)
         except PpmcalError as error:
-            print(f"{job.key}: {error}", file=sys.stderr)
+            print(f"{job}: {error}", file=sys.stderr)
             return _line(job, truth, {"verdict": "refused"}, start)
         return _line(job, truth, found, start)
 
@@ -250,10 +245,10 @@ def main() -> None:
     path = given.out / "wild.csv"
     if not given.summary:
         end = time.monotonic() + 60.0 * given.minutes if given.minutes else None
-        done = {Job(r["case"], r["machine"], int(r["seed"]), int(r["rows"]), float(r["eta"])).key
+        done = {Job(r["case"], r["machine"], int(r["seed"]), int(r["rows"]), float(r["eta"]))
                 for r in read(path)}
         todo = [j for j in jobs(given.groups, given.cases, given.machines, given.seeds,
-                                given.rows, given.eta) if j.key not in done]
+                                given.rows, given.eta) if j not in done]
         work(path, Line, run, todo, end, given.cores)
     text = table(read(path))
     (given.out / "summary.md").write_text(text, encoding="utf-8")

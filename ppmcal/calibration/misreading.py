@@ -214,18 +214,25 @@ def right_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints]]:
 
     What is read wrongly is wrong from the first row to the last.
     """
+    for data, part, alone in end_parts(problem):
+        if data.frame.same_as:
+            continue
+        few = _few(toleranced(alone))
+        try:
+            state = few.start()
+        except PpmcalError:
+            continue
+        keep = [finite_rows(p) for p in state.poses]
+        if keep[0].mean() > LOST and explained_distances(few, state).times(keep) <= DOUBTED:
+            yield data, part
+
+
+def end_parts(problem: Problem) -> Iterator[tuple[Dataset, Ints, Problem]]:
+    """Yield each data set with its first and its last rows, and the problem of these alone."""
     for data in problem.datasets:
-        rows = np.arange(len(data))
-        for part in () if data.frame.same_as else np.array_split(rows, PARTS)[::PARTS - 1]:
-            few = _few(toleranced(replace(problem, datasets=(data.take(part),), pivots=None,
-                                           given=None, earlier=None)))
-            try:
-                state = few.start()
-            except PpmcalError:
-                continue
-            keep = [finite_rows(p) for p in state.poses]
-            if keep[0].mean() > LOST and explained_distances(few, state).times(keep) <= DOUBTED:
-                yield data, part
+        for part in np.array_split(np.arange(len(data)), PARTS)[::PARTS - 1]:
+            yield data, part, replace(problem, datasets=(data.take(part),), pivots=None,
+                                      given=None, earlier=None)
 
 
 def _other_zeros(problem: Problem) -> tuple[Misreading, ...]:

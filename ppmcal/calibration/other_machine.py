@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.misread import Misread
-from ppmcal.calibration.misreading import PARTS, TELLING, short_fit
+from ppmcal.calibration.misreading import TELLING, end_parts, short_fit
 from ppmcal.calibration.mistakes import Mistake
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import NOISE, Misreading
@@ -92,11 +92,9 @@ def _size(away: dict[str, float]) -> float:
 
 
 def _right_in_part(problem: Problem) -> bool:
-    for data in problem.datasets:
-        for part in np.array_split(np.arange(len(data)), PARTS)[::PARTS - 1]:
-            with suppress(PpmcalError, np.linalg.LinAlgError):
-                few, state, left = short_fit(replace(
-                    problem, datasets=(data.take(part),), pivots=None, given=None, earlier=None))
-                if left <= TELLING and _size(_away(few, state)) <= NEAR:
-                    return True
+    for *_, alone in end_parts(problem):
+        with suppress(PpmcalError, np.linalg.LinAlgError):
+            few, state, left = short_fit(alone)
+            if left <= TELLING and _size(_away(few, state)) <= NEAR:
+                return True
     return False

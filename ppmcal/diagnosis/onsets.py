@@ -110,16 +110,13 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
         system.jacobian.shape[2] - len(fit.problem.free)))) if p not in own]
     # events of one joint take each other's place: as steps that add up they are linear
     flat = system.jacobian[..., rest].reshape(system.residual.size, -1)
-    beside = [_steps(system, [e], _row(fit.state.g, e)) for e in others]
+    beside = np.zeros((len(flat), 0)) if not others else np.concatenate(
+        [_steps(system, [e], _row(fit.state.g, e)) for e in others], axis=1)
     sizes = np.concatenate([_own_step(fit.state.g, e, others) for e in effects])
     here = _steps(system, effects, event.row) @ sizes
-    used = np.concatenate([k[there_] for k, there_ in zip(fit.keep, keep, strict=True)])
+    used = np.concatenate([k[rows] for k, rows in zip(fit.keep, keep, strict=True)])
     weight = _in_a_state(system, here, _steps(system, effects, -np.inf) @ sizes, used)
-    # what no tolerance makes visible may not imitate a step, see `INVISIBLE`
-    basis = range_basis(weight[:, None] * flat, INVISIBLE)
-    if beside:
-        more = unit_columns(_free_of(basis, weight[:, None] * np.concatenate(beside, axis=1)))
-        basis = np.concatenate([basis, range_basis(more)], axis=1)
+    basis = _basis(weight[:, None] * flat, weight[:, None] * beside)
     target = _free_of(basis, (weight * (system.residual.reshape(-1) + here))[:, None])[:, 0]
     tried = _tried(system, mechanism, effects[0], event.row,
                    [_row(fit.state.g, e) for e in others])
@@ -135,6 +132,18 @@ def _profiled(fit: Fit, event: _Event) -> Onset:
     rows = np.concatenate([p.response.rows.row for p in system.parts])
     low = rows[rows < near.min()].max(initial=0.0) + 1.0
     return Onset(best, int(low), int(near.max()))
+
+
+def _basis(geometry: Array, steps: Array) -> Array:
+    """Return a basis (n, r) of the geometry's white columns (n, C) and other events' (n, c).
+
+    What no tolerance makes visible may not imitate a step, see :data:`INVISIBLE`.
+    """
+    basis = range_basis(geometry, INVISIBLE)
+    if not steps.shape[1]:
+        return basis
+    more = range_basis(unit_columns(_free_of(basis, steps)))
+    return np.concatenate([basis, more], axis=1)
 
 
 def _in_a_state(system: System, here: Array, after: Array, used: Bools) -> Array:
