@@ -139,6 +139,9 @@ def _events() -> dict[str, Case]:
         "base-moved": event(ev.bumped("base")),
         "base-moved-twice": event(ev.bumped("base", *early), ev.bumped("base", *late)),
         "homed-and-bumped": event(ev.homed_again("one", *early), ev.bumped("base", *late)),
+        "base-sways": event(ev.base_wanders("sways")),
+        "base-walks": event(ev.base_wanders("walks")),
+        "leg-settles": event(ev.leg_settles),
         "homed-with-heat": event(ev.homed_again("one"), bo.thermal("leg"), plan=WARM),
     }
 

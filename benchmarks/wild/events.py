@@ -87,3 +87,37 @@ def bumped(what: str, low: float = 0.25, high: float = 0.75):
         return Effect(f"{what}_shift", (), {"step": step}, ("step",), units, apply, row=row)
 
     return make
+
+
+def base_wanders(how: str):
+    """The instrument's stand never rests: a slow wave, or a random walk. In no list."""
+
+    def make(rng, run):
+        cols = [c for c in COLUMNS[run.machine.motion] if c < 3]
+        if how == "sways":
+            path = np.zeros((run.count, 6))
+            turns, phase = rng.uniform(0.5, 1.5), rng.uniform(0, 2 * np.pi)
+            place = run.time / max(run.time[-1], 1.0)
+            path[:, rng.choice(cols)] = 0.05 * np.sin(2 * np.pi * turns * place + phase)
+        else:
+            path = np.zeros((run.count, 6))
+            path[:, cols] = 0.01 * np.cumsum(rng.normal(size=(run.count, len(cols))), axis=0)
+
+        def apply(state, r, v):
+            last = np.tile(path[-1:], (r.count - len(path), 1))  # rows after the campaign
+            state.base_step += v["size"] * np.concatenate([path, last])
+
+        return Effect("learned", (), {"size": 1.0}, ("size",), {"size": "1"}, apply,
+                      note=f"base {how}")
+
+    return make
+
+
+def leg_settles(rng, run: Run) -> Effect:
+    """A leg's zero comes to rest slowly, with the time since it was mounted. In no list."""
+    legs, rest = pick(rng, run, "one"), rng.uniform(0.1, 0.4)
+    return joint_effect(
+        "learned", legs, {"size": tick(run)}, ("size",), {"size": unit(run)},
+        lambda r, v: v["size"] * np.exp(-r.time / (rest * max(run.time[-1], 1.0)))[:, None],
+        note="settles",
+    )  # fmt: skip

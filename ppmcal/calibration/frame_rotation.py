@@ -10,8 +10,10 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.registration import Registration
 
-SEARCHED, REFINED, SEARCH_ROWS = 300, 5, 60
-"""Frame rotations tried, those refined, and the rows that decide."""
+SEARCHED, REFINED, STEPS, DECIDING = 300, 5, 25, 2000
+"""Frame rotations tried, those refined, at most so many steps, and the rows that decide."""
+NEGLIGIBLE = 1e-6
+"""Singular values below this part of the largest count as none."""
 
 
 def frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
@@ -35,53 +37,68 @@ def frame_turn(data: Dataset, rotation: Array, origin: Array, position: Array,
     rigid = _nearest_rotation(b.T @ a, planar)
     if not data.target.fitted:
         return rigid
-    some = np.linspace(0, len(origin) - 1, min(len(origin), SEARCH_ROWS)).astype(int)
-    rows = rotation[some], origin[some], position[some]
-    trials = [rigid, *_all_turns(planar)]
-    misses = [_linear_miss(t, *rows)[0] for t in trials]
-    best = [trials[i] for i in np.argsort(misses)[:REFINED]]
-    refined = [_refined(t, *rows, planar) for t in best]
-    return min(refined, key=lambda t: _linear_miss(t, *rows)[0])
+    some = np.linspace(0, len(origin) - 1, min(len(origin), DECIDING)).astype(int)
+    form = _miss_form(rotation[some], origin[some], position[some])
+    trials = np.concatenate([rigid[None], _all_turns(planar)])
+    best = trials[np.argsort(_miss(form, trials), kind="stable")[:REFINED]]
+    refined = _refined(form, best, planar)
+    return np.asarray(refined[np.argmin(_miss(form, refined))])
 
 
-def _all_turns(planar: bool) -> list[Array]:
-    """Return rotations spread evenly over all (seeded quaternions; angles in the plane)."""
+def _all_turns(planar: bool) -> Array:
+    """Return rotations (t, 3, 3) spread over all: seeded quaternions; angles in the plane."""
     if planar:
         angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
-        return list(cga.rotation_matrix(cga.rotor(np.array([0.0, 0.0, 1.0]), angles)))
+        return cga.rotation_matrix(cga.rotor(np.array([0.0, 0.0, 1.0]), angles))
     quaternions = np.random.default_rng(0).normal(size=(SEARCHED, 4))
     quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-    return list(cga.rotation_matrix(cga.motor_from_quaternion(quaternions, np.zeros(3))))
+    return cga.rotation_matrix(cga.motor_from_quaternion(quaternions, np.zeros(3)))
 
 
-def _linear_miss(turn: Array, rotation: Array, origin: Array, position: Array
-                 ) -> tuple[float, Array, Array]:
-    """Return the squared miss of a frame rotation, the residuals (n, 3) and the target (3,)."""
+def _miss_form(rotation: Array, origin: Array, position: Array) -> Array:
+    """Return F (k, 10): a rotation T of the frame misses by ``|F [vec T, 1]|``, at its best.
+
+    Turned back into the base, position i is ``T' y_i = s + o_i + R_i t``: what the frame's
+    origin s and the target t do does not depend on T, and is taken off once for all rotations.
+    """
     n = origin.shape[0]
-    matrix = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turn @ rotation], axis=-1)
-    right = (position - origin @ turn.T).reshape(-1)
-    x = np.linalg.lstsq(matrix.reshape(-1, 6), right, rcond=1e-6)[0]
-    residual = (right - matrix.reshape(-1, 6) @ x).reshape(n, 3)
-    return float(np.sum(residual**2)), residual, x[3:]
+    y, o = position - position.mean(axis=0), origin - origin.mean(axis=0)
+    by_turn = np.einsum("nj,ik->nijk", y, np.eye(3)).reshape(-1, 9)
+    matrix = np.concatenate([by_turn, -o.reshape(-1, 1)], axis=1)
+    rest = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), rotation], axis=-1)
+    left, size, _ = np.linalg.svd(rest.reshape(-1, 6), full_matrices=False)
+    basis = left[:, size > NEGLIGIBLE * size[0]]
+    return np.asarray(np.linalg.qr(matrix - basis @ (basis.T @ matrix), mode="r"))
 
 
-def _refined(turn: Array, rotation: Array, origin: Array, position: Array, planar: bool) -> Array:
-    """Gauss-Newton on the rotation, origin and target eliminated in each step."""
-    for _ in range(25):
-        before, residual, target = _linear_miss(turn, rotation, origin, position)
-        n = origin.shape[0]
-        seen = (origin + rotation @ target) @ turn.T
-        by_turn = -cross_matrix(seen - seen.mean(axis=0))
-        if planar:
-            by_turn = by_turn * np.array([0.0, 0.0, 1.0])
-        rest = np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turn @ rotation], axis=-1)
-        matrix = np.concatenate([by_turn, rest], axis=-1).reshape(-1, 9)
-        step = np.linalg.lstsq(matrix, residual.reshape(-1), rcond=1e-6)[0][:3]
-        moved = cga.rotation_matrix(cga.motor_from_rotation_vector(step, np.zeros(3))) @ turn
-        if _linear_miss(moved, rotation, origin, position)[0] >= before:
+def _residual(form: Array, turns: Array) -> Array:
+    """Return the residuals (t, k) of rotations (t, 3, 3)."""
+    return np.asarray(turns.reshape(-1, 9) @ form[:, :9].T + form[:, 9])
+
+
+def _miss(form: Array, turns: Array) -> Array:
+    """Return the squared misses (t,) of rotations (t, 3, 3)."""
+    return np.asarray(np.sum(_residual(form, turns) ** 2, axis=1))
+
+
+def _refined(form: Array, turns: Array, planar: bool) -> Array:
+    """Gauss-Newton on rotations (t, 3, 3) at once; each stops where a step no longer helps."""
+    axes = cross_matrix(np.eye(3))[2:] if planar else cross_matrix(np.eye(3))
+    missed = _miss(form, turns)
+    for _ in range(STEPS):
+        by_turn = (axes @ turns[:, None]).reshape(len(turns), len(axes), 9) @ form[:, :9].T
+        step = np.einsum("tak,tk->ta", -np.linalg.pinv(np.swapaxes(by_turn, 1, 2), NEGLIGIBLE),
+                         _residual(form, turns))
+        vector = np.zeros((len(turns), 3))
+        vector[:, -len(axes):] = step
+        moved = cga.rotation_matrix(cga.motor_from_rotation_vector(vector, np.zeros(3))) @ turns
+        miss = _miss(form, moved)
+        better = miss < missed
+        if not better.any():
             break
-        turn = moved
-    return turn
+        turns = np.where(better[:, None, None], moved, turns)
+        missed = np.where(better, miss, missed)
+    return turns
 
 
 def mean_rotation(rotations: Array, planar: bool) -> Array:

@@ -19,6 +19,7 @@ from ppmcal.diagnosis.hypotheses import (
 )
 from ppmcal.diagnosis.linear_system import System, SystemPart
 from ppmcal.diagnosis.search import Search, columns_of
+from ppmcal.diagnosis.wandering import add_courses
 from ppmcal.kinematics.effect_response import carried_by, setting
 from ppmcal.kinematics.needed_columns import lacking
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -287,4 +288,5 @@ def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[
     if kinds is None:
         shapes(maker)
         unrecorded_load(maker)
+        add_courses(maker)
     return maker.library()

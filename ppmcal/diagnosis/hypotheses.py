@@ -26,6 +26,7 @@ class Hypothesis:
         slot: the frozen parameter's name, for ``geometry``.
         anonymous: a shape without a cause; it takes part so that no kind has to imitate
             it, and is never named.
+        follows: what such a shape follows.
         searched: how many constants a grid has chosen.
         turns: periods per stroke of a periodic error.
         strokes: which constants are ends of the stroke: each joint may have its own.
@@ -34,7 +35,8 @@ class Hypothesis:
         usual: the range in which machines have it, by column; empty: any.
         columns: where its columns are in the library.
         effect: the kind with its traits; None for a frozen slot or a shape without a cause.
-        part: of a kind whose parameters are causes of their own, the one that it has.
+        part: of a kind whose parameters are causes of their own, the one that it has; of a shape
+            without a cause what moves along what.
         leans: kind and actuators of what gives way to the load, which has to be chosen too; its
             coefficient is the parameter times that of the other.
         caution: by which its evidence is divided: what a step explains grows with the noise's
@@ -52,6 +54,7 @@ class Hypothesis:
     constants: dict[str, float] = field(default_factory=dict)
     slot: str = ""
     anonymous: bool = False
+    follows: str = ""
     searched: int = 0
     turns: float = 0.0
     strokes: tuple[str, ...] = ()
@@ -103,7 +106,7 @@ class Hypothesis:
         if self.slot:
             return f"{GEOMETRY} {self.slot}"
         if self.anonymous:
-            return f"an unknown shape along {' '.join(self.on) or 'the position'}"
+            return f"an unknown shape along {self.part or self.follows}"
         return f"{self._called} on {', '.join(self.on)}" if self.on else self.family
 
 
@@ -136,13 +139,15 @@ class Untestable:
 class Library:
     """All hypotheses: ``columns`` (N, m, T) white, ``hypotheses`` over them, what is untestable.
 
-    ``unrecorded``: what might be there too, but cannot be tested for want of a column.
+    ``unrecorded``: what might be there too, but cannot be tested for want of a column;
+    ``courses``: how machine and instrument may have wandered while rows were measured.
     """
 
     columns: Array
     hypotheses: tuple[Hypothesis, ...]
     untestable: tuple[Untestable, ...]
     unrecorded: tuple[Hypothesis, ...] = ()
+    courses: tuple[Hypothesis, ...] = ()
 
 
 class Collector:
@@ -154,6 +159,7 @@ class Collector:
         self.hypotheses: list[Hypothesis] = []
         self.untestable: list[Untestable] = []
         self.unrecorded: list[Hypothesis] = []
+        self.courses: list[Hypothesis] = []
         mechanism = system.problem.mechanism
         self.actuators = mechanism.actuators
         self.motion = mechanism.motion
@@ -173,7 +179,7 @@ class Collector:
         shape = (*self.system.residual.shape, 0)
         columns = np.stack(self.columns, axis=-1) if self.columns else np.zeros(shape)
         return Library(columns, tuple(self.hypotheses), tuple(self.untestable),
-                       tuple(self.unrecorded))
+                       tuple(self.unrecorded), tuple(self.courses))
 
 
 def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
@@ -241,7 +247,7 @@ def shapes(to: Collector) -> None:
             to.hypotheses.append(Hypothesis(
                 LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
                 (to.shifted(shifts),), anonymous=True,
-                searched=2 if width else 1))
+                follows=name, searched=2 if width else 1))
     points = [p.response.seen.points[p.response.end] for p in to.system.parts]
     middle = np.concatenate(points).mean(axis=0)
     shifts = []
@@ -252,7 +258,8 @@ def shapes(to: Collector) -> None:
         turn = np.eye(3) - middle[:, None] * point[:, None, :] / along
         shifts.append(Shift(stretch=swell[:, None, None] * turn))
     to.hypotheses.append(Hypothesis(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
-                           (to.shifted(shifts),), anonymous=True))
+                           (to.shifted(shifts),), anonymous=True,
+                           follows="position"))
 
 
 def _shape(travel: Array, at: float, width: float) -> Array:

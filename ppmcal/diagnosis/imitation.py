@@ -22,7 +22,7 @@ def left_over(stage: Stage, seed: int) -> Remainder:
         hypothesis = stage.hypotheses[i]
         if hypothesis.anonymous:
             p = probability(own_log_p(stage.search, stage.chosen, i))
-            left = replace(left, follows=" ".join(hypothesis.on) or "position",
+            left = replace(left, follows=hypothesis.follows,
                            p_value=min(p, left.p_value))
     for joint, j in _neither(stage):
         p = probability(own_log_p(stage.search, stage.chosen, j))

@@ -286,7 +286,7 @@ def find(search: Search, hypothesis: Hypothesis) -> tuple[Search, int | None]:
         return search, min(match, key=lambda i: hypothesis.apart(search.hypotheses[i]))
     parts = [f for f in search.hypotheses if f.family == hypothesis.family and len(f.on) == 1
              and f.on[0] in hypothesis.on and f.alike(hypothesis)]
-    if len(parts) != len(hypothesis.on):
+    if not parts or len(parts) != len(hypothesis.on):
         return search, None
     if hypothesis.shared:
         return _together(search, parts)

@@ -23,6 +23,7 @@ from ppmcal.diagnosis.linear_system import (
 from ppmcal.diagnosis.rivals import held, settled
 from ppmcal.diagnosis.search import Search, prepare
 from ppmcal.diagnosis.selection import choose
+from ppmcal.diagnosis.wandering import instead, wandered
 from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
 from ppmcal.linalg import Array, Bools, subsample, unit_columns
 
@@ -101,6 +102,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         stage = _tested(system, found, noise, rng, draws, like, hold)
         grids = [c for i in stage.chosen for c in stage.hypotheses[i].columns
                  if stage.hypotheses[i].constants and c < found.columns.shape[-1]]
+        grids += instead(stage.search, stage.chosen, found.courses)
         if not grids or noise.rho == 0.0:
             break
         noise = estimate(system, found, grids)
@@ -158,7 +160,7 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
                       simulated(noise, system, basis, left, 0 if like else draws, rng))
     search = prepare(test, _cautious(found.hypotheses, noise), like)
     start = search.values()
-    search, chosen = settled(search, choose(search))
+    search, chosen = wandered(*settled(search, choose(search)), found.courses)
     search, chosen = held(search, chosen, hold)
     # in the library's order, whichever was found first
     return Stage(system, found, noise, basis, residual, columns, search, tuple(sorted(chosen)),

@@ -57,6 +57,27 @@ def test_events_with_their_rows(tmp_path: Path, case: str, machine: str, seed: i
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("case", "machine", "seed"), [
+    ("base-sways", "3-RPR", 374824), ("base-sways", "hexapod", 186372),
+    ("base-walks", "3-RPR", 912132), ("leg-settles", "delta-rotary", 504336)])
+def test_what_wanders_in_time_is_no_row_of_events(tmp_path: Path, case: str, machine: str,
+                                                  seed: int) -> None:
+    """A stand that sways or walks, a leg that settles: two or three steps make it up."""
+    found = diagnosed(tmp_path, case, machine, seed).record
+    assert found.verdict == "unnamed"
+    follows = found.entries()["remainder"]["follows"]
+    assert follows == "time" or "in their order" in follows
+
+
+@pytest.mark.slow
+def test_a_base_that_moved_twice_does_not_wander(tmp_path: Path) -> None:
+    found = told(diagnosed(tmp_path, "base-moved-twice", "3-RPR", 374824))
+    assert [k for k, _ in found] == ["base_shift", "base_shift"]
+    assert all(abs(at - row) <= 2 for (_, at), row in
+               zip(sorted(found, key=lambda f: f[1]), (43, 94), strict=True))
+
+
+@pytest.mark.slow
 def test_a_second_event_of_a_named_kind_is_a_rival(tmp_path: Path) -> None:
     """The base moved twice; the second time is as well called new zeros of all legs."""
     found = diagnosed(tmp_path, "base-moved-twice", "delta-rotary", 885891).diagnosis

@@ -1,0 +1,161 @@
+"""Machines and instruments that wander: any slow course in time, against events and drift.
+
+Steps and a steady drift can make up a warm-up or an unsteady tripod of which nothing was recorded.
+Where courses without a cause explain the rows better, they have to be a part of the model, and an
+event is one only if it is as sudden as that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from ppmcal.diagnosis.added_variable_test import AddedVariableTest
+from ppmcal.diagnosis.hypotheses import Collector, Hypothesis
+from ppmcal.diagnosis.search import Search, columns_of
+from ppmcal.diagnosis.selection import ANONYMOUS, bic, own_log_p, stand
+from ppmcal.linalg import Array
+from ppmcal.model.effects import Shift
+from ppmcal.model.effects.setting import COORDINATES, PLACE
+
+WANDERING = "wandering"
+COURSES = (3, 4, 6, 8, 12)
+"""Half waves that a course may have over the campaign."""
+LENGTHS = (0.1, 0.2, 0.4, 0.8)
+"""How fast it may turn, in parts of the campaign."""
+SIZES = np.geomspace(1.0, 1e3, 7)
+"""Its size: what all of it does, in sigmas."""
+MOST = 6
+LIKELIER = 2.0
+"""Events have to be likelier than courses by this BIC, odds of e, to be named."""
+CLOCK = frozenset(("row", "time"))
+
+
+def add_courses(to: Collector) -> None:
+    """Add courses of the base in each coordinate, and of each joint's zero."""
+    parts = to.system.parts
+    row = np.concatenate([p.response.rows.row for p in to.system.firsts])
+    if np.unique(row).size < 2 * max(COURSES):
+        return
+    place = np.argsort(np.argsort(row, kind="stable"), kind="stable") / (row.size - 1.0)
+    waves = np.cos(np.pi * place[:, None] * np.arange(1, max(COURSES) + 1))
+    ways = {c: [Shift(frame=np.tile(np.eye(6)[PLACE[c]], (len(p.response.pose), 1)))
+                for p in parts] for c in COORDINATES[to.motion]}
+    for a, name in enumerate(to.actuators):
+        one = np.arange(to.turning.size) == a
+        ways[name] = [p.setting.at_joints(np.ones_like(p.setting.travel), one) for p in parts]
+    for way, shifts in ways.items():
+        unit = to.system.column(shifts)
+        columns = tuple(to.add(unit * wave[:, None]) for wave in waves.T)
+        to.courses += [Hypothesis(
+            WANDERING, (), True, tuple(f"wave{k}" for k in range(1, count + 1)),
+            (-np.inf,) * count, (np.inf,) * count, columns[:count], anonymous=True,
+            follows="time", part=f"time, of {way}", searched=2) for count in COURSES]
+
+
+def of_the_clock(hypothesis: Hypothesis) -> bool:
+    """Whether a hypothesis is a kind that needs to know nothing but when."""
+    kind = hypothesis.effect
+    return kind is not None and bool(kind.needs) and CLOCK.issuperset(kind.needs)
+
+
+def _event(hypothesis: Hypothesis) -> bool:
+    return hypothesis.effect is not None and bool(hypothesis.effect.onset)
+
+
+def instead(search: Search, chosen: Sequence[int], courses: Sequence[Hypothesis]) -> list[int]:
+    """Return the columns of courses that could explain what events and drift were chosen for.
+
+    Unless they are left out of it, what wanders is taken for correlated noise.
+    """
+    timed = [i for i in chosen if of_the_clock(search.hypotheses[i])]
+    if not timed:
+        return []
+    rest = search.test.given(columns_of(search, [i for i in chosen if i not in timed]))
+    return [c for h in _likeliest(rest, courses)[1] for c in h.columns]
+
+
+def wandered(search: Search, chosen: tuple[int, ...], courses: Sequence[Hypothesis]
+             ) -> tuple[Search, tuple[int, ...]]:
+    """Return what was chosen, with courses in place of events that are not likelier.
+
+    An event stays beside them if it still reaches the naming threshold. A drift does not where
+    there is more to the course than a straight line.
+    """
+    timed = [i for i in chosen if of_the_clock(search.hypotheses[i])]
+    if not timed or not courses:
+        return search, chosen
+    steady = [i for i in chosen if i not in timed or not _event(search.hypotheses[i])]
+    events = [i for i in chosen if i not in steady]
+    now, best = bic(search, chosen), (np.inf, steady, list[Hypothesis]())
+    for kept in dict.fromkeys([(), *((e,) for e in events), tuple(events)]):
+        with_them = [*steady, *kept]
+        gain, found = _likeliest(search.test.given(columns_of(search, with_them)), courses)
+        value = bic(search, with_them) + gain - LIKELIER * (len(kept) < len(events))
+        if found and value < best[0]:
+            best = value, with_them, found
+    if best[0] >= now:
+        return search, chosen
+    first = len(search.hypotheses)
+    wider = replace(search, hypotheses=(*search.hypotheses, *best[2]))
+    left = [*(i for i in best[1] if i not in timed or i in events),
+            *range(first, first + len(best[2]))]
+    for i in [i for i in left if i in events]:
+        if own_log_p(wider, left, i) > search.name:
+            left.remove(i)
+    return (wider, tuple(left)) if stand(wider, left) else (search, chosen)
+
+
+def _likeliest(rest: AddedVariableTest, courses: Sequence[Hypothesis]
+               ) -> tuple[float, list[Hypothesis]]:
+    """Return the courses that the rows ask for, and what they change in BIC.
+
+    Their waves have a normal prior, smooth as a Matern process (5/2) is; minus twice the marginal
+    likelihood with sigma taken out stands for BIC (Rasmussen & Williams 2006, 5.4.1).
+    """
+    ways = {c.part: c for c in courses if c.size == max(COURSES)}
+    priors: dict[str, Array] = {}
+    value = 0.0
+    cost = ANONYMOUS + 2.0 * np.log(max(len(ways), 1))
+    while len(priors) < MOST:
+        trials = [(_evidence(rest, ways, priors | {way: prior}), way, prior)
+                  for way in ways if way not in priors for prior in _priors()]
+        best = min(trials, key=lambda t: t[0], default=(np.inf, "", np.zeros(0)))
+        if best[0] + cost * (len(priors) + 1) >= value:
+            break
+        value = best[0] + cost * (len(priors) + 1)
+        priors[best[1]] = best[2]
+    return value, [_long_enough(rest, [c for c in courses if c.part == way]) for way in priors]
+
+
+@cache
+def _priors() -> list[Array]:
+    """Return standard deviations of the waves, for every length and size."""
+    wave = np.pi * np.arange(1, max(COURSES) + 1)
+    out = []
+    for length in LENGTHS:
+        density = (1.0 + (length * wave) ** 2 / 5.0) ** -3.0
+        out += [size * np.sqrt(density / density.sum()) for size in SIZES]
+    return out
+
+
+def _evidence(rest: AddedVariableTest, ways: Mapping[str, Hypothesis], priors: Mapping[str, Array]
+              ) -> float:
+    """Return minus twice the log marginal likelihood of courses, less that of none."""
+    which = np.array([c for way in priors for c in ways[way].columns])
+    size = np.concatenate(list(priors.values()))
+    inner = np.eye(size.size) + size[:, None] * rest.block(which, which) * size
+    root = np.linalg.cholesky(inner)
+    gone = np.sum(np.linalg.solve(root, size * rest.right[which]) ** 2)
+    left = max(1.0 - float(gone) / rest.square, 1e-9)
+    return float(2.0 * np.sum(np.log(np.diagonal(root))) + rest.freedom * np.log(left))
+
+
+def _long_enough(rest: AddedVariableTest, courses: Sequence[Hypothesis]) -> Hypothesis:
+    """Return the course of one way with as many waves as BIC asks for."""
+    n = rest.freedom
+    return min(courses, key=lambda c: n * np.log(max(1.0 - float(rest.explained(np.array(
+        [c.columns]))[0][0]) / rest.square, 1e-9)) + c.size * np.log(n))
