@@ -159,9 +159,11 @@ def named(truth: dict[str, Any], answer: Answer) -> bool:
         return [w["kind"] for w in truth["mistakes"]] == ["radius"]    # home cannot be reached
     for wrong in truth["mistakes"]:
         kind = next((k for k in (wrong["kind"], *wrong["accept"]) if k in told), None)
-        if wrong["kind"] in KINDS and kind is None:
+        if wrong["kind"] not in KINDS:
+            continue    # on no list
+        if kind is None:
             return False
-        rows = set(told[kind].rows) if kind else set()
+        rows = set(told[kind].rows)
         if wrong["kind"] == "stale" and not rows >= set(wrong["rows"]):
             return False
         if wrong["kind"] != "stale" and wrong["rows"] and not _about(rows, set(wrong["rows"])):

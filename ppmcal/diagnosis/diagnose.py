@@ -30,6 +30,7 @@ from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.imitation import imitated, left_over
+from ppmcal.diagnosis.inverted_directions import inverted_directions
 from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
 from ppmcal.diagnosis.left_out_rows import left_out
 from ppmcal.diagnosis.localization import Place, localise
@@ -101,10 +102,11 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     if final is not None:
         final, onsets = refined(final, options.fit)
     gap = _gap(found, held, options)
-    column = misread_column(found, [found.last.hypotheses[i] for i in found.last.chosen])
+    chosen = [found.last.hypotheses[i] for i in found.last.chosen]
+    column = misread_column(found, chosen) or inverted_directions(found, chosen)
     if column is not None:
         raise Misread.of([column], whole.problem.mechanism.units)
-    odd = implausible(found.first.search, [found.last.hypotheses[i] for i in found.last.chosen])
+    odd = implausible(found.first.search, chosen)
     if odd is not None or (gap is not None and gap.worse):
         found, final = nothing_named(found), None
         gap = _gap(found, held, options)

@@ -70,10 +70,19 @@ class Grids:
         return self._fitted(kind, tried) + grid if tried else grid
 
     def _fitted(self, kind: EffectKind, names: Iterable[str]) -> list[dict[str, float]]:
-        """Return what the fit has made of a kind's nonlinear parameters already."""
-        g = self.system.state.g
-        return [{n: float(g[e.parameters[n]]) for n in names}
-                for e in self.mechanism.effects if e.kind.label == kind.label]
+        """Return what the fit has made of a kind's nonlinear parameters already.
+
+        Or of the same parameters of another kind, lest it be better only for having been fitted.
+        """
+        g, motion = self.system.state.g, self.mechanism.motion
+        own = {s.name: s.scan for s in kind.parameters(motion)}
+        scans = {n: own[n] for n in names}
+        found = []
+        for e in self.mechanism.effects:
+            theirs = {s.name: s.scan for s in e.kind.parameters(motion)}
+            if all(theirs.get(n) is scan for n, scan in scans.items()):
+                found.append({n: float(g[e.parameters[n]]) for n in scans})
+        return [f for n, f in enumerate(found) if f not in found[:n]]
 
     def _range(self, part: str) -> ScanRange:
         """Return what a scan may know of these rows, and of the joints of base or platform."""

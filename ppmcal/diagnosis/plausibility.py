@@ -35,7 +35,7 @@ def implausible(search: Search, named: Sequence[Hypothesis]) -> int | None:
         search: the first one.
         named: what was chosen at last, perhaps hypotheses that a later search made.
     """
-    values, chosen = search.values(), _nearest(search, named)
+    values, chosen = search.values(), nearest(search, named)
     now = bic(search, chosen)
     for i in np.argsort(values, kind="stable")[:STARTS]:
         hypothesis = search.hypotheses[i]
@@ -47,7 +47,7 @@ def implausible(search: Search, named: Sequence[Hypothesis]) -> int | None:
     return None
 
 
-def _nearest(search: Search, named: Sequence[Hypothesis]) -> list[int]:
+def nearest(search: Search, named: Sequence[Hypothesis]) -> list[int]:
     """Return the hypotheses of a search most like others, which may be of another search.
 
     A group of joints that it does not have is taken joint by joint.
@@ -86,7 +86,7 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
     be one with the column in another unit or of the other sign.
     """
     search, stage = found.first.search, found.first
-    values, now = search.values(), bic(search, _nearest(search, chosen))
+    values, now = search.values(), bic(search, nearest(search, chosen))
     for i in np.argsort(values, kind="stable")[:STARTS]:
         hypothesis = search.hypotheses[i]
         if values[i] > search.name or possible(search, [int(i)]):

@@ -64,10 +64,10 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         if first.anonymous or first.family in (hypothesis.family, *best) or any(
                 f.family == first.family and (f.alike(first) or not _event(first)) for f in taken):
             continue
-        if _only_general(search, chosen, hypothesis, rival):
-            continue
         trial = (*others, *rival)
         worse = bic(search, trial) - now
+        if _only_general(search, chosen, hypothesis, rival, worse < 0.0):
+            continue
         size = sum(search.hypotheses[i].size for i in rival)
         limit = DOUBTED if doubt else AS_GOOD
         if first.shared:  # a kind is not out for having more parameters, unless one per joint
@@ -88,13 +88,14 @@ def _event(hypothesis: Hypothesis) -> bool:
 
 
 def _only_general(search: Search, chosen: Sequence[int], hypothesis: Hypothesis,
-                  rival: Sequence[int]) -> bool:
-    """Whether a rival contains the hypothesis and adds nothing to it."""
+                  rival: Sequence[int], better: bool) -> bool:
+    """Whether a rival contains the hypothesis and adds nothing to it; ``better``: by BIC."""
     other = search.hypotheses[rival[0]]
     if other.effect is None or hypothesis.kind not in other.effect.contains:
         return False
     if _within(search, hypothesis.columns, columns_of(search, rival)):
-        return True     # else it would have been chosen, see `simplified`
+        # what it adds is no name, see `simplified`, but it is not ruled out where BIC prefers it
+        return not better
     tried = sum((f.family, f.on, f.shared) == (other.family, other.on, other.shared)
                 for f in search.hypotheses)
     return bool(search.values(chosen)[rival[0]] + np.log(tried) > MORE)

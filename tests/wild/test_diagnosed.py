@@ -9,6 +9,7 @@ from helpers.commands import ppmcal, rows
 from wild.catalogue import write
 
 from ppmcal.api.diagnose import DiagnosisResult, diagnose
+from ppmcal.calibration.misread import Misread
 
 
 def diagnosed(folder: Path, case: str, machine: str, seed: int) -> DiagnosisResult:
@@ -83,6 +84,30 @@ def test_a_second_event_of_a_named_kind_is_a_rival(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, "base-moved-twice", "delta-rotary", 885891).diagnosis
     for effect in found.effects:
         assert "base_shift" in (effect.kind, *(a.split(" ")[0] for a in effect.alternatives))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("case", "seed", "kind"), [
+    ("leg-heat-late", 340698, "leg_thermal"),   # the base, with a time constant that was fitted
+    ("friction-one", 548469, "friction")])      # a reversal, to which speed adds too little
+def test_the_cause_is_a_rival(tmp_path: Path, case: str, seed: int, kind: str) -> None:
+    found = diagnosed(tmp_path, case, "3-RPR", seed).diagnosis
+    assert found.verdict == "named-set"
+    (effect,) = found.effects
+    assert kind in (effect.kind, *(a.split(" ")[0] for a in effect.alternatives))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", ["3-RPR", "crank-hexapod"])
+def test_directions_that_are_inverted_in_a_part_of_the_rows(tmp_path: Path, machine: str) -> None:
+    with pytest.raises(Misread) as refused:
+        diagnosed(tmp_path, "approach-half-inverted", machine, 2)
+    ((mistake,),) = (f.mistakes for f in refused.value.found)
+    assert mistake.kind == "sign"
+    assert mistake.columns[0].startswith("dir_")
+    assert mistake.rows[0] <= 3
+    assert abs(mistake.rows[-1] - 48) <= 3
+    assert "other sign" in str(refused.value)
 
 
 @pytest.mark.slow

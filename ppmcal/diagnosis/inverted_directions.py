@@ -1,0 +1,149 @@
+"""Directions that are recorded with the wrong sign in one stretch of the rows.
+
+The effect of a direction then pulls the other way there, so that it explains far more with the
+column turned in these rows. Every stretch on a grid is tried, all from the same running sums.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal.calibration.mistakes import Mistake, with_line
+from ppmcal.calibration.reading_trial import NOISE, Misreading
+from ppmcal.diagnosis.added_variable_test import VISIBLE
+from ppmcal.diagnosis.hypotheses import Hypothesis
+from ppmcal.diagnosis.plausibility import MUCH_BETTER, SIDES, nearest
+from ppmcal.diagnosis.result import Found
+from ppmcal.diagnosis.selection import bic
+from ppmcal.diagnosis.stage import Stage, form_columns
+from ppmcal.linalg import Array, Bools, Ints
+
+ENDS = 60
+"""Ends of stretches that are tried; then every row near the best."""
+FEWEST = 6
+"""Rows that a stretch must have, and leave."""
+SURE_SIZE = 2.5
+"""A size may miss its range by so many standard deviations."""
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Rows ``begin`` to ``end`` of a system, turned; the BIC change and sizes with them turned."""
+
+    begin: int
+    end: int
+    bic: float
+    left: float
+    hypothesis: Hypothesis
+
+
+def inverted_directions(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | None:
+    """Return in which rows directions are recorded the other way round, None if nothing says so.
+
+    Args:
+        found: the search.
+        chosen: what was chosen at last.
+    """
+    stage = found.first
+    search = stage.search
+    now = bic(search, nearest(search, chosen)) - MUCH_BETTER
+    best: _Stretch | None = None
+    for hypothesis in stage.library.hypotheses:
+        kind = hypothesis.effect
+        if kind is None or kind.needs != ("dir",) or hypothesis.searched or hypothesis.leans:
+            continue
+        for stretch in _stretches(stage, hypothesis):
+            if stretch.bic < (now if best is None else best.bic):
+                best = stretch
+    return None if best is None else _told(found, best)
+
+
+def _stretches(stage: Stage, hypothesis: Hypothesis) -> Iterator[_Stretch]:
+    """Yield the best stretch of each file that records its directions."""
+    for i, data in enumerate(stage.system.problem.datasets):
+        rows = np.flatnonzero(stage.system.dataset == i)
+        if data.approach == "sequence" or rows.size < 2 * FEWEST:
+            continue
+        sums = _Sums(stage, hypothesis)
+        ends = np.append(rows, rows[-1] + 1)
+        coarse = np.unique(ends[np.linspace(0, rows.size, min(ENDS, rows.size) + 1).astype(int)])
+        one = sums.best(coarse, coarse)
+        if one is not None:
+            step = max(1, rows.size // ENDS)
+            near = [np.intersect1d(ends, np.arange(at - step, at + step + 1)) for at in one[:2]]
+            begin, end, value, left = sums.best(*near) or one
+            yield _Stretch(begin, end, value, left, hypothesis)
+
+
+class _Sums:
+    """Running sums over rows of a hypothesis's columns with the residual and the geometry."""
+
+    def __init__(self, stage: Stage, hypothesis: Hypothesis) -> None:
+        n, m = stage.system.residual.shape
+        self.stage, self.hypothesis = stage, hypothesis
+        columns = form_columns(stage, hypothesis)
+        self.length = np.linalg.norm(columns, axis=0)
+        unit = (columns / self.length).reshape(n, m, -1)
+        free = stage.residual - stage.basis @ (stage.basis.T @ stage.residual)
+        basis = stage.basis.reshape(n, m, -1)
+
+        def running(values: Array) -> Array:
+            return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+
+        self.right = running(np.einsum("nmk,nm->nk", unit, free.reshape(n, m)))
+        self.hidden = running(np.einsum("nmr,nmk->nrk", basis, unit))
+        self.square = float(free @ free)
+        self.gram = np.einsum("nmk,nml->kl", unit, unit)
+
+    def best(self, begins: Ints, ends: Ints) -> tuple[int, int, float, float] | None:
+        """Return the best rows to turn: first, last + 1, BIC, and the sum of squares left."""
+        b, e = (p.reshape(-1) for p in np.meshgrid(begins, ends, indexing="ij"))
+        b, e = b[e - b >= FEWEST], e[e - b >= FEWEST]
+        right = self.right[-1] - 2.0 * (self.right[e] - self.right[b])
+        hidden = self.hidden[-1] - 2.0 * (self.hidden[e] - self.hidden[b])
+        inverse = np.linalg.pinv(self.gram - np.swapaxes(hidden, 1, 2) @ hidden, VISIBLE,
+                                 hermitian=True)
+        value = np.einsum("pkl,pl->pk", inverse, right)
+        left = self.square - np.sum(right * value, axis=1)
+        n = self.stage.search.test.freedom
+        noise = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2) * left[:, None] / n)
+        left = np.where(self._physical(value, noise), left, np.inf)
+        if not np.isfinite(left).any():
+            return None
+        i = int(np.argmin(left))
+        change = n * np.log(left[i] / self.square) + (right.shape[1] + 2.0) * np.log(n)
+        return (int(b[i]), int(e[i]), bic(self.stage.search, ()) + float(change),
+                float(left[i]))
+
+    def _physical(self, value: Array, noise: Array) -> Bools:
+        """Whether sizes (p, k) are in the range of machines (p,)."""
+        slack = SURE_SIZE * noise / self.length
+        size = value / self.length
+        h = self.hypothesis
+        usual = h.usual or ((-np.inf, np.inf),) * h.size
+        low = np.maximum(h.low, [u[0] for u in usual]) - slack
+        high = np.minimum(h.high, [u[1] for u in usual]) + slack
+        return np.asarray(np.all((size >= low) & (size <= high), axis=1))
+
+
+def _told(found: Found, stretch: _Stretch) -> Misreading:
+    stage = found.first
+    problem = stage.system.problem
+    at = slice(stretch.begin, stretch.end)
+    data = problem.datasets[int(stage.system.dataset[stretch.begin])]
+    own = np.flatnonzero(stage.system.dataset == stage.system.dataset[stretch.begin])
+    numbers = data.rows[stage.system.row[at]]
+    rows = tuple(range(int(numbers[0]), int(numbers[-1]) + 1))
+    names = tuple(f"dir_{a}" for a in stretch.hypothesis.on or problem.mechanism.actuators)
+    whole = own.size == stretch.end - stretch.begin
+    block = with_line(data, "signs", dict.fromkeys(names, -1)) if whole else None
+    where = "" if whole else f"rows {rows[0]} to {rows[-1]}: "
+    text = (f"{where}dir_ of {', '.join(stretch.hypothesis.on)} has the other sign: "
+            f"{stretch.hypothesis.label} then explains all rows alike. {SIDES}")
+    before = float(np.sqrt(np.mean(stage.residual**2)))
+    after = float(np.sqrt(stretch.left / max(stage.search.test.freedom, 1)))
+    return Misreading(data.source, (Mistake("sign", names, text, () if whole else rows),), block,
+                      NOISE, before, after, after)
