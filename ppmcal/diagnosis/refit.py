@@ -213,9 +213,9 @@ def _none_of_machines(fit: Fit, covariance: Array, found: Found, key: Key, spec:
     values = np.array([fit.state.g[fit.problem.free[c]] for c in columns])
     if np.any(values < spec.usual[0] * scale) or np.any(values > spec.usual[1] * scale):
         return 0.0
-    variance = np.diagonal(covariance)[columns]
-    mean = np.sum(values / variance) / np.sum(1.0 / variance)
-    apart = float(np.sum((values - mean) ** 2 / variance))
+    weight = 1.0 / np.diagonal(covariance)[columns]
+    mean = np.sum(values * weight) / max(float(weight.sum()), 1e-300)  # 0: nothing is known
+    apart = float(np.sum((values - mean) ** 2 * weight))
     return 0.0 if len(values) > 1 and chdtrc(len(values) - 1, apart) < APART else -np.inf
 
 
