@@ -32,6 +32,7 @@ from ppmcal.io.results.other_models import read_other_models
 from ppmcal.model.dataset import environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.wording import counted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,12 +126,29 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
     readings, more = _readings(model, machine)
     found, told = averaged(machine, found, readings, known,
                            Targets(poses.poses, name, poses.environment, sequence))
-    notes += told
+    notes += [*told, *_doubts(found, machine, known)]
     inputs = [*machine.inputs, *files_of(targets), *files, *more]
     result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
                                 known, tuple(notes), poses.given)
     _refuse_worse(result, machine.source)
     return result
+
+
+def _doubts(found: Compensation, machine: Mechanism, knowledge: Knowledge | None) -> list[str]:
+    """Return where commands lead through stretches that the model is known to miss."""
+    out = []
+    for name, low, high, position, _ in knowledge.doubtful if knowledge else ():
+        joint = machine.actuators.index(name)
+        factor, unit = machine.joint_units[joint]
+        rows = int(np.sum((found.q[:, joint] >= low) & (found.q[:, joint] <= high)))
+        if rows:
+            length = machine.units
+            out.append(
+                f"{counted(rows, 'row')} with {name} between {low / factor:.6g} and "
+                f"{high / factor:.6g} {unit}: measurements there missed the model by "
+                f"{position / length.factor('length'):.2g} {length.length} rms and were left out "
+                "of the fit; it is in the uncertainty")
+    return out
 
 
 def _readings(model: Machine | CalibratedMachine, machine: Mechanism) -> tuple[Readings, list[str]]:

@@ -7,7 +7,7 @@ well the data know it; rows that would be unsafe are refused, each with its reas
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +46,8 @@ class Knowledge:
     poses that were measured, base frame, SI. ``pivots``: the points about which the fitted
     frames are turned, by data set (3,). ``before``: where the instrument stands if the
     nominal geometry is believed, by data set: the frame of the uncorrected commands.
-    ``unexplained``: rms of what neither model nor noise explained, m and rad.
+    ``unexplained``: rms of what neither model nor noise explained, m and rad; ``doubtful``: the
+    same of stretches of a joint's travel: joint, ends, m or rad, and the two.
     """
 
     names: tuple[str, ...]
@@ -55,6 +56,7 @@ class Knowledge:
     pivots: Mapping[str, Array]
     before: Mapping[str, Registration]
     unexplained: tuple[float, float] = (0.0, 0.0)
+    doubtful: tuple[tuple[str, float, float, float, float], ...] = ()
 
     @classmethod
     def of(cls, found: Identification) -> Knowledge:
@@ -64,7 +66,17 @@ class Knowledge:
         return cls(tuple(found.columns), found.covariance, found.measured_volume,
                    {d.name: o.about for d, o in zip(problem.datasets, problem.opens, strict=True)},
                    found.before_registrations,
-                   (float(left.get("position", 0.0)), float(left.get("rotation", 0.0))))
+                   (float(left.get("position", 0.0)), float(left.get("rotation", 0.0))),
+                   tuple((d.actuator, d.low, d.high, d.position, d.rotation)
+                         for d in found.doubtful))
+
+    def missed(self, q: Array, actuators: Sequence[str]) -> Array:
+        """Return what the identification missed near joint values (N, k), m and rad (N, 2)."""
+        out = np.tile(np.square(self.unexplained), (len(q), 1))
+        for name, low, high, *rms in self.doubtful:
+            joint = q[:, actuators.index(name)]
+            out += ((joint >= low) & (joint <= high))[:, None] * np.square(rms)
+        return np.asarray(np.sqrt(out))
 
 
 @dataclass(frozen=True)
@@ -208,9 +220,9 @@ def _sigma(model: Model, registration: Registration, full: Array, q: Array, good
     variance = np.diagonal(covariance, axis1=-2, axis2=-1) + _own_variance(
         model, registration, full[good], q[good], dataset, rows.take(good))
     places = sum(1 for c in model.mechanism.dof if c < 3)
-    left = knowledge.unexplained
-    position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[0] ** 2)
-    rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0) + left[1] ** 2)
+    left = knowledge.missed(q[good], model.mechanism.actuators) ** 2
+    position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[:, 0])
+    rotation[good] = np.sqrt(np.maximum(variance[:, places:].sum(axis=1), 0.0) + left[:, 1])
     return position, rotation
 
 

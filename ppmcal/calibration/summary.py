@@ -22,6 +22,12 @@ from ppmcal.calibration.identifiability import (
     observability,
 )
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
+from ppmcal.calibration.left_out_rows import (
+    DoubtfulStretch,
+    LeftOut,
+    doubtful_stretches,
+    left_out,
+)
 from ppmcal.calibration.noise import Noise, noise_check, with_noise
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
@@ -80,6 +86,7 @@ class Identification:
     """Everything that identify reports.
 
     ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
+    ``doubtful``: where the machine is another than this one, in no way that the model knows.
     """
 
     fit: Fit
@@ -103,6 +110,7 @@ class Identification:
     flats: tuple[Flat, ...] = ()
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
+    doubtful: tuple[DoubtfulStretch, ...] = ()
 
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:
@@ -234,14 +242,14 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         held, note = held_out(
             fit.problem, options, holdout, seed, fit.keep, inflation) if holdout > 0 else (
             {}, "nothing held out")
-    after = residuals(fit.problem, fit.state)
+    after, out = residuals(fit.problem, fit.state), left_out(fit)
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         prediction_covariance(fit), inflation, residuals(fit.problem, before.state),
         registered(fit.problem, before.state), after, held, note,
-        _findings(fit, noise, inflation, found), identifiability(fit), *wrong,
-        _unexplained(after.figures(fit.keep), noise))
+        _findings(fit, noise, inflation, found, out), identifiability(fit), *wrong,
+        _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out))
 
 
 def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict[str, float]:
@@ -253,13 +261,15 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
             if kind in ("position", "rotation") and noise.unexplained}
 
 
-def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate]
+def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut
               ) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:
             out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
                        "see residuals.csv for each reason")
+    if gone.sentence:
+        out.append(gone.sentence)
     if noise.failed:
         out.append(f"the residuals are {noise.sigma_ratio:.2f} times the stated noise "
                    f"(p = {noise.chi2_p:.2g}): something is missing in the model, or sigma is too "

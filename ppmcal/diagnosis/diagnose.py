@@ -11,6 +11,7 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
+from ppmcal.calibration.left_out_rows import left_out
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
@@ -32,7 +33,6 @@ from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
 from ppmcal.diagnosis.imitation import imitated, left_over
 from ppmcal.diagnosis.inverted_directions import inverted_directions
 from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
-from ppmcal.diagnosis.left_out_rows import left_out
 from ppmcal.diagnosis.localization import Place, localise
 from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.other_models import other_models

@@ -17,10 +17,10 @@ import numpy as np
 from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.left_out_rows import thirds
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, errors_of, gap_of
-from ppmcal.diagnosis.left_out_rows import thirds
 from ppmcal.linalg import Array, Bools, range_basis
 
 LEVELS = 3

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.left_out_rows import LeftOut
 from ppmcal.calibration.noise import OVERSTATED
 from ppmcal.diagnosis.adequacy import TOO_MUCH, Remainder
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.result import Found, NamedEffect
 from ppmcal.diagnosis.rivals import Rival

@@ -16,12 +16,12 @@ import hidden
 import numpy as np
 import pytest
 
+from ppmcal.calibration.left_out_rows import LeftOut
 from ppmcal.calibration.problem import Problem
 from ppmcal.cli.common import Console
 from ppmcal.cli.diagnose import describe
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import Gap
-from ppmcal.diagnosis.left_out_rows import LeftOut
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.verdict import findings, next_step
 from ppmcal.errors import BadInput

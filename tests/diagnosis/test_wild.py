@@ -231,7 +231,7 @@ def without(fit: Fit, gone: np.ndarray) -> Fit:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [4, 12, 30])
 def test_chance_gives_a_pattern_as_rarely_as_told(plain: Fit, count: int) -> None:
-    module = pytest.importorskip("ppmcal.diagnosis.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
     rng, rows_ = np.random.default_rng(count), len(plain.keep[0])
     found, p_values = 0, []
     for _ in range(300):
@@ -248,7 +248,7 @@ def test_chance_gives_a_pattern_as_rarely_as_told(plain: Fit, count: int) -> Non
 @pytest.mark.parametrize("what", ["first", "leg2 moving +", "last third", "highest part by load"])
 def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
     """Fifteen rows that have one thing in common, picked at random among those that have it."""
-    module = pytest.importorskip("ppmcal.diagnosis.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
     data, n = plain.problem.datasets[0], len(plain.keep[0])
     has = {"first": np.r_[True, np.diff(data.groups) != 0],
            "leg2 moving +": data.columns["dir_leg2"] == 1.0,
@@ -263,7 +263,7 @@ def test_a_pattern_is_told_as_what_it_is(plain: Fit, what: str) -> None:
 
 
 def test_more_rows_than_gross_errors_explain(plain: Fit) -> None:
-    module = pytest.importorskip("ppmcal.diagnosis.left_out_rows")
+    module = pytest.importorskip("ppmcal.calibration.left_out_rows")
     n = len(plain.keep[0])
     gone = np.zeros(n, dtype=bool)
     gone[np.random.default_rng(2).permutation(n)[:n // 4]] = True

@@ -16,6 +16,7 @@ from ppmcal.io.results.identification_parts import (
     Combination,
     CorrelatedPair,
     CovarianceEntry,
+    DoubtfulPart,
     ExcludedRow,
     FittedDataset,
     NoiseCheck,
@@ -39,7 +40,8 @@ class IdentificationRecord(Record):
     """identification.json, in ``units``; rank, columns, iterations, prior_scale are bare.
 
     ``observability``: O1 to O5, in tolerances per standard deviation; ``unexplained``: rms of
-    what neither model nor noise explains; ``measured_volume``: coordinate -> (low, high);
+    what neither model nor noise explains; ``doubtful``: stretches of joints in which rows were
+    left out that the model misses; ``measured_volume``: coordinate -> (low, high);
     ``earlier``: content hash -> name of the tables behind a calibration carried on.
     """
 
@@ -68,6 +70,7 @@ class IdentificationRecord(Record):
     findings: tuple[Text, ...] = ()
     datasets: tuple[FittedDataset, ...] = ()
     units: UnitNames = UnitNames()
+    doubtful: tuple[DoubtfulPart, ...] = ()
     measured_volume: Mapping[Text, Numbers] = Field(default_factory=dict)
     provenance: Provenance = Provenance()
     earlier: Mapping[Text, Text] = Field(default_factory=dict)
@@ -96,6 +99,7 @@ class IdentificationRecord(Record):
             gross_errors=GrossErrorSummary.of(result.gross_errors, mechanism),
             identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
             excluded=_excluded(result), findings=result.findings, datasets=_datasets(result),
+            doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
             units=UnitNames.of(units), measured_volume=_volume(result),
             provenance=Provenance.model_validate(provenance), **carried,
             covariance=CovarianceEntry.of(result))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.noise import Noise
 from ppmcal.calibration.posterior import of_data
 from ppmcal.calibration.summary import Dependence, Estimate, Identification
@@ -222,3 +223,23 @@ def summaries(values: Mapping[str, Mapping[str, float]], units: Units
 
 def _over(value: float | None, factor: float) -> float | None:
     return None if value is None or not np.isfinite(value) else value / factor
+
+
+class DoubtfulPart(Part):
+    """A stretch of a joint's travel, ``unit``, and what the model misses there, ``units``."""
+
+    actuator: Text = ""
+    low: Finite | None = None
+    high: Finite | None = None
+    unit: Text = ""
+    position: Finite | None = None
+    rotation: Finite | None = None
+
+    @classmethod
+    def of(cls, found: DoubtfulStretch, mechanism: Mechanism) -> DoubtfulPart:
+        """Return the part in file units."""
+        factor, unit = mechanism.joint_units[mechanism.actuators.index(found.actuator)]
+        units = mechanism.units
+        return cls(actuator=found.actuator, low=found.low / factor, high=found.high / factor,
+                   unit=unit, position=found.position / units.factor("length"),
+                   rotation=found.rotation / units.factor("angle"))

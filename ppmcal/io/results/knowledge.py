@@ -15,6 +15,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
+    DoubtfulPart,
     FittedDataset,
     Numbers,
     ResidualSummary,
@@ -56,7 +57,20 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
     left = [(record.unexplained.get(kind, ResidualSummary()).rms or 0.0) * units.factor(quantity)
             for kind, quantity in (("position", "length"), ("rotation", "angle"))]
     return Knowledge(names, matrix * np.outer(factor, factor), volume, turn, before,
-                     (left[0], left[1]))
+                     (left[0], left[1]),
+                     tuple(_doubtful(d, mechanism, units, path) for d in record.doubtful))
+
+
+def _doubtful(part: DoubtfulPart, mechanism: Mechanism, units: Units, path: Path
+              ) -> tuple[str, float, float, float, float]:
+    """Return a doubtful stretch in SI."""
+    if part.actuator not in mechanism.actuators:
+        raise BadInput(f"belongs to another machine: it has a joint '{part.actuator}'", str(path),
+                       "Keep MODEL and its identification.json together")
+    factor = mechanism.joint_units[mechanism.actuators.index(part.actuator)][0]
+    return (part.actuator, factor * (part.low or 0.0), factor * (part.high or 0.0),
+            units.factor("length") * (part.position or 0.0),
+            units.factor("angle") * (part.rotation or 0.0))
 
 
 def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:

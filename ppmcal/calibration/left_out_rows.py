@@ -15,6 +15,7 @@ from scipy.special import bdtrc, gammaln
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.validation import Residuals
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
@@ -42,7 +43,8 @@ class LeftOut:
         too_many: whether gross errors do not explain so many.
         follows: what they have in common, "" if nothing; ``share`` of them have it.
         p_value: chance of as clear a pattern, over all that were tried.
-        of_travel: whether what they have in common is a stretch of a joint's travel.
+        stretch: the stretch of a joint's travel that they have in common: its index, and both
+            ends, SI; None: something else, or nothing.
     """
 
     count: int
@@ -51,7 +53,12 @@ class LeftOut:
     follows: str
     share: float
     p_value: float
-    of_travel: bool = False
+    stretch: tuple[int, float, float] | None = None
+
+    @property
+    def of_travel(self) -> bool:
+        """Whether what they have in common is a stretch of a joint's travel."""
+        return self.stretch is not None
 
     @property
     def suspicious(self) -> bool:
@@ -68,26 +75,66 @@ class LeftOut:
         return f"{rows}: more than gross errors explain" if self.too_many else ""
 
 
+@dataclass(frozen=True)
+class DoubtfulStretch:
+    """A stretch of a joint's travel, SI, in which rows were left out that the model misses.
+
+    ``position``, ``rotation``: rms by which it does, m and rad.
+    """
+
+    actuator: str
+    low: float
+    high: float
+    position: float
+    rotation: float
+
+
 def left_out(fit: Fit) -> LeftOut:
     """Return what the rows that a fit left out have in common."""
     gone = fit.outliers
     used = [k | g for k, g in zip(fit.keep, gone, strict=True)]
     count, rows = (sum(int(m.sum()) for m in masks) for masks in (gone, used))
     too_many = count > 0 and bool(bdtrc(count - 1, rows, GROSS_SHARE) < LEVEL)
-    found: list[tuple[float, float, str, bool]] = []
+    found: list[tuple[float, float, _Pattern]] = []
     for of_travel, level in ((False, 1.0 - FOR_STRETCHES), (True, FOR_STRETCHES)):
         tests = []
-        for words, masks in _patterns(fit.problem, of_travel) if FEWEST <= count < rows else ():
-            inside = sum(int((m & u).sum()) for m, u in zip(masks, used, strict=True))
-            hits = sum(int((m & g).sum()) for m, g in zip(masks, gone, strict=True))
+        for pattern in _patterns(fit.problem, of_travel) if FEWEST <= count < rows else ():
+            inside = sum(int((m & u).sum()) for m, u in zip(pattern.rows, used, strict=True))
+            hits = sum(int((m & g).sum()) for m, g in zip(pattern.rows, gone, strict=True))
             if 0 < inside < rows:
-                tests.append((_as_many(hits, rows, inside, count), hits / count, words))
-        found += [(min(1.0, p * len(tests) / level), share, words, of_travel)
-                  for p, share, words in tests]
-    best, share, follows, of_travel = min(found, default=(1.0, 0.0, "", False))
-    clear = best < LEVEL
-    return LeftOut(count, rows, too_many, follows if clear else "", share, best,
-                   clear and of_travel)
+                tests.append((_as_many(hits, rows, inside, count), hits / count, pattern))
+        found += [(min(1.0, p * len(tests) / level), share, pattern) for p, share, pattern in tests]
+    best, share, pattern = min(found, default=(1.0, 0.0, _Pattern("", [])), key=lambda f: f[:2])
+    if best >= LEVEL:
+        return LeftOut(count, rows, too_many, "", share, best)
+    return LeftOut(count, rows, too_many, pattern.words, share, best, pattern.stretch)
+
+
+@dataclass(frozen=True)
+class _Pattern:
+    """What rows may have in common, in words, and which have it, by data set (N,).
+
+    ``stretch``: of a joint's travel, as in :class:`LeftOut`.
+    """
+
+    words: str
+    rows: list[Bools]
+    stretch: tuple[int, float, float] | None = None
+
+
+def doubtful_stretches(fit: Fit, after: Residuals, out: LeftOut) -> tuple[DoubtfulStretch, ...]:
+    """Return the stretch that the rows which were left out have in common, if they do.
+
+    ``after``: the errors of all rows at the fit.
+    """
+    if out.stretch is None:
+        return ()
+    joint, low, high = out.stretch
+    rows = [o & (d.q[:, joint] >= low) & (d.q[:, joint] <= high)
+            for o, d in zip(fit.outliers, fit.problem.datasets, strict=True)]
+    missed = after.figures(rows)
+    position, rotation = (missed.get(kind, {}).get("rms", 0.0) for kind in ("position", "rotation"))
+    return (DoubtfulStretch(fit.problem.mechanism.actuators[joint], low, high, position, rotation),)
 
 
 def _as_many(hits: int, rows: int, inside: int, count: int) -> float:
@@ -104,22 +151,24 @@ def _as_many(hits: int, rows: int, inside: int, count: int) -> float:
     return min(1.0, float(np.sum(np.exp(parts))))
 
 
-def _patterns(problem: Problem, of_travel: bool) -> Iterator[tuple[str, list[Bools]]]:
-    """Yield what rows may have in common, in words, and which rows have it, by data set (N,).
+def _patterns(problem: Problem, of_travel: bool) -> Iterator[_Pattern]:
+    """Yield what rows may have in common.
 
     ``of_travel``: stretches of the joints' travel, else all other patterns.
     """
     many = len(problem.datasets) > 1
     for i, data in enumerate(problem.datasets):
         where = f" in {data.name}" if many else ""
-        found = (_stretches(problem.mechanism, data) if of_travel else
-                 _of_one(problem.mechanism, data, problem.environments[i]))
-        for words, mask in found:
+        found = (_stretches(problem.mechanism, data) if of_travel else (
+            (words, mask, None) for words, mask in
+            _of_one(problem.mechanism, data, problem.environments[i])))
+        for words, mask, stretch in found:
             masks = [np.zeros(len(d), dtype=bool) for d in problem.datasets]
             masks[i] = mask
-            yield words + where, masks
+            yield _Pattern(words + where, masks, stretch)
         if many and not of_travel:
-            yield f"are in {data.name}", [np.full(len(d), d is data) for d in problem.datasets]
+            yield _Pattern(f"are in {data.name}",
+                           [np.full(len(d), d is data) for d in problem.datasets])
 
 
 def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[tuple[str, Bools]]:
@@ -146,15 +195,16 @@ def _of_one(mechanism: Mechanism, data: Dataset, rows: Environment) -> Iterator[
             yield f"are in the {part} {size} {what}", mask
 
 
-def _stretches(mechanism: Mechanism, data: Dataset) -> Iterator[tuple[str, Bools]]:
+def _stretches(mechanism: Mechanism, data: Dataset
+               ) -> Iterator[tuple[str, Bools, tuple[int, float, float]]]:
     for a, name in enumerate(mechanism.actuators):
         factor, unit = mechanism.joint_units[a]
         fine = parts_of(data.q[:, a], 2 * STRETCHES)
         for mask in (x | y for x, y in pairwise(fine)):
             if mask.any():
-                low_end, high_end = (f(data.q[mask, a]) / factor for f in (np.min, np.max))
-                yield (f"have {name} between {low_end:.6g} and {high_end:.6g} {unit}".rstrip(),
-                       mask)
+                low, high = (float(f(data.q[mask, a])) for f in (np.min, np.max))
+                yield (f"have {name} between {low / factor:.6g} and {high / factor:.6g} "
+                       f"{unit}".rstrip(), mask, (a, low, high))
 
 
 def thirds(values: Array) -> list[Bools]:
