@@ -17,8 +17,6 @@ import ppmcal
 from ppmcal.calibration.misread import Misread
 
 pytestmark = pytest.mark.slow
-FLAT = "a flat base on a stand that tilts is said to bend, beside base_compliance"
-KNOWN = {"hexapod-stand": pytest.mark.xfail(strict=True, reason=FLAT)}
 BEHIND = "3-RRR-rubbing-both"
 
 
@@ -39,8 +37,7 @@ def test_errors_of_geometry_are_found(name: str, tmp_path: Path) -> None:
     assert worst < 4.0
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=KNOWN.get(n, ())) for n in CASES
-                                  if n != BEHIND])
+@pytest.mark.parametrize("name", [n for n in CASES if n != BEHIND])
 def test_names_are_right(name: str, tmp_path: Path) -> None:
     """What is named, and how large it is; of worlds without a fault nothing is."""
     case = CASES[name]

@@ -61,12 +61,12 @@ class EffectParameter:
     parameter in which the effect is not linear; a plan has to be given it. ``stroke_end``:
     ``low`` or ``high``, for a constant that is that end of the stroke where the file leaves it
     open (nan). ``component``: of the wrench, ``fx`` ... ``mz``, without which the parameter does
-    nothing. ``optional``: at its default, which is 0, the kind is a plain one. A search tries
-    that first, and one such parameter at a time; a plan leaves it there, and so does a file.
-    ``needs``: further columns that it depends on where it is not at its default. ``scaling``: the
-    effect nearly scales with it: at each value of its scan the effect, over that value, is a
-    column, whose coefficient is the parameter. ``unless``: the kind of effect that is the same;
-    where the model has one, a search leaves this at its default.
+    nothing; of several, as ``fx fz``, one is enough. ``optional``: at its default, which is 0, the
+    kind is a plain one. A search tries that first, and one such parameter at a time; a plan leaves
+    it there, and so does a file. ``needs``: further columns that it depends on where it is not at
+    its default. ``scaling``: the effect nearly scales with it: at each value of its scan the
+    effect, over that value, is a column, whose coefficient is the parameter. ``unless``: the kind
+    of effect that is the same; where the model has one, a search leaves this at its default.
     """
 
     name: str
