@@ -107,6 +107,19 @@ def test_a_step_is_followed_exponentially() -> None:
                                                                  rel=1e-14)
 
 
+def test_what_is_unknown_of_play_is_what_its_start_changes() -> None:
+    """Half of what lies between the loops that start at either end of the gap, 0 once crossed."""
+    data = campaign()
+    at = setting(Model(BENCH), environment_of(BENCH, data), data.q, np.full((len(data), 8), np.nan))
+    for width in (1e-3, 0.02, 0.2, -0.02):
+        found = at.unsettled(width)
+        for a, q in enumerate(data.q.T):
+            ends = [looped_play(q, 0.5 * abs(width), side) for side in (-1.0, 1.0)]
+            np.testing.assert_allclose(found[:, a], 0.5 * (ends[1] - ends[0]), atol=1e-15)
+        assert (found[0] > 0.0).all()
+    assert (at.unsettled(0.02)[-1] == 0.0).all()
+
+
 def test_derivatives_of_the_operators() -> None:
     rng = np.random.default_rng(8)
     u, half, time = walk(rng, 200), np.array([0.02, 0.1, 0.4]), np.cumsum(rng.uniform(0, 30, 200))

@@ -208,6 +208,8 @@ class EffectKind:
         seldom: BIC that it must make up for, since machines seldom have it: 2 log of the odds.
         known: the range of its input beyond which nothing is known of it; None: everywhere.
         spread: what it is uncertain by beside its parameters, if anything.
+        unsettled: by how much, at most, du is unknown since nobody knows what was before the first
+            row: (setting, on, values) -> (N, k), unit of u; None: the first row is like any other.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
     """
 
@@ -242,6 +244,7 @@ class EffectKind:
     seldom: float = 0.0
     known: KnownRange | None = None
     spread: Spread | None = None
+    unsettled: Callable[[Setting, Bools, Mapping[str, float]], Array] | None = None
     title: str = ""
 
     def __post_init__(self) -> None:
