@@ -191,6 +191,8 @@ def _loads() -> dict[str, Case]:
         "hardening": cause(ph.compliance("all", hardening=True), plan=WRENCH),
         "compliance-by-stroke": cause(ph.compliance("all", by_stroke=True), plan=WRENCH),
         "base-compliance": cause(bo.base_compliance, plan=WRENCH),
+        "stand": cause(bo.stand, POSED, WRENCH),
+        "stand-weight": cause(bo.stand, SPATIAL),
         "base-plate": cause(bo.plate("base"), plan=WRENCH),
         "platform-plate": cause(bo.plate("platform"), plan=WRENCH),
         "clearance-one": cause(ph.clearance("one"), plan=WRENCH),
