@@ -83,3 +83,16 @@ def test_what_follows_the_last_move_is_learned(tmp_path: Path) -> None:
            cwd=tmp_path, expect=None)
     status = [r["status"] for r in rows(tmp_path / "c" / "commands.csv")]
     assert status.count("ok") > 0.8 * len(status)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("case", "machine", "seed", "kind"), [
+    ("base-compliance", "hexapod", 417972, "base_compliance"),
+    ("motion-heat-base", "hexapod", 146926, "base_thermal"),
+    ("motion-heat-platform", "3-RPR", 794398, "platform_thermal")])
+def test_a_cause_in_a_body_is_named_alone(tmp_path: Path, case: str, machine: str, seed: int,
+                                          kind: str) -> None:
+    """Neither two plates that bend, nor an event, nor legs that heat."""
+    found = diagnosed(tmp_path, case, machine, seed)
+    assert found.record.verdict == "named"
+    assert [e.kind for e in found.diagnosis.effects] == [kind]
