@@ -141,6 +141,8 @@ class KnownRange:
 class Derived:
     """A figure that says more to people than the parameters that it follows from.
 
+    A name that ends in ``_mid_stroke`` says that it, and those beside it, are taken there.
+
     ``quantity``: as that of a parameter; ``value``: (parameter -> value, middle of the measured
     stroke, m or rad) -> figure, SI.
     """
