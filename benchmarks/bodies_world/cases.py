@@ -13,9 +13,8 @@ The right names follow from how a world is built, and were written down before a
   its load by whatever yields outside of the limbs. Each leg's joint gives way under its own load
   too, so that ``compliance`` cannot always be told from it: right beside it in a set, wrong alone.
 - A stand on a ball joint with a spring tilts by the moment of the load about that joint. That is
-  ``base_compliance`` if anything of the list: the base itself stays flat. Its twist is linear in
-  the wrench at the ball, that of the list in the wrench at the platform: an answer without a name
-  is right too.
+  ``base_compliance``: the base itself stays flat and turns about the ball, whose spring is alike
+  about all axes.
 - Weight turned against the file, on drives that yield: ``compliance`` and ``gravity_tilt``.
 - A platform that weighs something itself is in every world with a load, and in no file.
 """
@@ -63,7 +62,10 @@ SPRING, TWIST, RUB = 7e5, 8e4, 8.0
 WIDTH = float(np.degrees(2.0 * RUB / TWIST))
 """Drives: N/m; N m/rad and N m; width of the play that these leave, deg."""
 LEAN = (0.08, -0.05)
+STAND = 3e4
+"""Of the ball joint below the base, N m/rad."""
 COMPLIANCE = frozenset(("compliance",))
+FRAME = frozenset(("base_compliance",))
 PLATES = frozenset(("plate_compliance", "base_compliance"))
 YIELDING = {"compliance.stiffness": SPRING / 1e3}
 RUBBING = Faults(drive=TWIST, friction=RUB)
@@ -79,7 +81,9 @@ CASES = {
     "3-RRR-rubbing-sequence": Case(PLANAR, RUBBING, REVERSAL, (REVERSAL,), "sequence", False,
                                    sizes={"backlash.width": -WIDTH, "play.width": WIDTH}),
     "hexapod-fold": Case(HEXAPOD, Faults(fold=2e4), PLATES),
-    "hexapod-stand": Case(HEXAPOD, Faults(stand=3e4), frozenset(("base_compliance",)), rows=50),
+    "hexapod-stand": Case(HEXAPOD, Faults(stand=STAND), FRAME, (FRAME,), rows=50,
+                          sizes=dict.fromkeys(("base_compliance.rx_mx", "base_compliance.ry_my"),
+                                              float(np.degrees(1.0 / STAND)))),
     "hexapod-lean": Case(HEXAPOD, Faults(drive=SPRING, lean=LEAN), COMPLIANCE | {"gravity_tilt"},
                          (COMPLIANCE, frozenset(("gravity_tilt",))), rows=60, sizes=YIELDING | {
                              "gravity_tilt.first": float(np.degrees(LEAN[0])),

@@ -97,6 +97,24 @@ def base_compliance(rng, run: Run) -> Effect:
     return Effect("base_compliance", (), {"give": give}, ("give",), units, apply)
 
 
+def stand(rng, run: Run) -> Effect:
+    """The base leans on springs about a point beside and below it, as the load's moment wants."""
+    size = np.ptp(run.geo.base[0], axis=0).max()
+    free = np.isin([3, 4, 5], COLUMNS[run.machine.motion])
+    at = size * rng.uniform(-0.3, 0.3, 3) - [0, 0, size * rng.uniform(0.2, 0.8)]
+    at = at * ([1, 1, 0] if run.machine.motion == "planar" else [1, 1, 1])
+    give = free * 2e-9 * rng.uniform(0.5, 2, 3)
+
+    def apply(state, r, v):
+        wrench = total_wrench(r)
+        moment = wrench[:, 3:] + np.cross(r.pos - v["at"], wrench[:, :3])
+        turn = v["give"] * moment
+        state.base_step += np.hstack([np.cross(v["at"], turn), turn])
+
+    values, units = {"give": give, "at": at}, {"give": "rad/(N·mm), diagonal", "at": "mm"}
+    return Effect("base_compliance", (), values, ("give",), units, apply, note="about at")
+
+
 ALONE = 0.1
 """A plate that takes along the next joint by less than this part."""
 

@@ -115,27 +115,34 @@ def thermal_lag(part: str, how: str = "all"):
     return make
 
 
-def motion_heat(how: str):
-    """Legs heat by their own travel per second and cool with a time constant."""
+def motion_heat(how: str, part: str = "leg"):
+    """Legs heat by their own travel per second and cool with a time constant.
+
+    The base or the platform (``part``), on which all drives stand, heats by their mean.
+    """
 
     def make(rng, run):
-        legs, tau = pick(rng, run, how), run.time[-1] * rng.uniform(0.1, 0.3)
+        legs, tau = pick(rng, run, how) if part == "leg" else (), (
+            run.time[-1] * rng.uniform(0.1, 0.3))
 
         def warmed(r, tau):
             path = path_of(r)
             travel = np.abs(np.diff(path, axis=0, prepend=path[:1])).reshape(r.count, 2, -1).sum(1)
             power = travel / np.diff(r.time, prepend=r.time[0] - 8.0)[:, None]
-            return lagged(r.time, power, tau, np.zeros(power.shape[1]))
+            if part != "leg":
+                power = power.mean(1)
+            return lagged(r.time, power, tau, np.zeros(power.shape[1:]))
 
         # the warmest leg of the campaign gets 15 K above its start
         factor = 15.0 / warmed(run, tau).max()
 
         def apply(state, r, v):
-            grow(state, r, "leg", legs, v["expansion"] * v["K_per_rate"] * warmed(r, v["tau"]))
+            grow(state, r, part, legs, v["expansion"] * v["K_per_rate"] * warmed(r, v["tau"]))
 
         values = {"expansion": 1e-5, "tau": tau, "K_per_rate": factor}
         units = {"expansion": "1/K", "tau": "s", "K_per_rate": "K per joint unit per s"}
-        return Effect("leg_thermal", legs, values, ("expansion",), units, apply, note="from motion")
+        return Effect(f"{part}_thermal", legs, values, ("expansion",), units, apply,
+                      note="from motion")  # fmt: skip
 
     return make
 

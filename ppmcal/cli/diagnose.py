@@ -166,8 +166,10 @@ def _effects(record: DiagnosisRecord) -> list[str]:
             for head, e, p in zip(heads, group, alone, strict=True))
         out.append(f"{name_of(record, group[0].kind, on)}: {sizes}"
                    + ("." if alone[0] else f"; {chances[0]}."))
-        out += [f"  {head}{_values(e.derived)} at mid-stroke ({number(at.value)} {at.unit})."
-                for head, e in zip(heads, group, strict=True) if (at := e.mid_stroke)]
+        out += [f"  {head}{_values(e.derived)}"
+                + (f" at mid-stroke ({number(at.value)} {at.unit})." if at else ".")
+                for head, e in zip(heads, group, strict=True) if e.derived
+                for at in [e.mid_stroke]]
         if others := rivals(record, group[0]):
             out.append(f"  Cannot be told from: {'; '.join(others)}.")
     return out

@@ -214,10 +214,10 @@ class _Kinds(Collector):
         return lambda at: kind.evaluate(at, on, values).shift
 
     def _varies(self, spec: EffectParameter) -> bool:
-        """Whether the wrench component on which a parameter acts is ever applied."""
+        """Whether one of the wrench components on which a parameter acts is ever applied."""
         if not spec.component:
             return True
-        at = WRENCH.index(spec.component)
+        at = [WRENCH.index(c) for c in spec.component.split()]
         return any(np.nanmax(np.abs(p.setting.wrench[:, at]), initial=0.0) > 0.0
                    for p in self.system.parts)
 

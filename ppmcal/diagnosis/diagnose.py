@@ -27,6 +27,7 @@ from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import LEVEL, remainder
 from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import Added, with_named
+from ppmcal.diagnosis.first_rows import without_first_rows
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
 from ppmcal.diagnosis.hypotheses import Hypothesis, Untestable
@@ -96,6 +97,12 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     refuse_wrong_rows(whole)
     training, held = _split(whole, options)
     found = _find(training, options, say)
+    settled = without_first_rows(whole.problem, found.after)
+    if settled is not whole.problem:
+        say("again without the first rows, before which nobody knows what was")
+        whole = identify(settled, options.fit)
+        training, held = _split(whole, options)
+        found = _find(training, options, say)
     say("confirming in all rows")
     found, final = confirm(found, whole, options.fit)
     onsets: dict[str, Onset] = {}

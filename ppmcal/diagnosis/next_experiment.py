@@ -209,8 +209,8 @@ def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Bl
     found = library(system, tuple({a.kind, b.kind}), [problem.free[c] for c in stage.added])
 
     def columns(hypothesis: Hypothesis) -> Array:
-        match = [f for f in found.hypotheses if (f.family, f.on, f.shared, f.slot) == (
-            hypothesis.family, hypothesis.on, hypothesis.shared, hypothesis.slot)]
+        match = [f for f in found.hypotheses if (f.family, f.on, f.shared, f.names) == (
+            hypothesis.family, hypothesis.on, hypothesis.shared, hypothesis.names)]
         if not match:
             return of_single(found.columns, found.hypotheses, hypothesis)
         nearest = min(match, key=lambda f: f.apart(hypothesis))

@@ -284,7 +284,9 @@ def find(search: Search, hypothesis: Hypothesis) -> tuple[Search, int | None]:
     match = [i for i, f in enumerate(search.hypotheses)
              if (f.family, f.on, f.shared) == (hypothesis.family, hypothesis.on, hypothesis.shared)]
     if match:
-        return search, min(match, key=lambda i: hypothesis.apart(search.hypotheses[i]))
+        # of one kind there may be hypotheses with fewer and with more parameters
+        return search, min(match, key=lambda i: (
+            search.hypotheses[i].names != hypothesis.names, hypothesis.apart(search.hypotheses[i])))
     parts = [f for f in search.hypotheses if f.family == hypothesis.family and len(f.on) == 1
              and f.on[0] in hypothesis.on and f.alike(hypothesis)]
     if not parts or len(parts) != len(hypothesis.on):

@@ -223,7 +223,10 @@ def _effect(base: Mapping[str, Any]) -> Schema:
     value: Schema = {"anyOf": [NUMBER, {"$ref": "#/$defs/ValueFile"}]}
     choose = []
     for name, kind in sorted(effect_kinds().items()):
-        words = {s.name: s.quantity for motion in kind.motions for s in kind.parameters(motion)}
+        # what an entry of the file makes of a kind has parameters of its own
+        words = {s.name: s.quantity for motion in kind.motions
+                 for one in (kind, *(kind.variants(motion) if kind.variants else ()))
+                 if motion in one.motions for s in one.parameters(motion)}
         choose.append({
             "if": {"properties": {"kind": {"const": name}}, "required": ["kind"]},
             "then": {"properties": {"parameters": {
@@ -231,9 +234,11 @@ def _effect(base: Mapping[str, Any]) -> Schema:
                     key: {**value, "description": f"{quantity or 'bare number'}."}
                     for key, quantity in words.items()}}}}})
     names = [*sorted(effect_kinds()), GEOMETRY]
-    further = {n: {"description": f"Of the kind {kind.name}."}
-               for kind in effect_kinds().values() if kind.from_file
-               for n in kind.from_file.entries}
+    entries: dict[str, list[str]] = {}
+    for name, kind in sorted(effect_kinds().items()):
+        for entry in kind.from_file.entries if kind.from_file else ():
+            entries.setdefault(entry, []).append(name)
+    further = {n: {"description": f"Of {', '.join(of)}."} for n, of in entries.items()}
     own = {**base["properties"], **further,
            "kind": {"enum": names, "description": "Kind of the effect."},
            "parameters": {"type": "object", "description": "Sizes, by name; those of the kind."}}

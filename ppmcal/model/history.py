@@ -55,6 +55,19 @@ class History:
         key = ("slack", *half.tolist())
         return self._once(key, lambda: slack(np.where(self.direct, self.q, np.nan), half))
 
+    def unsettled(self, half: Array) -> Array:
+        """Return by how much, at most, play's output is unknown (H, k), unit of q: :func:`slack`.
+
+        ``half``: half width by joint (k,), unit of q, not negative.
+        """
+        def spread() -> tuple[Array, Array]:
+            u = np.where(self.direct, self.q, np.nan)
+            (low, high), _ = _bounds(u, half)
+            with np.errstate(invalid="ignore"):
+                return np.where(np.isfinite(u), 0.5 * (high - low), np.nan), np.zeros(0)
+
+        return self._once(("unsettled", *half.tolist()), spread)[0]
+
     def lagged(self, of: str, drive: Callable[[], Array], tau: float) -> tuple[Array, Array]:
         """Return a state that follows ``drive`` (H,) or (H, k) late, and its derivative by tau, s.
 
@@ -146,6 +159,15 @@ def slack(u: Array, half: Array) -> tuple[Array, Array]:
         half: half widths h (k,), not negative.
     """
     known = np.isfinite(u)
+    (low, high), (by_low, by_high) = _bounds(u, half)
+    with np.errstate(invalid="ignore"):
+        out = 0.5 * (low - u) + 0.5 * (high - u)
+    return np.where(known, out, np.nan), np.where(known, 0.5 * (by_low + by_high), np.nan)
+
+
+def _bounds(u: Array, half: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return the least and the most that play's output may be (H, k), and d/d half of both."""
+    known = np.isfinite(u)
     low, high = np.where(known, u - half, -np.inf), np.where(known, u + half, np.inf)
     by_low, by_high = -1.0 * known, 1.0 * known
     step = 1
@@ -160,9 +182,7 @@ def slack(u: Array, half: Array) -> tuple[Array, Array]:
             (np.concatenate([a[:step], b]), np.concatenate([c[:step], d]))
             for (b, d), (a, c) in zip(ends, ((low, by_low), (high, by_high)), strict=True))
         step *= 2
-    with np.errstate(invalid="ignore"):
-        out = 0.5 * (low - u) + 0.5 * (high - u)
-    return np.where(known, out, np.nan), np.where(known, 0.5 * (by_low + by_high), np.nan)
+    return (low, high), (by_low, by_high)
 
 
 def lagged(time: Array, drive: Array, tau: float) -> tuple[Array, Array]:

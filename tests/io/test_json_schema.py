@@ -90,6 +90,15 @@ def test_every_kind_is_known():
     assert set(effect_kinds()) < set(definitions["Effect"]["properties"]["kind"]["enum"])
 
 
+@pytest.mark.parametrize(("kind", "entry", "parameters"), [
+    ("leg_thermal", {"from": "motion"}, {"growth": 1e-4, "tau": 60}),
+    ("base_thermal", {"from": "motion"}, {"growth": 1e-4, "tau": 60}),
+    ("base_compliance", {"about": "base"}, {"rx_mx": 1e-6, "x_my": 1e-6})])
+def test_parameters_of_what_an_entry_makes_are_known(kind, entry, parameters):
+    effects = [{"kind": kind, **entry, "parameters": parameters}]
+    assert not problems("mechanism", broken(lambda c: c.update(effects=effects)))
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_every_key_has_a_description(name):
     schema = file_schema(name)

@@ -44,6 +44,7 @@ from ppmcal.model.effects import (
     ScanRange,
     Setting,
     effect_kinds,
+    find_effect,
 )
 from ppmcal.model.history import History
 from ppmcal.model.limbs import kinds as limb_kinds
@@ -467,6 +468,34 @@ def assert_derivatives(name: str, kinds: tuple[str, ...]) -> None:
 def test_derivatives_against_differences(name: str, kind: str) -> None:
     """By the effect's parameters, and by geometry, frame and target with the effect at work."""
     assert_derivatives(name, (kind,))
+
+
+READ: dict[str, Mapping[str, Any]] = {
+    "heat of motion": {"kind": "base_thermal", "from": "motion",
+                       "parameters": {"growth": 0.1, "tau": 70.0}},
+    "compliance about base": {"kind": "base_compliance", "about": "base"}}
+
+
+def about_base(mechanism: Mechanism) -> dict[str, float]:
+    """Return moderate values of every compliance of the base: it turns by less than 1e-5 rad."""
+    kind = find_effect("base_compliance").from_file.make({"about": "base"}, SI, "length")
+    size = max(1.0, mechanism.reach)
+    return {s.name: 1e-8 * (1.0 - 0.3 * (i % 4)) / size ** (
+        s.name.startswith("r") + s.name[-2:-1].count("m"))
+        for i, s in enumerate(kind.parameters(mechanism.motion))}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "read"), [(n, r) for n in FEW for r in READ if (
+    n, r) != ("delta-rotary", "compliance about base")])
+def test_derivatives_of_what_a_file_makes(name: str, read: str) -> None:
+    """As above, of kinds that are other ones by an entry of the file."""
+    plain, entry = machine(name), READ[read]
+    values = entry.get("parameters") or about_base(plain)
+    acted = acting(plain, {**entry, "parameters": {
+        n: {"value": v, "free": True} for n, v in values.items()}})
+    problem, state = measured(plain, acted)
+    assert {n: a for n, a in slopes_apart(problem, state).items() if a > 1e-3} == {}
 
 
 @pytest.mark.slow

@@ -107,6 +107,19 @@ def test_a_step_is_followed_exponentially() -> None:
                                                                  rel=1e-14)
 
 
+def test_what_is_unknown_of_play_is_what_its_start_changes() -> None:
+    """Half of what lies between the loops that start at either end of the gap, 0 once crossed."""
+    data = campaign()
+    at = setting(Model(BENCH), environment_of(BENCH, data), data.q, np.full((len(data), 8), np.nan))
+    for width in (1e-3, 0.02, 0.2, -0.02):
+        found = at.unsettled(width)
+        for a, q in enumerate(data.q.T):
+            ends = [looped_play(q, 0.5 * abs(width), side) for side in (-1.0, 1.0)]
+            np.testing.assert_allclose(found[:, a], 0.5 * (ends[1] - ends[0]), atol=1e-15)
+        assert (found[0] > 0.0).all()
+    assert (at.unsettled(0.02)[-1] == 0.0).all()
+
+
 def test_derivatives_of_the_operators() -> None:
     rng = np.random.default_rng(8)
     u, half, time = walk(rng, 200), np.array([0.02, 0.1, 0.4]), np.cumsum(rng.uniform(0, 30, 200))
@@ -129,7 +142,10 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "base": {"kind": "base_thermal", "parameters": {"expansion": 1e-5, "tau": 200.0}},
     "platform": {"kind": "platform_thermal", "parameters": {"expansion": 1e-5, "tau": 200.0}},
     "motion": {"kind": "leg_thermal", "from": "motion",
-               "parameters": {"growth": 1e-2, "tau": 200.0}}}
+               "parameters": {"growth": 1e-2, "tau": 200.0}},
+    **{f"motion of the {body}": {"kind": f"{body}_thermal", "from": "motion",
+                                 "parameters": {"growth": 1e-2, "tau": 200.0}}
+       for body in ("base", "platform")}}
 each_effect = pytest.mark.parametrize("name", EFFECTS)
 
 
@@ -237,9 +253,24 @@ def test_heat_of_motion() -> None:
     np.testing.assert_allclose(found[:, :2], 1e-2 * wanted, rtol=1e-12, atol=1e-18)
 
 
+@pytest.mark.parametrize("body", ["base", "platform"])
+def test_heat_of_the_motion_of_all_drives(body: str) -> None:
+    """A body warms with the mean of all drives' travel per second: joint centres of it grow."""
+    data = campaign()
+    found = added(acting(f"motion of the {body}"), data)
+    time, q = data.columns["time"], data.q
+    rate = np.abs(np.diff(q, axis=0, prepend=q[:1])) / np.diff(time, prepend=-1.0)[:, None]
+    warm = looped_lag(time, rate.mean(axis=1), 200.0)
+    slots = [v for limb in BENCH.limbs for n, v in limb.slots.values(BENCH.values).items()
+             if n.startswith(f"{body}.point")]
+    np.testing.assert_allclose(found, 1e-2 * np.outer(warm, slots), rtol=1e-12, atol=1e-18)
+    assert np.ptp(found) > 0.0
+
+
 # --- what is not known --------------------------------------------------------------------------
 
-LACKS = {"play": ORDER, "hysteresis": ORDER, "creep": "time", "leg": "time", "motion": "time"}
+LACKS = {"play": ORDER, "hysteresis": ORDER, "creep": "time", "leg": "time", "motion": "time",
+         "motion of the base": "time"}
 
 
 @pytest.mark.parametrize("name", LACKS)
@@ -315,10 +346,20 @@ def test_products_that_are_none(entries: dict[str, Any], place: str) -> None:
     assert caught.value.where == f"m.yaml: effects[1].{place}"
 
 
-def test_heat_from_elsewhere_is_refused() -> None:
-    with pytest.raises(BadInput, match="from 'sunshine'"):
-        with_effects(BENCH, [{"kind": "leg_thermal", "from": "sunshine",
+@pytest.mark.parametrize("kind", ["leg_thermal", "base_thermal", "platform_thermal"])
+def test_heat_from_elsewhere_is_refused(kind: str) -> None:
+    with pytest.raises(BadInput, match="from 'sunshine'") as caught:
+        with_effects(BENCH, [{"kind": kind, "from": "sunshine",
                               "parameters": {"expansion": 1e-6}}], SI, "m.yaml")
+    assert caught.value.where == "m.yaml: effects[1].from"
+
+
+@pytest.mark.parametrize("kind", ["leg_thermal", "base_thermal", "platform_thermal"])
+def test_heat_of_motion_is_written_as_it_was_read(kind: str) -> None:
+    one = {"kind": kind, "from": "motion", "parameters": {"growth": 2e-6, "tau": 80.0}}
+    tree = effects_tree(with_effects(BENCH, [one], SI, "m.yaml"))
+    assert {k: tree[0][k] for k in ("kind", "from")} == {"kind": kind, "from": "motion"}
+    assert effects_tree(with_effects(BENCH, tree, BENCH.units, "m.yaml")) == tree
 
 
 @pytest.mark.parametrize("of", [["backlash", "temperature"], ["backlash", "travel"],

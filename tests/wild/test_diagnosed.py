@@ -150,3 +150,27 @@ def test_commands_through_a_stretch_that_the_model_misses_say_so(tmp_path: Path)
     assert sigma[inside].min() > 1e-4
     assert np.median(sigma[~inside]) < 1e-5
     assert any("leg2 between" in note for note in sent.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("case", "machine", "seed", "kind"), [
+    ("base-compliance", "hexapod", 417972, "base_compliance"),
+    ("stand-weight", "hexapod", 554533, "base_compliance"),
+    ("motion-heat-base", "hexapod", 146926, "base_thermal"),
+    ("motion-heat-platform", "3-RPR", 794398, "platform_thermal")])
+def test_a_cause_in_a_body_is_named_alone(tmp_path: Path, case: str, machine: str, seed: int,
+                                          kind: str) -> None:
+    """Neither two plates that bend, nor an event, nor legs that heat."""
+    found = diagnosed(tmp_path, case, machine, seed)
+    assert found.record.verdict == "named"
+    assert [e.kind for e in found.diagnosis.effects] == [kind]
+
+
+@pytest.mark.slow
+def test_a_stand_that_may_be_legs_gets_a_next_measurement(tmp_path: Path) -> None:
+    """Of one kind there are hypotheses with fewer and with more parameters: each is its own."""
+    found = diagnosed(tmp_path, "stand", "crank-hexapod", 800750)
+    (effect,) = found.diagnosis.effects
+    assert "base_compliance" in (effect.kind, *(a.split(" ")[0] for a in effect.alternatives))
+    assert found.record.verdict == "named-set"
+    assert found.record.next_measurements.reason

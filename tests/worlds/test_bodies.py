@@ -11,14 +11,12 @@ pytest.importorskip("mujoco", reason="worlds of bodies need mujoco: pip install 
 
 from bodies_study import ask, identified_apart, nominal_apart, wrong
 from bodies_world.cases import CASES, SIGMA, campaign
-from bodies_world.machines import MACHINES
+from bodies_world.machines import MACHINES, PIVOT
 
 import ppmcal
 from ppmcal.calibration.misread import Misread
 
 pytestmark = pytest.mark.slow
-FLAT = "a flat base on a stand that tilts is said to bend, beside base_compliance"
-KNOWN = {"hexapod-stand": pytest.mark.xfail(strict=True, reason=FLAT)}
 BEHIND = "3-RRR-rubbing-both"
 
 
@@ -39,8 +37,7 @@ def test_errors_of_geometry_are_found(name: str, tmp_path: Path) -> None:
     assert worst < 4.0
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=KNOWN.get(n, ())) for n in CASES
-                                  if n != BEHIND])
+@pytest.mark.parametrize("name", [n for n in CASES if n != BEHIND])
 def test_names_are_right(name: str, tmp_path: Path) -> None:
     """What is named, and how large it is; of worlds without a fault nothing is."""
     case = CASES[name]
@@ -52,6 +49,17 @@ def test_names_are_right(name: str, tmp_path: Path) -> None:
             assert abs(value - case.sizes[size]) < 4 * sigma
     if case.must:
         assert answer.gap[1] < 0.5 * answer.gap[0]
+
+
+def test_the_point_about_which_a_stand_turns_is_told(tmp_path: Path) -> None:
+    """The ball joint's place, base axes; it is no figure of a stroke."""
+    campaign("hexapod-stand", 1, tmp_path)
+    (effect,) = ppmcal.diagnose(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"]).record.effects
+    assert effect.mid_stroke is None
+    for axis, pivot in zip("xyz", PIVOT, strict=True):
+        told = effect.derived[f"center_{axis}"]
+        assert abs(told.value - 1e3 * pivot) < 4 * told.sigma
+        assert told.sigma < 40.0
 
 
 def test_drives_behind_their_encoders_want_the_side_they_came_from(tmp_path: Path) -> None:

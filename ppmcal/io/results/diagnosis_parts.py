@@ -279,7 +279,7 @@ def _parameters(result: Diagnosis, effect: NamedEffect) -> dict[str, EffectValue
 def _derived(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
     """Return what follows from an effect's parameters and where mid-stroke is, file units.
 
-    Empty for kinds of which the parameters say all.
+    Empty for kinds of which the parameters say all; no mid-stroke where no figure is named for it.
     """
     found = derived(result.identification, effect.parameters)
     if found is None:
@@ -289,6 +289,8 @@ def _derived(result: Diagnosis, effect: NamedEffect) -> dict[str, Any]:
     def value(size: float, quantity: str) -> dict[str, Any]:
         return {"value": size / units.factor(quantity), "unit": units.name(quantity)}
 
-    return {"mid_stroke": EffectValue(**value(found.middle, found.quantity)), "derived": {
+    stroke = {"mid_stroke": EffectValue(**value(found.middle, found.quantity))} if any(
+        f.name.endswith("_mid_stroke") for f in found.all) else {}
+    return {**stroke, "derived": {
         f.name: EffectValue(**value(f.value, f.quantity), sigma=None if f.sigma is None else
                             f.sigma / units.factor(f.quantity)) for f in found.all}}

@@ -1,25 +1,45 @@
-"""Compliance of the frame: the platform gives way in proportion to the wrench."""
+"""Compliance of the frame: platform or base gives way in proportion to the wrench."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Container, Mapping
+from dataclasses import replace
+from functools import partial
+from itertools import combinations_with_replacement
 
 import numpy as np
 
+from ppmcal.errors import BadInput
 from ppmcal.linalg import Bools
-from ppmcal.model.effects.kind import EffectKind, EffectParameter, Terms, Worked, linear, register
+from ppmcal.model.effects.kind import (
+    Derived,
+    EffectKind,
+    EffectParameter,
+    FromFile,
+    Terms,
+    Worked,
+    linear,
+    register,
+)
 from ppmcal.model.effects.setting import COORDINATES, PLACE, Setting, Shift
+from ppmcal.units import Units
 
 WRENCH = {"planar": ("fx", "fy", "mz"), "translational": ("fx", "fy", "fz"),
           "spatial": ("fx", "fy", "fz", "mx", "my", "mz")}
 COLUMN = {"fx": 0, "fy": 1, "fz": 2, "mx": 3, "my": 4, "mz": 5}
+AT_BASE = {"fx": "fx", "fy": "fy", "fz": "fz", "mx": "mx fy fz", "my": "my fx fz", "mz": "mz fx fy"}
+"""What makes a component at the base's origin, of the wrench at the platform's."""
+
+
+def _parameter(c: str, w: str, component: str) -> EffectParameter:
+    return EffectParameter(
+        f"{c}_{w}", f"{'angle' if c[0] == 'r' else 'length'}/{'N.m' if w[0] == 'm' else 'N'}",
+        size=1e-8, component=component)
 
 
 def _parameters(motion: str) -> tuple[EffectParameter, ...]:
     """Return one compliance ``x_fx`` per coordinate and component of the wrench."""
-    return tuple(EffectParameter(
-        f"{c}_{w}", f"{'angle' if c[0] == 'r' else 'length'}/{'N.m' if w[0] == 'm' else 'N'}",
-        size=1e-8, component=w) for c in COORDINATES[motion] for w in WRENCH[motion])
+    return tuple(_parameter(c, w, w) for c in COORDINATES[motion] for w in WRENCH[motion])
 
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -33,8 +53,103 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     return linear(values, by)
 
 
-BASE_COMPLIANCE = register(EffectKind(
+def _of_base(motion: str) -> tuple[EffectParameter, ...]:
+    """Return the upper triangle of a symmetric C (Maxwell and Betti: work has no order)."""
+    pairs = combinations_with_replacement(
+        list(zip(COORDINATES[motion], WRENCH[motion], strict=True)), 2)
+    return tuple(_parameter(c, w, f"{AT_BASE[v]} {AT_BASE[w]}") for (c, v), (_, w) in pairs)
+
+
+CROSSED = ("x_my", "x_mz", "y_mx", "y_mz", "z_mx", "z_my")
+"""What a turn about an axis displaces, whose springs are off the base's origin."""
+
+
+def _some(parameters: Callable[[str], tuple[EffectParameter, ...]], further: Container[str],
+          motion: str) -> tuple[EffectParameter, ...]:
+    """Return the diagonal of C, and ``further`` names: a file's effect whose other values are 0."""
+    return tuple(s for s in parameters(motion) if s.name in further
+                 or PLACE[s.name.rsplit("_", 1)[0]] == COLUMN[s.name.rsplit("_", 1)[1]])
+
+
+def _base_terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """The base's twist is C W, W = (f, m + p x f) at its origin; p, the platform, is carried along.
+
+    The platform's origin moves by t + r x p, its axes turn by r, where (t, r) = C W.
+    """
+    place = setting.pose[:, :3]
+    at_base = setting.wrench.copy()
+    at_base[:, 3:] += np.cross(place, setting.wrench[:, :3])
+    by = {}
+    for name in values:
+        c, w = name.rsplit("_", 1)
+        i, j = PLACE[c], COLUMN[w]
+        twist = np.zeros_like(at_base)
+        twist[:, i] = at_base[:, j]
+        twist[:, j] = at_base[:, i]
+        twist[:, :3] += np.cross(twist[:, 3:], place)
+        by[name] = Shift(pose=twist)
+    return linear(values, by)
+
+
+def _about(axis: int) -> Callable[[Mapping[str, float], float], float]:
+    return partial(_center, axis)
+
+
+def _center(axis: int, values: Mapping[str, float], middle: float) -> float:
+    """Return a coordinate of the point c about which a moment turns the base, m.
+
+    A turn r about c moves the origin by c x r: what moments displace against what they turn, by
+    least squares over the axes that they turn about; 0 along one that nothing tells.
+    """
+    matrix = np.zeros((6, 6))
+    for name, value in values.items():
+        c, w = name.rsplit("_", 1)
+        matrix[PLACE[c], COLUMN[w]] = matrix[COLUMN[w], PLACE[c]] = value
+    turned = [k for k in (3, 4, 5) if matrix[k, k] != 0.0]
+    if not turned:
+        return 0.0
+    # c x r = -[r] c
+    rows = np.concatenate([np.cross(np.eye(3), matrix[3:, k]).T for k in turned])
+    moved = np.concatenate([matrix[:3, k] for k in turned])
+    return float(np.linalg.lstsq(rows, moved, rcond=1e-9)[0][axis])
+
+
+def _made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
+    """Return the kind that a file means by ``about``.
+
+    Raises:
+        BadInput: neither base nor platform.
+    """
+    about = entries.get("about", "platform")
+    if about not in ("platform", "base"):
+        raise BadInput(f"a compliance is not about '{about}'", "about",
+                       "Write `about: base` (the base turns on what it stands on), or leave it out")
+    return ABOUT_BASE if about == "base" else BASE_COMPLIANCE
+
+
+def _variants(motion: str) -> tuple[EffectKind, ...]:
+    """Return what a search tries: springs along the base's axes first, which have few values."""
+    of_base = () if motion == "translational" else (SEATED, ABOUT_BASE)
+    return (ALONG_AXES, BASE_COMPLIANCE, *of_base)
+
+
+FILE = FromFile(("about",), _made)
+
+ABOUT_BASE = EffectKind(
+    "base_compliance", "base twist = C W, C symmetric, W the wrench at the base's origin",
+    "[LIN] section 4.3; Maxwell's and Betti's reciprocity", _of_base, ("wrench",), _base_terms,
+    per_actuator=False, uses_load=True, motions=("planar", "spatial"), from_file=FILE,
+    written=lambda units: {"about": "base"}, title="base_compliance about base",
+    contains=("base_compliance", "compliance", "plate_compliance", "creep"),
+    derived=tuple(Derived(f"center_{'xyz'[k]}", "length", _about(k)) for k in range(3)),
+    remedy="indicate the base against the ground while the payload is put on")
+
+SEATED = replace(ABOUT_BASE, parameters=partial(_some, _of_base, CROSSED))
+
+BASE_COMPLIANCE: EffectKind = register(EffectKind(
     "base_compliance", "platform twist = C wrench, base axes",
     "[LIN] section 4.3: compliance outside of the limbs", _parameters, ("wrench",), _terms,
-    per_actuator=False,
+    per_actuator=False, from_file=FILE, variants=_variants,
     worked=Worked({"x_fx": 1e-8}, {"wrench": 200.0}, 2e-6)))
+
+ALONG_AXES = replace(BASE_COMPLIANCE, parameters=partial(_some, _parameters, ()))

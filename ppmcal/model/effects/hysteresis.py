@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ppmcal.linalg import Bools
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.kind import (
     EffectKind,
     EffectParameter,
@@ -24,10 +24,22 @@ WIDTHS = {"w1": 0.004, "w2": 0.03, "w3": 0.2}
 
 def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     """Du = sum w_i (p_i - u), p_i play of a fixed part of the stroke ``low`` to ``high``."""
+    stroke = _stroke(setting, values)
+    return linear(values, {n: setting.at_joints(setting.slack(part * stroke)[0], on)
+                           for n, part in WIDTHS.items()})
+
+
+def _stroke(setting: Setting, values: Mapping[str, float]) -> Array:
+    """Return the length of each joint's stroke (k,)."""
     low = np.where(np.isnan(values["low"]), setting.stroke[:, 0], values["low"])
     high = np.where(np.isnan(values["high"]), setting.stroke[:, 1], values["high"])
-    return linear(values, {n: setting.at_joints(setting.slack(part * (high - low))[0], on)
-                           for n, part in WIDTHS.items()})
+    return high - low
+
+
+def _unsettled(setting: Setting, on: Bools, values: Mapping[str, float]) -> Array:
+    stroke = _stroke(setting, values)
+    each = [abs(values[n]) * setting.unsettled(part * stroke) for n, part in WIDTHS.items()]
+    return np.where(on, np.sum(each, axis=0), 0.0)
 
 
 HYSTERESIS = register(EffectKind(
@@ -39,7 +51,7 @@ HYSTERESIS = register(EffectKind(
                  for n in WIDTHS),
                *(EffectParameter(n, "joint", np.nan, constant=True, stroke_end=n)
                  for n in ("low", "high"))),
-    ("order",), _terms, contains=("backlash", "play"),
+    ("order",), _terms, contains=("backlash", "play"), unsettled=_unsettled,
     remedy="go through strokes of several lengths, back and forth",
     worked=Worked({"w1": 0.0, "w2": 1e-3, "w3": 0.0, "low": 0.0, "high": 1.0},
                   {"travel_before": 0.1, "travel": 0.2}, -1.5e-5)))

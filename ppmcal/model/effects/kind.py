@@ -61,12 +61,12 @@ class EffectParameter:
     parameter in which the effect is not linear; a plan has to be given it. ``stroke_end``:
     ``low`` or ``high``, for a constant that is that end of the stroke where the file leaves it
     open (nan). ``component``: of the wrench, ``fx`` ... ``mz``, without which the parameter does
-    nothing. ``optional``: at its default, which is 0, the kind is a plain one. A search tries
-    that first, and one such parameter at a time; a plan leaves it there, and so does a file.
-    ``needs``: further columns that it depends on where it is not at its default. ``scaling``: the
-    effect nearly scales with it: at each value of its scan the effect, over that value, is a
-    column, whose coefficient is the parameter. ``unless``: the kind of effect that is the same;
-    where the model has one, a search leaves this at its default.
+    nothing; of several, as ``fx fz``, one is enough. ``optional``: at its default, which is 0, the
+    kind is a plain one. A search tries that first, and one such parameter at a time; a plan leaves
+    it there, and so does a file. ``needs``: further columns that it depends on where it is not at
+    its default. ``scaling``: the effect nearly scales with it: at each value of its scan the
+    effect, over that value, is a column, whose coefficient is the parameter. ``unless``: the kind
+    of effect that is the same; where the model has one, a search leaves this at its default.
     """
 
     name: str
@@ -141,6 +141,8 @@ class KnownRange:
 class Derived:
     """A figure that says more to people than the parameters that it follows from.
 
+    A name that ends in ``_mid_stroke`` says that it, and those beside it, are taken there.
+
     ``quantity``: as that of a parameter; ``value``: (parameter -> value, middle of the measured
     stroke, m or rad) -> figure, SI.
     """
@@ -208,6 +210,8 @@ class EffectKind:
         seldom: BIC that it must make up for, since machines seldom have it: 2 log of the odds.
         known: the range of its input beyond which nothing is known of it; None: everywhere.
         spread: what it is uncertain by beside its parameters, if anything.
+        unsettled: by how much, at most, du is unknown since nobody knows what was before the first
+            row: (setting, on, values) -> (N, k), unit of u; None: the first row is like any other.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
     """
 
@@ -242,6 +246,7 @@ class EffectKind:
     seldom: float = 0.0
     known: KnownRange | None = None
     spread: Spread | None = None
+    unsettled: Callable[[Setting, Bools, Mapping[str, float]], Array] | None = None
     title: str = ""
 
     def __post_init__(self) -> None:

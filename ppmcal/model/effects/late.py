@@ -1,14 +1,26 @@
-"""What heat that comes late shares: a time constant, and growth that follows the thermometer."""
+"""What heat shares: a time constant, and growth with the thermometer or with the drives' work."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from ppmcal.errors import BadInput
 from ppmcal.linalg import Bools
-from ppmcal.model.effects.kind import EffectParameter, ScanRange, Terms
+from ppmcal.model.effects.kind import (
+    EffectKind,
+    EffectParameter,
+    FromFile,
+    ScanRange,
+    Terms,
+    Worked,
+    fixed_list,
+)
 from ppmcal.model.effects.setting import Setting
+from ppmcal.units import Units
 
 
 def taus(data: ScanRange) -> list[float]:
@@ -20,6 +32,11 @@ EXPANSION = EffectParameter("expansion", "1/K", low=-30e-6, high=30e-6, size=1e-
 TAU = EffectParameter("tau", "s", 0.0, low=0.0, usual=(0.0, 1e6), size=1.0, scan=taus,
                       optional=True, needs=("past",),
                       why="what takes longer than a week does not heat within a campaign")
+OWN_WORK = fixed_list(
+    EffectParameter("growth", "s/joint", low=-1.0, high=1.0, size=1e-4, usual=(0.0, 1.0),
+                    why="work heats"),
+    replace(TAU, default=None, optional=False, low=1e-6, usual=(1e-6, 1e6), needs=()))
+"""Parameters of what the drives' own work heats."""
 
 
 def grown(which: str, setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
@@ -37,3 +54,51 @@ def rate_grown(setting: Setting, on: Bools, values: Mapping[str, float]) -> Term
     shape = setting.at_struts(work, on)
     return Terms(shape.times(values["growth"]), {
         "growth": shape, "tau": setting.at_struts(np.asarray(values["growth"] * slope), on)})
+
+
+def mean_rate_grown(which: str, setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
+    """Return the terms of slots ``which`` x (1 + growth x), x' = (mean |dq|/dt - x)/tau."""
+    work, slope = (w.mean(axis=1) for w in setting.worked(values["tau"]))
+    shape = setting.at_slots(which, work, on)
+    return Terms(shape.times(values["growth"]), {
+        "growth": shape, "tau": setting.at_slots(which, values["growth"] * slope, on)})
+
+
+def source_of_heat(body: str, kind: Callable[[str], EffectKind]) -> FromFile:
+    """Return how a file says what heats: ``from: motion``, or nothing for the thermometer.
+
+    ``body``: what is heated, for the message; ``kind``: gives the kind by its source.
+    """
+    def made(entries: Mapping[str, object], units: Units, joint: str) -> EffectKind:
+        source = entries.get("from", "thermometer")
+        if source not in ("thermometer", "motion"):
+            raise BadInput(f"{body} not heated from '{source}'", "from",
+                           "Write `from: motion` (the drives' own work), or leave it out")
+        return kind(str(source))
+
+    return FromFile(("from",), made)
+
+
+def body_thermal(body: str, remedy: str) -> EffectKind:
+    """Return the kind ``base_thermal`` or ``platform_thermal``, heated by the air or the drives.
+
+    ``remedy``: what to measure that tells it from what looks alike.
+    """
+    def kind(source: str) -> EffectKind:
+        return by_source[source]
+
+    file, name = source_of_heat(f"the {body} is", kind), f"{body}_thermal"
+    motion = EffectKind(
+        name, f"{body} points x (1 + growth x), x' = (mean |dq|/dt of all drives - x)/tau",
+        "ISO 230-3, distortion by moving axes: the drives' work heats what they stand on",
+        OWN_WORK, ("past",), partial(mean_rate_grown, body), per_actuator=False, from_file=file,
+        written=lambda units: {"from": "motion"}, title=f"{name} from motion",
+        remedy="move all joints back and forth for a while between two measurements of one pose")
+    air = EffectKind(
+        name, f"{body} points x (1 + expansion x), x' = (T - 20 C - x)/tau",
+        "ISO 1: lengths refer to 20 degrees Celsius; ISO 230-3, thermal effects",
+        fixed_list(EXPANSION, TAU), ("temperature",), partial(grown, body), per_actuator=False,
+        from_file=file, variants=lambda motion: tuple(by_source.values()), remedy=remedy,
+        worked=Worked({"expansion": 11e-6, "tau": 0.0}, {"temperature": 5.0, body: 2.0}, 1.1e-4))
+    by_source = {"thermometer": air, "motion": motion}
+    return air

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ppmcal.linalg import Bools
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.effects.kind import (
     STROKE,
     EffectKind,
@@ -33,6 +33,10 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
     return Terms(setting.at_joints(behind, on), {"width": setting.at_joints(slope, on)})
 
 
+def _unsettled(setting: Setting, on: Bools, values: Mapping[str, float]) -> Array:
+    return np.where(on, setting.unsettled(values["width"]), 0.0)
+
+
 def _widths(data: ScanRange) -> list[float]:
     """Return widths that some of the moves do not cross."""
     low, high = NARROWEST * data.stroke, WIDEST * data.stroke
@@ -55,6 +59,6 @@ PLAY = register(EffectKind(
     "Krasnosel'skii and Pokrovskii, Systems with hysteresis (1989); ISO 230-2, reversal value",
     fixed_list(EffectParameter("width", "joint", None, usual=(-0.05, 0.05), of_stroke=True,
                                why=STROKE, scan=_widths, scaling=True)), ("order",), _terms,
-    contains=("backlash",),
+    contains=("backlash",), unsettled=_unsettled,
     remedy="come to some poses by moves that are shorter than the play, after a reversal",
     worked=Worked({"width": 4e-5}, {"travel_before": -0.01, "travel": 0.0}, -2e-5)))

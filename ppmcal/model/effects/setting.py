@@ -191,6 +191,17 @@ class Setting:
         turned = np.sign(self.ratio)
         return self._then(way * self.ratio * behind), self._then(0.5 * turned * slope)
 
+    def unsettled(self, width: Array | float) -> Array:
+        """Return by how much, at most, what play of a full width is behind u is unknown (N, k).
+
+        Where it stood before the first row nobody knows: 0 once a joint has crossed the width.
+        """
+        width = np.broadcast_to(np.asarray(width, dtype=float), self.turning.shape)
+        if self.history is None:
+            return np.full_like(self.travel, np.nan)
+        return np.abs(self.ratio) * self._then(
+            self.history.unsettled(0.5 * np.abs(width / self.ratio)))
+
     def late(self, tau: float) -> tuple[Array, Array]:
         """Return the temperature that tau follows late (N,), K, and its derivative by tau."""
         history = self.history
