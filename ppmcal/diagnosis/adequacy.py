@@ -132,9 +132,7 @@ def kernel_test(stage: Stage, basis: Array, left: Array, seed: int
     p_values: dict[str, float] = {}
     tails = []
     for name, (values, widths) in inputs(system).items():
-        smooth = kernel(values[some], widths)
-        # a row's likeness to itself says nothing of its neighbours
-        smooth -= np.diag(np.diagonal(smooth))
+        smooth = _kernel(values[some], widths)
         figure = np.einsum("nmb,nk,kmb->b", both[some], smooth, both[some], optimize=True)
         p_values[name] = float(np.mean(figure >= figure[0]))
         tails.append(_tail(figure))
@@ -159,12 +157,14 @@ def _tail(figure: Array) -> Array:
     return np.asarray(gammaincc(shape, np.maximum(shape + x * np.sqrt(shape), 0.0)))
 
 
-def kernel(values: Array, widths: tuple[float, ...]) -> Array:
+def _kernel(values: Array, widths: tuple[float, ...]) -> Array:
     """Return the centred kernel (N, N) of standardised inputs, summed over widths."""
     sigma = values.std(axis=0)
     x = (values - values.mean(axis=0)) / np.where(sigma > 0.0, sigma, 1.0)
     square = np.sum(x**2, axis=1)
     apart = np.maximum(square[:, None] + square[None, :] - 2.0 * x @ x.T, 0.0) / x.shape[1]
-    alike = sum((np.exp(-apart / (2.0 * w * w)) for w in widths), np.zeros_like(apart))
-    alike = alike - alike.mean(axis=0)
-    return np.asarray(alike - alike.mean(axis=1, keepdims=True))
+    kernel = sum((np.exp(-apart / (2.0 * w * w)) for w in widths), np.zeros_like(apart))
+    kernel = kernel - kernel.mean(axis=0)
+    centred = kernel - kernel.mean(axis=1, keepdims=True)
+    # a row's likeness to itself says nothing of its neighbours
+    return np.asarray(centred - np.diag(np.diagonal(centred)))

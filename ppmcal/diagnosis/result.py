@@ -55,13 +55,14 @@ class Survival:
     """Whether a named effect would stand if what is left were explained too.
 
     ``log_p``: of it beside a smooth shape in what the rest ``follows``; ``keeps``: part of its
-    size that it then has; ``fails``: by what a left-out third of the rows is not predicted, empty
-    where each is; ``stands``.
+    size that it then has; ``log_odds`` for both against a larger shape alone; ``fails``: by
+    what a left-out third of the rows is not predicted, empty where each is; ``stands``.
     """
 
     log_p: float
     follows: str
     keeps: float
+    log_odds: float
     fails: str
     stands: bool
 

@@ -1,9 +1,9 @@
 """Which named effects would stand if what is left were explained too.
 
 What the library lacks is imitated by what it has, and then part of it is left. Each named effect is
-tested again with a smooth anonymous shape, in the input that the rest follows, beside it: as a
-random effect, whose size is the likeliest for the rest. An effect far larger than the rest, or of
-another input, stands; one that is of a size with what it leaves in its own input does not.
+tested again with an anonymous shape, in the input that the rest follows, beside it: a random
+effect of the likeliest size. It stands if it keeps its size there, is significant, and both are
+far likelier than a larger shape alone: what only begins a series of terms for it is no cause.
 It also has to predict thirds of the rows, by time and by condition, from the others.
 """
 
@@ -16,19 +16,20 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.diagnosis.added_variable_test import log_p
-from ppmcal.diagnosis.adequacy import Remainder, inputs, kernel
+from ppmcal.diagnosis.adequacy import Remainder, inputs
 from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.imitation import left_over
 from ppmcal.diagnosis.left_out_rows import thirds
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.result import Found, Survival
+from ppmcal.diagnosis.rivals import LONG_ODDS
 from ppmcal.diagnosis.selection import borne
 from ppmcal.diagnosis.stage import Stage, explained, form_columns, named_only
 from ppmcal.linalg import Array, Bools, range_basis, unit_columns
 
-MOST_SHAPES = 12
-"""Shapes in one input, for each measured coordinate; the smoothest."""
+MOST_SHAPES = 24
+"""Shapes in one input, for each measured coordinate; the slowest."""
 SIZES = np.geomspace(0.03, 300.0, 41)
 """Of the shape, over the noise, in one value."""
 KEEPS = 0.5
@@ -72,17 +73,18 @@ def survivals(stage: Stage, left: Remainder) -> dict[int, Survival]:
         basis, rest = explained(alone)
         own = form_columns(stage, stage.hypotheses[i])
         own = own - basis @ (basis.T @ own)
-        value, keeps = _beside(own, rest, shape - basis @ (basis.T @ shape),
-                               stage.system.count - basis.shape[1])
+        value, keeps, odds = _beside(own, rest, shape - basis @ (basis.T @ shape),
+                                     stage.system.count - basis.shape[1])
         value /= stage.hypotheses[i].caution
         fails = _fails(stage, stage.hypotheses[i], own, rest)
-        out[i] = Survival(value, follows, keeps, fails,
-                          value <= stage.search.name and keeps >= KEEPS and not fails)
+        out[i] = Survival(value, follows, keeps, odds, fails, bool(
+            value <= stage.search.name and keeps >= KEEPS and odds >= np.log(LONG_ODDS)
+            and not fails))
     return out
 
 
 def _absorber(stage: Stage, left: Remainder) -> tuple[str, Array]:
-    """Return the input that the rest follows, and shapes in it (n, s), sized for the rest."""
+    """Return the input that the rest follows, and shapes in it (n, s) of unit size in a value."""
     known = inputs(stage.system)
     joints = [w for w in left.follows.split() if w in known]
     names = [left.follows] if left.follows in known else joints or [
@@ -90,41 +92,50 @@ def _absorber(stage: Stage, left: Remainder) -> tuple[str, Array]:
     n, m = stage.system.residual.shape
     rows = []
     for name in names:
-        values, widths = known[name]
-        w, v = np.linalg.eigh(kernel(values, widths))
+        w, v = np.linalg.eigh(_wandering(known[name][0]))
         top = np.argsort(-w, kind="stable")[:MOST_SHAPES]
         rows.append(v[:, top] * np.sqrt(np.maximum(w[top], 0.0)))
     shape = np.kron(np.concatenate(rows, axis=1), np.eye(m)).reshape(n * m, -1)
-    shape /= np.sqrt(np.mean(np.sum(shape**2, axis=1)))
-    basis, rest = explained(replace(stage, chosen=named_only(stage)))
-    free = shape - basis @ (basis.T @ shape)
-    w, v = np.linalg.eigh(free.T @ free)
-    w, right = np.maximum(w, 0.0), (v.T @ (free.T @ rest)) ** 2
-    freedom, square = max(stage.system.count - basis.shape[1], 1), float(rest @ rest)
-    spread = 1.0 + SIZES[:, None] ** 2 * w
-    gone = np.sum(SIZES[:, None] ** 2 * right / spread, axis=1)
-    likely = -0.5 * np.sum(np.log(spread), axis=1) - 0.5 * freedom * np.log(
-        np.maximum(square - gone, 1e-9 * square))
-    return " ".join(names), shape * SIZES[int(np.argmax(likely))]
+    return " ".join(names), shape / np.sqrt(np.mean(np.sum(shape**2, axis=1)))
 
 
-def _beside(own: Array, rest: Array, shape: Array, freedom: int) -> tuple[float, float]:
-    """Return the log p of columns beside shapes of unit size, and what part of them is kept.
+def _wandering(values: Array) -> Array:
+    """Return the centred kernel (N, N) of inputs (N, p) of what wanders with them, as a walk does.
 
-    Generalised least squares: noise of covariance I + Z Z^T, up to a factor.
+    It has shapes of every fineness, slow ones most: -|x - x'|, centred (Szekely & Rizzo 2013).
     """
-    inner = np.linalg.inv(np.eye(shape.shape[1]) + shape.T @ shape)
+    spread = values.std(axis=0)
+    x = (values - values.mean(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    square = np.sum(x**2, axis=1)
+    near = -np.sqrt(np.maximum(square[:, None] + square[None, :] - 2.0 * x @ x.T, 0.0))
+    near -= near.mean(axis=0)
+    return np.asarray(near - near.mean(axis=1, keepdims=True))
 
-    def against(a: Array, b: Array) -> Array:
-        return np.asarray(a.T @ b - (a.T @ shape) @ inner @ (shape.T @ b))
 
+def _beside(own: Array, rest: Array, shape: Array, freedom: int) -> tuple[float, float, float]:
+    """Return the log p of columns beside shapes, the part that is kept, the log odds for them.
+
+    Generalised least squares with noise of covariance I + size^2 Z Z^T, up to a factor, at the
+    likeliest size. The odds are against the shapes alone, at the size that is likeliest then.
+    """
     plane = range_basis(unit_columns(own))
-    square = float(against(rest[:, None], rest[:, None])[0, 0])
-    value = np.linalg.pinv(against(plane, plane), hermitian=True) @ against(plane, rest)
-    before = plane.T @ rest
-    gain = float(against(plane, rest) @ value)
-    keeps = float(value @ before / max(float(before @ before), 1e-300))
-    return float(log_p(np.array([gain]), square, plane.shape[1], freedom)[0]), keeps
+    w, v = np.linalg.eigh(shape.T @ shape)
+    seen = np.concatenate([plane, rest[:, None]], axis=1)
+    cross, whole = v.T @ (shape.T @ seen), seen.T @ seen
+    rank, before = plane.shape[1], plane.T @ rest
+    alone, best = -np.inf, (-np.inf, 0.0, 0.0)
+    for size in np.append(0.0, SIZES):
+        spread = 1.0 + size**2 * np.maximum(w, 0.0)
+        inner = whole - (cross.T * (size**2 / spread)) @ cross
+        value = np.linalg.pinv(inner[:-1, :-1], hermitian=True) @ inner[:-1, -1]
+        square, gain = float(inner[-1, -1]), float(inner[:-1, -1] @ value)
+        lost = -0.5 * float(np.sum(np.log(spread)))
+        alone = max(alone, lost - 0.5 * freedom * np.log(square))
+        likely = lost - 0.5 * freedom * np.log(max(square - gain, 1e-9 * square))
+        if likely > best[0]:
+            p = float(log_p(np.array([gain]), square, rank, freedom)[0])
+            best = likely, p, float(value @ before / max(float(before @ before), 1e-300))
+    return best[1], best[2], float(best[0] - 0.5 * rank * np.log(freedom) - alone)
 
 
 def _fails(stage: Stage, hypothesis: Hypothesis, own: Array, rest: Array) -> str:

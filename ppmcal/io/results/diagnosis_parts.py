@@ -84,13 +84,15 @@ class EffectSurvival(Part):
     """Whether an effect would stand if what is left were explained too.
 
     ``p_value`` of it beside a smooth shape in what the rest ``follows``, with which it ``keeps``
-    so much of its size; ``fails``: by what a left-out third of the rows is not predicted.
+    so much of its size, ``log10_odds`` for both against a larger shape alone; ``fails``:
+    by what a left-out third of the rows is not predicted.
     """
 
     stands: Flag | None = None
     p_value: Shown | None = None
     follows: Text = ""
     keeps: Shown | None = None
+    log10_odds: Shown | None = None
     fails: Text = ""
 
     @classmethod
@@ -98,7 +100,7 @@ class EffectSurvival(Part):
         """Return the part of one effect, None where nothing was left."""
         return None if found is None else cls(
             stands=found.stands, p_value=probability(found.log_p), follows=found.follows,
-            keeps=found.keeps, fails=found.fails)
+            keeps=found.keeps, log10_odds=found.log_odds / np.log(10.0), fails=found.fails)
 
 
 class DiagnosedEffect(Part):
