@@ -25,6 +25,17 @@ def shorter(label: str, total: int) -> str:
     return f"{kind} on {where(names, total)}" if names else kind
 
 
+SLOW = 1e-2
+"""A rate below this is easier to read by the hour."""
+
+
+def rate(unit: str, largest: float) -> tuple[float, str]:
+    """Return factor and unit for people: ``mm/s`` becomes ``mm/h`` where numbers are small."""
+    if unit.endswith("/s") and abs(largest) < SLOW:
+        return 3600.0, unit.removesuffix("s") + "h"
+    return 1.0, unit
+
+
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number for people, ``-`` for none."""
     return "-" if value is None else f"{value:.{digits}g}"

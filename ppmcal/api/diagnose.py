@@ -72,10 +72,10 @@ class DiagnosisResult(Result):
 
     @property
     def readings(self) -> Readings:
-        """The machine with each rival in place of its effect, and without effects."""
+        """The machine under each other set of effects, and without effects."""
         others = self.diagnosis.others
-        bare = [r.mechanism for r in others if not r.effect]
-        return Readings(tuple(r for r in others if r.effect), bare[-1] if bare else None)
+        bare = [r.mechanism for r in others if r.bare]
+        return Readings(tuple(r for r in others if not r.bare), bare[-1] if bare else None)
 
     @cached_property
     def record(self) -> DiagnosisRecord:

@@ -25,15 +25,28 @@ from ppmcal.model.mechanism import Mechanism
 
 @dataclass(frozen=True)
 class Reading:
-    """A machine that explains the measurements too: ``effect`` ``instead`` of another's.
+    """A machine that explains the measurements too: with ``effect`` ``instead`` of another.
 
-    ``odds`` for the model against it.
+    Without ``instead`` it has one more effect than the model, without ``effect`` one less.
+    ``odds`` for the model against it; ``effects``: all that it has.
     """
 
     effect: str
     instead: str
     odds: float
     mechanism: Mechanism
+    effects: tuple[str, ...] = ()
+
+    @property
+    def bare(self) -> bool:
+        """Whether it is the machine without effects, which is no reading of its own."""
+        return not self.effect and not self.instead
+
+
+def probabilities(readings: Sequence[Reading]) -> list[float]:
+    """Return the probability of the model and of each reading, over what was tried."""
+    weight = np.array([1.0, *(1.0 / r.odds for r in readings)])
+    return [float(w) for w in weight / weight.sum()]
 
 
 @dataclass(frozen=True)
@@ -71,11 +84,9 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
     if not readings.others:
         return result, ()
     machines = [model, *(r.mechanism for r in readings.others)]
-    weight = np.array([1.0, *(1.0 / r.odds for r in readings.others)])
+    weight = np.array(probabilities(readings.others))
     own = _expected(machines, weight, result.q, result, targets)
-    labels = ", ".join(dict.fromkeys(r.effect for r in readings.others))
-    named = ", ".join(dict.fromkeys(r.instead for r in readings.others))
-    note = f"the measurements do not tell {named} from {labels}"
+    note = "the measurements do not tell " + "; nor ".join(_untold(readings.others))
     bare = _without(readings.without, result, knowledge, targets)
     if bare is not None:
         plain = _expected(machines, weight, bare.q, result, targets)
@@ -93,6 +104,18 @@ def averaged(model: Mechanism, result: Compensation, readings: Readings,
     return replace(result, position_before=before[0], rotation_before=before[1],
                    sigma_position=np.hypot(result.sigma_position, own[0]),
                    sigma_rotation=np.hypot(result.sigma_rotation, own[1])), (note,)
+
+
+def _untold(others: Sequence[Reading]) -> list[str]:
+    """Return what the readings leave open, in words."""
+    swaps = [r for r in others if r.effect and r.instead]
+    out = []
+    if swaps:
+        named, labels = (", ".join(dict.fromkeys(words)) for words in (
+            [r.instead for r in swaps], [r.effect for r in swaps]))
+        out.append(f"{named} from {labels}")
+    there = dict.fromkeys(r.effect or r.instead for r in others if not (r.effect and r.instead))
+    return out + [f"whether there is {name}" for name in there]
 
 
 def _rms(values: Array) -> float:
@@ -116,10 +139,12 @@ def _without(mechanism: Mechanism | None, result: Compensation, knowledge: Knowl
 
 def _expected(machines: Sequence[Mechanism], weight: Array, q: Array, result: Compensation,
               targets: Targets) -> tuple[Array, Array]:
-    """Return the expected errors (N,) of commands, rms over the machines, m and rad."""
+    """Return the expected errors (N,) of commands, rms over the machines, m and rad.
+
+    ``weight``: their probabilities.
+    """
     errors = np.array([_errors(m, q, result, targets) for m in machines])
-    share = weight / weight.sum()
-    mean = np.sqrt(np.einsum("j,jkn->kn", share, errors**2))
+    mean = np.sqrt(np.einsum("j,jkn->kn", weight, errors**2))
     return mean[0], mean[1]
 
 

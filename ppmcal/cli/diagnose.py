@@ -21,7 +21,7 @@ from ppmcal.cli.common import (
     refuse_two_holdouts,
     seed_option,
 )
-from ppmcal.wording import number, where
+from ppmcal.wording import number, rate, where
 
 if TYPE_CHECKING:
     from ppmcal.calibration.misread import Misread
@@ -107,6 +107,8 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         learned,
         learned_gap,
         next_step,
+        not_named,
+        tried_sets,
         verdict,
         worst_block,
     )
@@ -115,7 +117,8 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     console.say("Disagreement: " + _where(result))
     for line in [*_effects(record), *_suspected(result), *_left(result)]:
         console.say(line)
-    for line in (gap_closed(record) if record.effects else "", worst_block(record),
+    for line in (tried_sets(record), not_named(record),
+                 gap_closed(record) if record.effects else "", worst_block(record),
                  imitated(record), *learned(record), learned_gap(record)):
         if line:
             console.say(line)
@@ -152,6 +155,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         onset,
         own_values,
         rivals,
+        survives,
         together,
     )
 
@@ -172,6 +176,8 @@ def _effects(record: DiagnosisRecord) -> list[str]:
                 for at in [e.mid_stroke]]
         if others := rivals(record, group[0]):
             out.append(f"  Cannot be told from: {'; '.join(others)}.")
+        if stands := survives(group[0]):
+            out.append(f"  {stands}")
     return out
 
 
@@ -196,8 +202,10 @@ def _left(result: Diagnosis) -> list[str]:
 def _values(values: Mapping[str, EffectValue]) -> str:
     """Return ``width 0.02 +- 0.001 mm`` of all values that have an uncertainty."""
     return ", ".join(
-        f"{name.removesuffix('_mid_stroke')} {number(v.value)} +- {number(1.96 * v.sigma, 2)} "
-        f"{v.unit}".rstrip() for name, v in values.items() if v.sigma is not None)
+        f"{name.removesuffix('_mid_stroke')} {number(v.value * f)} "
+        f"+- {number(1.96 * v.sigma * f, 2)} {unit}".rstrip()
+        for name, v in values.items() if v.sigma is not None and v.value is not None
+        for f, unit in [rate(v.unit, v.value)])
 
 
 def _p(log10_p: float | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.left_out_rows import left_out
+from ppmcal.calibration.left_out_rows import LeftOut, left_out
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
@@ -40,11 +40,12 @@ from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import usable, with_whole_rows
 from ppmcal.diagnosis.refit import confirm, nothing_named, of_rows, with_mechanism
-from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset
+from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset, Survival
 from ppmcal.diagnosis.rivals import rivals
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.stage import DRAWS, Stage, named_only, run_stage
+from ppmcal.diagnosis.survivors import earned
 from ppmcal.diagnosis.verdict import (
     Alternatives,
     decide,
@@ -121,13 +122,13 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     left = left_over(found.last, options.seed)
     start = left if found.last is found.first else remainder(
         replace(found.first, chosen=()), options.seed)
+    out = _rows_left_out(found, final or whole)
+    lasting = earned(found, whole, final, left, out.suspicious, options.seed, options.fit)
+    if lasting.lost:
+        found, final, left = lasting.found, lasting.final, lasting.left
+        gap, out = _gap(found, held, options), _rows_left_out(found, final or whole)
     others = _alternatives(found.last)
-    effects = with_onsets(_effects(found, others), onsets)
-    out = left_out(final or whole)
-    if not out.suspicious:
-        # the tests were made in the training rows: what they went without counts as much
-        trained = left_out(found.after)
-        out = trained if trained.suspicious else out
+    effects = with_onsets(_effects(found, others, lasting.each), onsets)
     # where what is left follows an input, that says more than a stretch of it
     if out.follows and not (out.of_travel and left.p_value < LEVEL):
         left = replace(left, follows=f"rows that {out.follows}", p_value=min(
@@ -135,7 +136,8 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     blocks = block_gaps(whole, final, _noise(found), options.seed) if final and effects else ()
     if options.by_session:
         gap = next((b.gap for b in blocks if b.by == SESSION), None)
-    verdict = decide(found, left, start, effects, out, blocks, imitated(found.last))
+    verdict = decide(found, left, start, effects, out, blocks,
+                     lasting.nothing or imitated(found.last))
     told = findings(whole, final or whole, left, effects, gap, out,
                     not_predicted(blocks, left, start))
     if final is not None:
@@ -158,13 +160,25 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         # a geometry that nobody has built absorbs whatever is wrong
         verdict = "unnamed" if verdict == "none" else verdict
     return Diagnosis(
-        verdict, effects if named else (), tables.possible(found, effects, verdict), left, start,
-        gap, _places(found, named, options.seed),
-        tables.candidates(found, effects if named else ()),
+        verdict, effects if named else (),
+        tables.possible(found, effects, verdict, lasting.lost), left, start, gap,
+        _places(found, named, options.seed),
+        tables.candidates(found, effects if named else (), lasting.lost),
         _untestable(found), tables.swallowed(whole, final),
         reported.fit if final is whole and not terms else whole, reported, found,
         next_step(found.last, others, verdict, options.seed, gap),
-        tuple(told), blocks, _others(whole, found, others, terms, options) if named else (), terms)
+        tuple(told), blocks, _others(whole, found, others, terms, options) if named or (
+            verdict == "weak") else (), terms)
+
+
+def _rows_left_out(found: Found, fit: Fit) -> LeftOut:
+    """Return what the rows that a fit of all rows left out say."""
+    out = left_out(fit)
+    if not out.suspicious:
+        # the tests were made in the training rows: what they went without counts as much
+        trained = left_out(found.after)
+        out = trained if trained.suspicious else out
+    return out
 
 
 LEARNED_AFTER = ("unnamed", "partial")
@@ -184,7 +198,7 @@ def _others(whole: Fit, found: Found, alternatives: Alternatives, terms: Learned
 
     What was learned is part of each of them.
     """
-    if terms is not None and any(r for r, _ in alternatives.values()):
+    if terms is not None:
         machine = with_terms(whole.problem.mechanism, terms.learned)
         whole = with_mechanism(whole, machine, options.fit)
     return other_models(whole, found.last, {i: r for i, (r, _) in alternatives.items()},
@@ -288,8 +302,9 @@ def _alternatives(stage: Stage) -> Alternatives:
             for i in named_only(stage)}
 
 
-def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...]:
-    """Return what was named, with its rivals."""
+def _effects(found: Found, alternatives: Alternatives, survive: Mapping[int, Survival]
+             ) -> tuple[NamedEffect, ...]:
+    """Return what was named, with its rivals, and whether it would stand."""
     out = []
     stage, left = found.last, list(found.added)
     for i, (others, alike) in alternatives.items():
@@ -301,7 +316,8 @@ def _effects(found: Found, alternatives: Alternatives) -> tuple[NamedEffect, ...
                 hypothesis.kind, added.on, added.parameters, probability(value), value,
                 stage.search.test.survival(hypothesis.columns),
                 (*(r.hypothesis.label for r in others), *(f.label for f in alike)),
-                (*(r.odds for r in others), *(np.nan for _ in alike)), hypothesis))
+                (*(r.odds for r in others), *(np.nan for _ in alike)), hypothesis,
+                survives=survive.get(i)))
     return tuple(out)
 
 

@@ -1,4 +1,4 @@
-"""The machine under each reading that the data cannot tell apart, fitted, for compensation.
+"""The machine under each set of effects that the data cannot tell from the named one, fitted.
 
 Two effects that look alike in the measurements can send a machine to different places: a scale
 error of the instrument is none of the machine, a gain of its drives is.
@@ -14,40 +14,35 @@ import numpy as np
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.summary import registered
+from ppmcal.diagnosis.effect_sets import effect_sets
 from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.rivals import Rival
-from ppmcal.diagnosis.stage import Stage, named_only
+from ppmcal.diagnosis.stage import Stage
 from ppmcal.errors import PpmcalError
 from ppmcal.model.mechanism import Mechanism
-
-MOST = 4
-"""Rivals of one effect that are fitted, the likeliest first."""
 
 
 def other_models(
     whole: Fit, stage: Stage, rivals: Mapping[int, Sequence[Rival]], options: FitOptions
 ) -> tuple[Reading, ...]:
-    """Return the machine with each rival in place of its effect, and last without effects.
+    """Return the machine under each other set of effects, and last without effects.
 
     Args:
         whole: the fit of all rows without effects.
         stage: where the effects were chosen.
-        rivals: by named hypothesis; those that cannot be fitted are left out.
+        rivals: by named hypothesis; sets that cannot be fitted are left out.
         options: of the fits.
     """
     out = []
-    for i, others in rivals.items():
-        for rival in sorted(others, key=lambda r: r.odds)[:MOST]:
-            search = replace(stage.search, hypotheses=(*stage.search.hypotheses, rival.hypothesis))
-            chosen = [j for j in named_only(stage) if j != i] + [len(stage.search.hypotheses)]
-            try:
-                mechanism, _ = with_named(whole.problem.mechanism, search, chosen)
-                fit = with_mechanism(whole, mechanism, options)
-            except PpmcalError:
-                continue
-            out.append(Reading(rival.hypothesis.label, stage.hypotheses[i].label, rival.odds,
-                                  fitted(fit)))
+    for other in effect_sets(stage, rivals):
+        named = [i for i in other.chosen if not other.search.hypotheses[i].anonymous]
+        try:
+            mechanism, _ = with_named(whole.problem.mechanism, other.search, named)
+            fit = with_mechanism(whole, mechanism, options) if named else whole
+        except PpmcalError:
+            continue
+        out.append(Reading(other.effect, other.instead, other.odds, fitted(fit), other.labels))
     return (*out, Reading("", "", 1.0, fitted(whole)))
 
 

@@ -51,6 +51,23 @@ class SessionEffect:
 
 
 @dataclass(frozen=True)
+class Survival:
+    """Whether a named effect would stand if what is left were explained too.
+
+    ``log_p``: of it beside a smooth shape in what the rest ``follows``; ``keeps``: part of its
+    size that it then has; ``log_odds`` for both against a larger shape alone; ``fails``: by
+    what a left-out third of the rows is not predicted, empty where each is; ``stands``.
+    """
+
+    log_p: float
+    follows: str
+    keeps: float
+    log_odds: float
+    fails: str
+    stands: bool
+
+
+@dataclass(frozen=True)
 class NamedEffect:
     """One effect that the data ask for.
 
@@ -59,7 +76,8 @@ class NamedEffect:
     families that the data cannot tell from it, with the odds for this one against each;
     ``hypothesis``: the one that it came from, which may have a value for each of several
     actuators; ``onset``: of an event, the row where it starts; ``sessions``: its size in each,
-    where there are several.
+    where there are several; ``survives``: whether it would stand if the rest were explained,
+    None where nothing is left.
     """
 
     kind: str
@@ -73,6 +91,7 @@ class NamedEffect:
     hypothesis: Hypothesis
     onset: Onset | None = None
     sessions: SessionEffect | None = None
+    survives: Survival | None = None
 
 
 @dataclass(frozen=True)
@@ -156,8 +175,8 @@ class Diagnosis:
         found: fits and tests on the training rows.
         proposal: what to measure next.
         findings: what the user must look at.
-        others: the machine with each rival in place of what it rivals; last, with no effect and
-            odds 1, the one without effects.
+        others: the machine under each other set of effects; last, with no effect, in place of
+            none, and odds 1, the one without effects.
         blocks: the gap where stretches of time, temperature or load are left out in turn.
         learned: terms learned from what was left, which claim no cause; they are in the
             identification.

@@ -17,11 +17,12 @@ POWER = 1.2816
 """Standard normal quantile of 90 %."""
 
 
-def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate, ...]:
+def candidates(found: Found, effects: Sequence[NamedEffect], lost: Sequence[Hypothesis] = ()
+               ) -> tuple[Candidate, ...]:
     """Return every hypothesis, the best of each grid, with what became of it.
 
     Each effect that is named has a row of its own, be it on a few actuators or one of several
-    values of one hypothesis.
+    values of one hypothesis. ``lost``: as for :func:`possible`.
     """
     first = found.first
     named = {k for e in effects for k in (_key(e.hypothesis), _key(replace(e.hypothesis, on=e.on)))}
@@ -39,13 +40,16 @@ def candidates(found: Found, effects: Sequence[NamedEffect]) -> tuple[Candidate,
         if key not in best or first.log_p[i] < first.log_p[best[key]]:
             best[key] = i
     out = [_named(found, e) for e in effects]
-    for i in best.values():
+    consistent = {_key(f) for f in lost}
+    for key, i in best.items():
         hypothesis = first.library.hypotheses[i]
         survival = first.search.test.survival(hypothesis.columns)
         significant = first.log_p[i] < first.search.name
         status = "not needed"
         if survival < 1e-3:
             status = "not testable"
+        elif key in consistent:
+            status = "consistent"
         elif hypothesis.family in rivals:
             status = "alternative"
         elif significant:
@@ -94,15 +98,19 @@ def _detectable(stage: Stage, index: int) -> float:
     return float((need + POWER) * sigma / seen)
 
 
-def possible(found: Found, effects: Sequence[NamedEffect], verdict: str
-             ) -> tuple[Candidate, ...]:
-    """Return what is there but cannot be named: too weak, or no more than an imitation."""
+def possible(found: Found, effects: Sequence[NamedEffect], verdict: str,
+             lost: Sequence[Hypothesis] = ()) -> tuple[Candidate, ...]:
+    """Return what is there but cannot be named: too weak, or no more than an imitation.
+
+    ``lost``: what the data are consistent with, and would not stand if the rest were explained.
+    """
     stage = found.first
+    gone = tuple(_consistent(stage, f) for f in lost)
     if verdict == "unnamed":
-        return tuple(Candidate(replace(e.hypothesis, on=e.on), e.log_p, e.log_p, e.survival,
-                               "imitation", e.alternatives, 0.0) for e in effects)
+        return (*(Candidate(replace(e.hypothesis, on=e.on), e.log_p, e.log_p, e.survival,
+                            "imitation", e.alternatives, 0.0) for e in effects), *gone)
     if verdict != "weak":
-        return ()
+        return gone
     out = []
     for i in np.argsort(stage.log_p, kind="stable")[:3]:
         if stage.log_p[i] < stage.search.detect:
@@ -111,6 +119,14 @@ def possible(found: Found, effects: Sequence[NamedEffect], verdict: str
             survival = stage.search.test.survival(hypothesis.columns)
             out.append(Candidate(hypothesis, log_p, log_p, survival, "weak", (), 0.0))
     return tuple(out)
+
+
+def _consistent(stage: Stage, hypothesis: Hypothesis) -> Candidate:
+    """Return the row of an effect that the data are consistent with and that is not named."""
+    same = [i for i, f in enumerate(stage.library.hypotheses) if _key(f) == _key(hypothesis)]
+    alone = float(min((stage.log_p[i] for i in same), default=0.0))
+    survival = stage.search.test.survival(stage.hypotheses[same[0]].columns) if same else np.nan
+    return Candidate(hypothesis, alone, alone, survival, "consistent", (), 0.0)
 
 
 def swallowed(before: Fit, after: Fit) -> tuple[Swallowed, ...]:

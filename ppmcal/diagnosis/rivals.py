@@ -28,13 +28,15 @@ ADDS_NOTHING = 0.01
 """An effect adds nothing to its rival if its p-value exceeds this."""
 AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
+LONG_ODDS = 1000.0
+"""Odds beyond which nothing is a rival, however many parameters it takes: the data tell it."""
 
 MORE = float(np.log(0.2))
 """A more general kind is a rival of a special one to which it adds something: log p, over all
 constants of its grid."""
 
-DOUBTED = 23.0
-"""The same where the effect itself is doubtful: odds of 1e5."""
+DOUBTED = float(2.0 * np.log(LONG_ODDS))
+"""The same where the effect itself is doubtful."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,19 @@ class Rival:
     """A hypothesis that could take another's place.
 
     ``angle``: between their columns, seen past geometry and the other effects, rad; ``odds``:
-    how much likelier the chosen one is, e^(BIC difference/2).
+    how much likelier the chosen one is, e^(BIC difference/2); ``members``: what it consists of in
+    the search.
     """
 
     hypothesis: Hypothesis
     angle: float
     odds: float
+    members: tuple[int, ...] = ()
+
+
+def odds_between(one: float, other: float) -> float:
+    """Return the odds for a set of effects against another, from the BIC of both."""
+    return float(np.exp(np.clip((other - one) / 2.0, -50.0, 50.0)))
 
 
 def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
@@ -65,21 +74,34 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
                 f.family == first.family and (f.alike(first) or not _event(first)) for f in taken):
             continue
         trial = (*others, *rival)
-        worse = bic(search, trial) - now
+        whole, index = as_one(search, rival)
+        worse = bic(whole, (*others, index)) - now
         if _only_general(search, chosen, hypothesis, rival, worse < 0.0):
             continue
         size = sum(search.hypotheses[i].size for i in rival)
         limit = DOUBTED if doubt else AS_GOOD
-        if first.shared:  # a kind is not out for having more parameters, unless one per joint
+        if len(rival) == 1 and first.shared:
+            # a kind is not out for having more parameters, unless one per joint
             limit += np.log(search.test.freedom) * max(0, size - hypothesis.size)
-        if worse > limit or not possible(search, trial):
+        if worse > min(limit, DOUBTED) or not possible(search, trial):
             continue
         if own_log_p(search, [*trial, effect], effect) > (
                 search.name if doubt else np.log(ADDS_NOTHING)):
             best[first.family] = Rival(united([search.hypotheses[i] for i in rival]),
                                        _angle(search, others, effect, rival),
-                                       float(np.exp(min(worse / 2.0, 50.0))))
+                                       odds_between(0.0, worse), rival)
     return list(best.values())
+
+
+def as_one(search: Search, members: Sequence[int]) -> tuple[Search, int]:
+    """Return a search that has members of one kind as one hypothesis, and where it is.
+
+    A value for each of several actuators is one choice, as it is of what was chosen.
+    """
+    if len(members) == 1:
+        return search, members[0]
+    whole = united([search.hypotheses[i] for i in members])
+    return replace(search, hypotheses=(*search.hypotheses, whole)), len(search.hypotheses)
 
 
 def _event(hypothesis: Hypothesis) -> bool:

@@ -6,6 +6,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
     actuators,
+    effect_name,
     gap_closed,
     headline,
     imitated,
@@ -15,7 +16,9 @@ from ppmcal.io.results.diagnosis_wording import (
     next_step,
     own_values,
     rivals,
+    survives,
     together,
+    tried_sets,
     worst_block,
 )
 from ppmcal.report.diagnosis_figures import pictures
@@ -64,10 +67,14 @@ def _effects(r: DiagnosisRecord) -> str:
                 amount(e.p_value, probability(e.p_value) or "–"),
                 amount(survival, "–" if survival is None else f"{survival:.0%}".replace("%", " %")),
                 words(_rivals(r, e), "wrap")])
+    stand = [f"{effect_name(r, g[0])}: {text}" for g in together(r) if (text := survives(g[0]))]
+    told = bullets(stand) + paragraph(tried_sets(r))
+    if not rows:
+        return told
     return table("What is missing in the model, with 95 % intervals; visible: the part that "
                  "geometry cannot imitate",
                  ["effect", "on", "size ± 95 %", "chance of noise alone", "visible",
-                  "cannot be told from"], rows)
+                  "cannot be told from"], rows) + told
 
 
 def _rivals(r: DiagnosisRecord, e: DiagnosedEffect) -> str:
@@ -83,8 +90,9 @@ def _suspects(r: DiagnosisRecord) -> str:
     lines = []
     for e in r.possible:
         p = probability(e.p_value)
-        why = ("explains part of it, but is probably only an imitation"
-               if e.status == "imitation" else "suspected, too weak to be named")
+        why = {"imitation": "explains part of it, but is probably only an imitation",
+               "consistent": "consistent with it, but would not stand if the rest were explained"
+               }.get(e.status, "suspected, too weak to be named")
         lines.append(f"{name_of(r, e.kind, e.on)}: {why}" + (f" ({p})." if p else "."))
     return bullets(lines)
 

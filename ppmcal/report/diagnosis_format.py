@@ -7,6 +7,7 @@ import math
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.report.format import count, number, sig, to_sigma, whole, with_unit
+from ppmcal.wording import rate
 
 INPUTS = {
     "direction": "direction of approach (+: joint increasing)", "load": "load on the joint",
@@ -80,8 +81,10 @@ def amounts(effect: DiagnosedEffect) -> list[tuple[str, str]]:
         value, sigma = number(v.value), number(v.sigma)
         if value is None:
             continue
+        factor, unit = rate(v.unit, value)
+        value, sigma = value * factor, None if sigma is None else sigma * factor
         text = sig(value, 4) if sigma is None or sigma <= 0.0 else _interval(value, 1.96 * sigma)
-        out.append((name, f"{text} {_plain_unit(v.unit)}".rstrip()))
+        out.append((name, f"{text} {_plain_unit(unit)}".rstrip()))
     return out
 
 

@@ -24,8 +24,9 @@ from ppmcal.diagnosis.diagnose import _untestable
 from ppmcal.diagnosis.grids import usual_range
 from ppmcal.diagnosis.hypotheses import Library, united
 from ppmcal.diagnosis.linear_system import System, build
-from ppmcal.diagnosis.rivals import find, rivals
+from ppmcal.diagnosis.rivals import as_one, find, rivals
 from ppmcal.diagnosis.search import DETECT, NAME, null_scan, scan
+from ppmcal.diagnosis.selection import bic
 from ppmcal.diagnosis.stage import Stage, of_single, run_stage
 from ppmcal.diagnosis.whitening import estimate, heavy, pure_error, simulated
 from ppmcal.model.effects import EffectParameter, effect_kinds
@@ -535,14 +536,24 @@ def test_a_kind_on_a_few_actuators_is_one_hypothesis() -> None:
     assert (everywhere.names, everywhere.columns) == (each.names, each.columns)
 
 
-def test_a_rival_on_several_actuators_names_them_all() -> None:
-    """What could take the place of a gain of two legs is curvature of both, not of the first."""
+def test_a_rival_on_several_actuators_names_them_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What could take the place of a gain of two legs is curvature of both, not of the first.
+
+    It takes four values more, which count; that it is on two legs is one choice, as for the gain.
+    At odds beyond 1000 to 1 it is no rival.
+    """
     stage = stage_of("3-RPR", 0, ("gain",), 1.0, SMALL)
     assert [(f.kind, f.on) for f in stage.named] == [("gain", ("leg1", "leg3"))]
+    assert rivals(stage.search, stage.chosen, stage.chosen[0]) == []
+    monkeypatch.setattr("ppmcal.diagnosis.rivals.DOUBTED", 25.0)
     (rival,) = rivals(stage.search, stage.chosen, stage.chosen[0])
     assert (rival.hypothesis.kind, rival.hypothesis.on) == ("curvature", ("leg1", "leg3"))
     given = stage.search.test.given
     assert given(rival.hypothesis.columns).square < given(rival.hypothesis.columns[:3]).square
+    whole, one = as_one(stage.search, rival.members)
+    apart = bic(whole, (one,)) - bic(stage.search, stage.chosen)
+    assert rival.odds == pytest.approx(np.exp(apart / 2.0)) and rival.odds > 1000.0
+    assert apart < bic(stage.search, rival.members) - bic(stage.search, stage.chosen) - 3.0
 
 
 def test_what_is_optional_is_tried_alone_after_the_plain_kind() -> None:

@@ -26,7 +26,7 @@ from ppmcal.io.results.diagnosis_parts import (
 from ppmcal.io.results.diagnosis_plots import DiagnosisPlots
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
-from ppmcal.io.results.other_models import OtherModel, other_files
+from ppmcal.io.results.other_models import OtherModel, TriedSet, other_files
 from ppmcal.io.results.record import Flag, Provenance, Record, Text, UnitNames
 
 
@@ -54,6 +54,7 @@ class DiagnosisRecord(Record):
     excluded: tuple[UnfittedRow, ...] = ()
     findings: tuple[Text, ...] = ()
     other_models: tuple[OtherModel, ...] = ()
+    sets: tuple[TriedSet, ...] = ()
     plot_data: DiagnosisPlots = DiagnosisPlots()
     units: UnitNames = UnitNames()
     provenance: Provenance = Provenance()
@@ -92,6 +93,7 @@ class DiagnosisRecord(Record):
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),
             excluded=_left_out(result), findings=result.findings,
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
+            sets=TriedSet.each(result),
             plot_data=DiagnosisPlots.of(plot_data(result), units),
             units=UnitNames.of(units), provenance=Provenance(**provenance))
 

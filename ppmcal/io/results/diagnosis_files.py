@@ -37,8 +37,9 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRec
         "identification.json": IdentificationRecord.of(found, provenance, "prior").text(),
     }
     for name, other in other_files(result):
-        what = (f"diagnosed by ppmcal: {other.effect} in place of {other.instead}" if other.effect
-                else "fitted by ppmcal without the effects of model.yaml")
+        what = ("fitted by ppmcal without the effects of model.yaml" if other.bare else
+                f"diagnosed by ppmcal: {other.effect or 'nothing'} in place of "
+                f"{other.instead or 'nothing'}")
         out[name] = write_mechanism(other.mechanism, what)
     if result.proposal.rows:
         out["next.csv"] = next_csv(result)
@@ -65,8 +66,18 @@ def effects_csv(result: Diagnosis) -> str:
                                 *(f"needs {', '.join(u.missing)}" for u in none)]),
         Column("detectable", [*(value for value, _ in smallest), *unknown]),
         Column("unit", [*(unit for _, unit in smallest), *blank]),
+        Column("survives", [*(_survives(result, c) for c in some), *blank]),
         Column("p_value_alone", [*(probability(c.log_p_alone) for c in some), *unknown]),
     ], mechanism.units)
+
+
+def _survives(result: Diagnosis, candidate: Candidate) -> str:
+    """Return whether what is named would stand if the rest were explained, empty if unknown."""
+    if candidate.status == "consistent":
+        return "no"
+    own = [e.survives for e in result.effects if candidate.status == "named" and (
+        e.hypothesis.family, e.on) == (candidate.hypothesis.family, candidate.hypothesis.on)]
+    return "yes" if own and own[0] is not None and own[0].stands else ""
 
 
 def _detectable(mechanism: Mechanism, candidate: Candidate) -> tuple[float, str]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.derived_errors import derived
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
@@ -18,9 +19,10 @@ from ppmcal.diagnosis.result import (
     NamedEffect,
     Onset,
     SessionEffect,
+    Survival,
     Swallowed,
 )
-from ppmcal.io.results.record import Part, Shown, Text, Whole
+from ppmcal.io.results.record import Flag, Part, Shown, Text, Whole
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.units import Units
 
@@ -78,6 +80,29 @@ class EffectInSession(Part):
             for label, value, sigma in zip(found.labels, found.value, found.sigma, strict=True))
 
 
+class EffectSurvival(Part):
+    """Whether an effect would stand if what is left were explained too.
+
+    ``p_value`` of it beside a smooth shape in what the rest ``follows``, with which it ``keeps``
+    so much of its size, ``log10_odds`` for both against a larger shape alone; ``fails``:
+    by what a left-out third of the rows is not predicted.
+    """
+
+    stands: Flag | None = None
+    p_value: Shown | None = None
+    follows: Text = ""
+    keeps: Shown | None = None
+    log10_odds: Shown | None = None
+    fails: Text = ""
+
+    @classmethod
+    def of(cls, found: Survival | None) -> EffectSurvival | None:
+        """Return the part of one effect, None where nothing was left."""
+        return None if found is None else cls(
+            stands=found.stands, p_value=probability(found.log_p), follows=found.follows,
+            keeps=found.keeps, log10_odds=found.log_odds / np.log(10.0), fails=found.fails)
+
+
 class DiagnosedEffect(Part):
     """An effect that the data name.
 
@@ -85,7 +110,7 @@ class DiagnosedEffect(Part):
     ``alternatives``: kinds that the data cannot tell from it, ``alternatives_on`` with their
     actuators, and the ``odds`` for the effect against each. ``derived`` is at ``mid_stroke``.
     ``sessions``: its size in each where there are several, ``same_in_sessions_p`` the p-value of
-    being the same.
+    being the same. ``survives``: of a partial verdict, whether it would stand.
     """
 
     kind: Text = ""
@@ -102,6 +127,7 @@ class DiagnosedEffect(Part):
     row: EventRow | None = None
     sessions: tuple[EffectInSession, ...] = ()
     same_in_sessions_p: Shown | None = None
+    survives: EffectSurvival | None = None
 
     @classmethod
     def of(cls, result: Diagnosis, effect: NamedEffect) -> DiagnosedEffect:
@@ -113,11 +139,16 @@ class DiagnosedEffect(Part):
                    alternatives_on=effect.alternatives, odds=effect.odds,
                    sessions=EffectInSession.each(result, effect.sessions),
                    same_in_sessions_p=None if effect.sessions is None else effect.sessions.p_value,
+                   survives=EffectSurvival.of(effect.survives),
                    **_event(result, effect), **_derived(result, effect))
 
 
 class SuspectedEffect(Part):
-    """Something that is there but cannot be named; status ``weak`` or ``imitation``."""
+    """Something that is there but cannot be named.
+
+    ``status``: ``weak``, ``imitation`` or ``consistent``, which would not stand if the rest were
+    explained.
+    """
 
     kind: Text = ""
     on: tuple[Text, ...] = ()

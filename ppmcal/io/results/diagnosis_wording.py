@@ -10,7 +10,7 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect, HeldOutGap
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.model.effects import GEOMETRY
-from ppmcal.wording import counted, number, shorter, where
+from ppmcal.wording import counted, number, rate, shorter, where
 
 VERDICTS = {
     "misread": "The measurements were read wrongly; nothing was diagnosed.",
@@ -91,12 +91,17 @@ def own_values(record: DiagnosisRecord, group: Group) -> str:
 def _own(group: Group, name: str) -> str:
     """Return the range of one parameter, and all its values."""
     values = [e.parameters[name] for e in group]
+    factor, unit = rate(values[0].unit, max((abs(v.value) for v in values if v.value is not None),
+                                            default=0.0))
+    values = [v if factor == 1.0 else v.model_copy(update={
+        "value": None if v.value is None else factor * v.value,
+        "sigma": None if v.sigma is None else factor * v.sigma}) for v in values]
     known = [v.value for v in values if v.value is not None]
     widest = max((1.96 * v.sigma for v in values if v.sigma is not None), default=None)
     each = ", ".join(f"{e.on[0]} {number(v.value)}" for e, v in zip(group, values, strict=True))
     if not known:
         return f"{name}: {each}"
-    unit = f" {values[0].unit}".rstrip()
+    unit = f" {unit}".rstrip()
     low, high = (number(end(known), 3) for end in (min, max))
     if low == high:
         low, high = (number(end(known)) for end in (min, max))
@@ -131,6 +136,43 @@ def _geometry(effect: DiagnosedEffect) -> list[str]:
 def actuators(record: DiagnosisRecord) -> int:
     """Return the number of actuators, 0 where the record does not say."""
     return len(record.plot_data.actuators)
+
+
+def survives(effect: DiagnosedEffect) -> str:
+    """Return whether a named effect would stand if the rest were explained, empty if unknown."""
+    found = effect.survives
+    if found is None or not found.stands:
+        return ""
+    shape = f" beside a shape in {found.follows}" if found.follows else ""
+    kept = finite(found.keeps)
+    size = "" if kept is None else f", with {_percent(kept)} of its size"
+    return f"It would stand if the rest were explained{shape}{size}."
+
+
+def not_named(record: DiagnosisRecord) -> str:
+    """Return what the data are consistent with and that would not stand; empty where nothing."""
+    names = [name_of(record, e.kind, e.on) for e in record.possible
+             if e.status in ("consistent", "imitation")]
+    return "" if not names else (
+        f"Consistent with, not named: {'; '.join(dict.fromkeys(names))}: no more than an imitation "
+        "of what is left, perhaps.")
+
+
+LIKELY, FEW_SETS = 0.01, 4
+"""Sets of effects that are told have at least this probability; so many are told."""
+
+
+def tried_sets(record: DiagnosisRecord) -> str:
+    """Return the probability of each set of effects over those tried; empty where one is."""
+    each = sorted(((p, s) for s in record.sets if (p := finite(s.probability)) is not None),
+                  key=lambda pair: -pair[0])
+    told = [(p, s) for p, s in each if p >= LIKELY][:FEW_SETS]
+    if len(told) < 2:
+        return ""
+    total = actuators(record)
+    names = [" and ".join(shorter(e, total) for e in s.effects) or "none" for _, s in told]
+    return (f"Probability over the {len(each)} sets tried: " + "; ".join(
+        f"{n} {_percent(p)}" for n, (p, _) in zip(names, told, strict=True)) + ".")
 
 
 def gap_closed(record: DiagnosisRecord) -> str:

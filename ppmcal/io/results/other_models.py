@@ -5,19 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.calibration.model_averaging import Reading, Readings
+from ppmcal.calibration.model_averaging import Reading, Readings, probabilities
+from ppmcal.diagnosis.effect_sets import labels
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
-from ppmcal.io.results.record import Finite, Part, Record, Text
+from ppmcal.io.results.record import Finite, Part, Record, Shown, Text
 from ppmcal.model.mechanism import Mechanism
 
 
 class OtherModel(Part):
     """A model of the same measurements in a file of its own.
 
-    ``effect`` stands in it for ``instead_of``, both empty for the model without effects;
-    ``odds`` of the diagnosed model against it.
+    ``effect`` stands in it for ``instead_of``; one of them is empty where it has only less or
+    more, both for the model without effects. ``odds`` of the diagnosed model against it.
     """
 
     file: Text = ""
@@ -31,6 +32,25 @@ class OtherModel(Part):
         return cls(file=file, effect=reading.effect, instead_of=reading.instead, odds=reading.odds)
 
 
+class TriedSet(Part):
+    """A set of effects, its probability over all sets that were tried, and the model's file."""
+
+    effects: tuple[Text, ...] = ()
+    probability: Shown | None = None
+    file: Text = ""
+
+    @classmethod
+    def each(cls, result: Diagnosis) -> tuple[TriedSet, ...]:
+        """Return the named set and then the others; nothing where there are none."""
+        others = [(file, r) for file, r in other_files(result) if not r.bare]
+        if not others:
+            return ()
+        shares = probabilities([r for _, r in others])
+        sets = [("model.yaml", labels(result.found.last)), *((f, r.effects) for f, r in others)]
+        return tuple(cls(effects=effects, probability=p, file=file)
+                     for (file, effects), p in zip(sets, shares, strict=True))
+
+
 class OtherModels(Record):
     """The part of diagnosis.json that a compensation needs."""
 
@@ -42,7 +62,7 @@ class OtherModels(Record):
 
 def other_files(result: Diagnosis) -> list[tuple[str, Reading]]:
     """Return the other models with the names of their files."""
-    return [(f"rival{n}.yaml" if other.effect else "without_effects.yaml", other)
+    return [("without_effects.yaml" if other.bare else f"rival{n}.yaml", other)
             for n, other in enumerate(result.others, 1)]
 
 
@@ -63,7 +83,7 @@ def read_other_models(model: Path, mechanism: Mechanism) -> tuple[Readings, list
     for entry in OtherModels.read(path).other_models:
         file, other = _read(model, entry, mechanism, path)
         read.append(file)
-        if entry.effect:
+        if entry.effect or entry.instead_of:
             odds = max(entry.odds or 1.0, 1e-3)
             others.append(Reading(entry.effect, entry.instead_of, odds, other))
         else:
