@@ -206,7 +206,7 @@ class EffectKind:
         variants: motion -> the kinds that a search tries in its place; None: itself.
         contains: kinds of which it is a more general one, which are enough where they do as well.
         seldom: BIC that it must make up for, since machines seldom have it: 2 log of the odds.
-        known: the range of its input beyond which nothing is known of it; None: everywhere.
+        known: the ranges of its inputs beyond which nothing is known of it; none: everywhere.
         spread: what it is uncertain by beside its parameters, if anything.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
     """
@@ -240,7 +240,7 @@ class EffectKind:
     variants: Callable[[str], Sequence[EffectKind]] | None = None
     contains: tuple[str, ...] = ()
     seldom: float = 0.0
-    known: KnownRange | None = None
+    known: tuple[KnownRange, ...] = ()
     spread: Spread | None = None
     title: str = ""
 
