@@ -257,11 +257,12 @@ def beyond(model: Model, environment: Environment, q: Array, pose: Array) -> lis
             unit = known.quantity if celsius else units.name(known.quantity)
             on = np.array(effect.on)
             x, outside = known.outside(at, on)
+            of_joint = known.value(at).ndim == 2
             names = [n for n, used in zip(model.mechanism.actuators, on, strict=True) if used]
             low, high = (v / factor + known.zero for v in (known.low, known.high))
             for n in np.flatnonzero(outside.any(axis=1)):
                 j = int(np.argmax(outside[n]))
-                whose = f"{names[j]} " if x.shape[1] == len(names) else ""
+                whose = f"{names[j]} " if of_joint else ""
                 out[n] = out[n] or (
                     f"effects[{number}] of the model is not known here: {whose}{known.input} = "
                     f"{x[n, j] / factor + known.zero:.6g} {unit}, known {low:.6g} to {high:.6g}")

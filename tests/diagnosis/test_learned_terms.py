@@ -12,12 +12,11 @@ import pytest
 import real_priors
 import yaml
 from helpers.commands import ppmcal
-from helpers.diagnoses import BOXES, CONFIGS, STATION
+from helpers.learned import ROBUST, campaign, dip, fitted, hidden, squared
 from scipy.stats import binom
 
 import ppmcal as face
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.fit import FitOptions as FitOptions
+from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, _split, diagnose
@@ -27,12 +26,10 @@ from ppmcal.diagnosis.learning import learn, relearned, shapes_of
 from ppmcal.diagnosis.linear_system import build, plain
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates
-from ppmcal.io import read_campaign, read_mechanism
-from ppmcal.linalg import Array
+from ppmcal.io import read_mechanism
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
-ROBUST = FitOptions()
 ROD, RADIUS = 300.0, 150.0
 
 
@@ -75,51 +72,11 @@ def test_waves_of_a_level_bed_are_not_explained_away() -> None:
         assert found.learned.gap.after > 1.0
 
 
-def hidden(input_: str, x: Array, y: Array, **more: Any) -> dict[str, Any]:
-    """Return an effect of the simulator that is any function, known without error."""
-    return {"kind": "learned", "input": input_, "nodes": x.tolist(), "values": y.tolist(),
-            "covariance": np.zeros((x.size, x.size)).tolist()} | more
-
-
-def dip(at: float = 440.0, wide: float = 18.0, deep: float = 0.05) -> dict[str, Any]:
-    """A worn place of one leg's screw."""
-    x = np.linspace(250.0, 650.0, 161)
-    return hidden("travel", x, -deep * np.exp(-(((x - at) / wide) ** 2)), on=["leg2"])
-
-
-def squared(size: float = 0.02) -> dict[str, Any]:
-    """An error of all joints with the square of speed."""
-    x = np.linspace(-40.0, 40.0, 41)
-    return hidden("velocity", x, size * (x / 30.0) ** 2)
-
-
 def bowl(size: float = 0.03) -> list[dict[str, Any]]:
     """A bent bed: the platform is turned with x^2 and y^2."""
     x, y = np.linspace(430.0, 570.0, 41), np.linspace(220.0, 360.0, 41)
     return [hidden("x", x, size * ((x - 500.0) / 60.0) ** 4, acts="y"),
             hidden("y", y, size * ((y - 290.0) / 60.0) ** 4, acts="x")]
-
-
-def campaign(folder: Path, effects: list[dict[str, Any]], seed: int, count: int = 40,
-             out: str = "s", **changes: Any) -> tuple[Mechanism, tuple[Dataset, ...]]:
-    """Return a machine and measurements of it with effects that the machine's file has not."""
-    name = "3-RPR"
-    machine = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))
-    (folder / "m.yaml").write_text(yaml.safe_dump(machine, sort_keys=False))
-    scenario = {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
-                "poses": {"random": BOXES[name] | {"count": count}}, "effects": effects,
-                "instrument": {"kind": "pose", "sigma": {"position": 0.005, "rotation": 0.001}},
-                "approach": "both", "conditions": {"velocity": 30, "payload": [0, 20]},
-                "errors": {"random": {"scale": 1.0}}, "seed": seed} | STATION[name] | changes
-    (folder / f"{out}.yaml").write_text(yaml.safe_dump(scenario))
-    result = face.simulate(str(folder / "m.yaml"), str(folder / f"{out}.yaml"))
-    result.save(folder / out)
-    mechanism = read_mechanism(folder / "m.yaml")
-    return mechanism, read_campaign([folder / out / "measurements.csv"], mechanism)
-
-
-def fitted(mechanism: Mechanism, data: tuple[Dataset, ...]) -> Fit:
-    return identify(Problem(mechanism, data, mechanism.free), ROBUST)
 
 
 def told(folder: Path, effects: list[dict[str, Any]]) -> Mechanism:
