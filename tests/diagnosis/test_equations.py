@@ -30,7 +30,7 @@ def evaluated(text: str, **inputs: Any) -> Any:
     """Return what a printed equation says, by Python's own arithmetic, in its unit."""
     line = text.split(": ", 1)[1].replace("^", "**")
     line = re.sub(r"\|(.*?)\|", r"abs(\1)", line)
-    line = re.sub(r"(?<=\d) (mm/s|mm|deg/s|deg|degC|K)(?![a-z])", "", line)
+    line = re.sub(r"(?<=\d) (mm/s|mm|deg/s|degC|deg|K)(?![a-zA-Z])", "", line)
     names = {"abs": np.abs, "sign": np.sign, "max": np.maximum}
     return eval(line, {"__builtins__": {}}, names | inputs)
 
