@@ -32,7 +32,7 @@ KINKED = ("above", "below")
 
 
 @dataclass(frozen=True)
-class Factor:
+class InputForm:
     """A form of one input less ``origin``, SI; ``degree``: of a power, and as what it counts."""
 
     input: str
@@ -45,7 +45,7 @@ class Factor:
         return FORMS[self.form](x - self.origin, self.degree)
 
 
-Product = tuple[Factor, ...]
+Product = tuple[InputForm, ...]
 
 
 def same_form(a: Product, b: Product) -> bool:
@@ -109,19 +109,19 @@ def products_of(curve: LearnedCurve) -> tuple[Product, ...]:
     return (*((f,) for f in [*first, *second]), *both)
 
 
-def _forms(name: str, nodes: Array) -> Iterator[Factor]:
+def _forms(name: str, nodes: Array) -> Iterator[InputForm]:
     low, high = float(nodes[0]), float(nodes[-1])
     width, middle = high - low, 0.5 * (low + high)
     parted = low + INNER * width < 0.0 < high - INNER * width
     for degree in range(1, POWERS + 1):
-        yield Factor(name, degree=degree)
+        yield InputForm(name, degree=degree)
     if parted:
-        yield Factor(name, "abs")
-        yield Factor(name, "sign")
+        yield InputForm(name, "abs")
+        yield InputForm(name, "sign")
     elif not INPUTS[name].zero:
         # of a stroke that does not reach zero the middle is as natural
         for degree in range(2, POWERS + 1):
-            yield Factor(name, degree=degree, origin=middle)
+            yield InputForm(name, degree=degree, origin=middle)
     for knot in (low + width * KNOTS).tolist():
-        yield Factor(name, "above", origin=knot)
-        yield Factor(name, "below", origin=knot)
+        yield InputForm(name, "above", origin=knot)
+        yield InputForm(name, "below", origin=knot)

@@ -13,7 +13,7 @@ from helpers.commands import ppmcal
 from helpers.learned import ROBUST, WEATHER, campaign, dip, fitted, squared, warped
 
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, _split
-from ppmcal.diagnosis.equation_forms import Equation, Factor, products_of, same_form, values_of
+from ppmcal.diagnosis.equation_forms import Equation, InputForm, products_of, same_form, values_of
 from ppmcal.diagnosis.equations import chosen_products
 from ppmcal.diagnosis.learned_terms import learned_terms
 from ppmcal.diagnosis.linear_system import build, plain
@@ -59,13 +59,13 @@ def test_what_an_equation_may_be_made_of() -> None:
     assert {("power", 2), ("abs", 1), ("sign", 1), ("above", 1), ("below", 1)} <= forms
     two = LearnedCurve("travel", np.linspace(1.0, 3.0, 5), np.zeros(10), np.zeros((10, 10)),
                        by="temperature", by_nodes=np.array([-5.0, 8.0]))
-    wanted = (Factor("travel", degree=2), Factor("temperature"))
+    wanted = (InputForm("travel", degree=2), InputForm("temperature"))
     assert wanted in products_of(two)
     assert not any(same_form(wanted, p) for p in products_of(two) if p != wanted)
 
 
 def test_an_equation_is_its_products_and_nothing_beyond() -> None:
-    products = ((Factor("travel", degree=2, origin=1.0),), (Factor("temperature", "above"),))
+    products = ((InputForm("travel", degree=2, origin=1.0),), (InputForm("temperature", "above"),))
     found = Equation("travel", np.array([0.0, 4.0]), np.array([2.0, -1.0]), np.zeros((2, 2)),
                      by="temperature", by_nodes=np.array([-3.0, 3.0]), products=products)
     x, by = np.array([3.0, 3.0, 5.0, 3.0]), np.array([-2.0, 1.5, 0.0, 4.0])
@@ -75,7 +75,7 @@ def test_an_equation_is_its_products_and_nothing_beyond() -> None:
 
 def test_the_derivatives_of_an_equation_are_its_differences() -> None:
     """By its size, and by every product's own, as an effect of rows and joints."""
-    products = ((Factor("travel", degree=2), Factor("temperature")), (Factor("travel", "abs"),))
+    products = ((InputForm("travel", degree=2), InputForm("temperature")), (InputForm("travel", "abs"),))
     sizes = np.array([0.3, -0.2])
     found = Equation("travel", np.array([-4.0, 4.0]), sizes, np.eye(2), True, by="temperature",
                      by_nodes=np.array([-3.0, 3.0]), products=products)
@@ -105,11 +105,11 @@ def _rows(travel: Any, warm: Any, way: Any) -> Setting:
 
 
 TOLD = [
-    (((Factor("travel", degree=2), Factor("temperature")),), [-3.1e-4],
+    (((InputForm("travel", degree=2), InputForm("temperature")),), [-3.1e-4],
      "leg2: -0.031 mm * (travel/100 mm)^2 * (temperature - 20 degC)/10 K"),
-    (((Factor("travel", "above", origin=0.35),), (Factor("travel"),)), [0.02, -0.003],
+    (((InputForm("travel", "above", origin=0.35),), (InputForm("travel"),)), [0.02, -0.003],
      "leg2: 2 mm * max((travel - 350 mm)/100 mm, 0) - 0.3 mm * (travel/100 mm)"),
-    (((Factor("travel", "abs", origin=0.2),), (Factor("travel", "sign", origin=0.2),)),
+    (((InputForm("travel", "abs", origin=0.2),), (InputForm("travel", "sign", origin=0.2),)),
      [0.02, 1e-5],
      "leg2: 2 mm * |(travel - 200 mm)/100 mm| + 0.01 mm * sign(travel - 200 mm)")]
 
@@ -145,7 +145,7 @@ def test_a_hidden_product_comes_back_with_its_powers(tmp_path: Path, seed: int) 
     assert term.candidate.on == (False, True, False)
     assert curve.inputs == ("travel", "temperature")
     assert equation is not None
-    assert equation.products == ((Factor("travel", degree=2), Factor("temperature")),)
+    assert equation.products == ((InputForm("travel", degree=2), InputForm("temperature")),)
     # -0.004 mm per (100 mm)^2 and 10 K
     size, sigma = equation.values[0], np.sqrt(equation.covariance[0, 0])
     assert abs(size + 4e-6 / 0.1**2 / 10.0) < 3.0 * sigma
@@ -167,7 +167,7 @@ def test_the_square_of_speed_comes_back(tmp_path: Path) -> None:
     assert found is not None
     (equation,), (curve,) = found.equations, found.learned.curves
     assert equation is not None
-    assert equation.products == ((Factor("velocity", degree=2),),)
+    assert equation.products == ((InputForm("velocity", degree=2),),)
     told = LearnedEquation.of(equation, "all", MM).text
     x = np.linspace(-0.02, 0.02, 30)
     own = evaluated(told, velocity=1e3 * x)

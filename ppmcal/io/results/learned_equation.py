@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ppmcal.diagnosis.equation_forms import Equation, Factor, Product
+from ppmcal.diagnosis.equation_forms import Equation, InputForm, Product
 from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.model.effects.inputs import DIRECTION
 from ppmcal.model.effects.learned import INPUTS
@@ -74,7 +74,7 @@ APPROACH = "approach"
 """What effects call the direction, +1 or -1."""
 
 
-def _factor(found: Equation, factor: Factor, units: Units) -> EquationFactor:
+def _factor(found: Equation, factor: InputForm, units: Units) -> EquationFactor:
     """Return a factor whose scale is the power of ten below its input's reach."""
     quantity, zero = found.quantity_of(factor.input), INPUTS[factor.input].zero
     per = si_factor(units, quantity)
