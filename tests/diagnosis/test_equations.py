@@ -75,7 +75,8 @@ def test_an_equation_is_its_products_and_nothing_beyond() -> None:
 
 def test_the_derivatives_of_an_equation_are_its_differences() -> None:
     """By its size, and by every product's own, as an effect of rows and joints."""
-    products = ((InputForm("travel", degree=2), InputForm("temperature")), (InputForm("travel", "abs"),))
+    products = ((InputForm("travel", degree=2), InputForm("temperature")),
+                (InputForm("travel", "abs"),))
     sizes = np.array([0.3, -0.2])
     found = Equation("travel", np.array([-4.0, 4.0]), sizes, np.eye(2), True, by="temperature",
                      by_nodes=np.array([-3.0, 3.0]), products=products)
