@@ -135,7 +135,7 @@ def test_the_band_holds_the_truth(tmp_path: Path) -> None:
         effect = dip(rng.uniform(395.0, 485.0), rng.uniform(15.0, 45.0), 0.02)
         fit = fitted(*campaign(tmp_path, [effect], seed, count=50, out=f"s{seed}"))
         seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
-        tried = [c for c in candidates(seen, all_settings(fit)) if c.curve.input == "travel"
+        tried = [c for c in candidates(seen, all_settings(fit)) if c.curve.inputs == ("travel",)
                  and not c.curve.signed and c.on == (False, True, False)]
         found = relearned(seen, tried)
         curve, shape = found.curves[0], found.terms[0].shape
@@ -193,7 +193,7 @@ def test_what_is_learned_is_free_of_what_geometry_does() -> None:
     """A free offset: no constant is learned, so the term moves no zero of a joint."""
     seen = _seen()
     (term,) = [c for c in candidates(seen, [p.setting for p in seen.system.parts])
-               if c.curve.input == "travel" and not c.curve.signed and c.on == (False, True, False)]
+               if c.curve.inputs == ("travel",) and not c.curve.signed and c.on == (False, True, False)]
     assert np.abs(seen.basis.T @ term.free).max() < 1e-9 * np.abs(term.columns).max()
     for shape in shapes_of(term):
         assert shape.lost.shape[1] >= 1
