@@ -193,7 +193,8 @@ def test_what_is_learned_is_free_of_what_geometry_does() -> None:
     """A free offset: no constant is learned, so the term moves no zero of a joint."""
     seen = _seen()
     (term,) = [c for c in candidates(seen, [p.setting for p in seen.system.parts])
-               if c.curve.inputs == ("travel",) and not c.curve.signed and c.on == (False, True, False)]
+               if c.curve.inputs == ("travel",) and not c.curve.signed
+               and c.on == (False, True, False)]
     assert np.abs(seen.basis.T @ term.free).max() < 1e-9 * np.abs(term.columns).max()
     for shape in shapes_of(term):
         assert shape.lost.shape[1] >= 1
