@@ -136,7 +136,9 @@ def _line(job: Job, truth: Mapping[str, Any], found: Mapping[str, Any], start: f
     if learned:
         # each term's gap is that of unseen poses from before it to after it
         after = learned[-1]["gap"]["after"]
-        before = before if before is not None else learned[0]["gap"]["before"]
+        if not families or before is None:
+            # of the same rows: those that look like gross errors differ from fit to fit
+            before = learned[0]["gap"]["before"]
     return Line(
         truth["group"], job.case, job.machine, job.seed, job.rows, job.eta,
         " ".join(e["kind"] for e in truth["effects"]), found["verdict"],

@@ -223,9 +223,7 @@ def known_commands(mechanism: Mechanism) -> Array:
     ones = np.ones((1, k))
     ratio = setting(Model(mechanism), at_rest(mechanism, 1), ones, np.full((1, 8), np.nan)).travel
     for effect in joint_effects(mechanism):
-        known = effect.kind.known
-        for a in np.flatnonzero(effect.on) if known is not None else ():
-            assert known is not None
+        for a, known in ((a, r) for a in np.flatnonzero(effect.on) for r in effect.kind.known):
             ends = np.sort(np.array([known.low, known.high]) / ratio[0, a])
             # a little inside, so that rounding stays there
             ends += np.array([1.0, -1.0]) * INSIDE * float(np.ptp(ends))

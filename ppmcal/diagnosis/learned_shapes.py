@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.learning import Term
 from ppmcal.diagnosis.result import LearnedTerms
 from ppmcal.diagnosis.search import by_size
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.diagnosis.term_candidates import Visible, columns_of
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve
+from ppmcal.model.effects.learned import JOINT, LearnedCurve
 from ppmcal.model.effects.setting import PLACE
 
+RARE = 0.1
+"""A second input is shown where so many of the rows are beyond it, on either side."""
 POINTS = 121
 """Points of the curve that a picture has."""
 MOSTLY = 0.9
@@ -36,8 +39,12 @@ class LearnedShape:
         rms: over the rows; gain: in log marginal likelihood.
         looks: even, odd, kinked, repeating, hysteretic; period in units of the input or None.
         near: label of a kind of effect -> cosine of what both do that geometry cannot.
-        x, value, sigma: the curve and its standard deviation, over the range.
+        x, value, sigma: the curve and its standard deviation, over the range; of two inputs, at
+            the second one's ``ends[1]``.
         at, partial: input and partial residual of rows.
+        ends: where a second input is in a tenth of the rows below, and above; empty without one.
+        other: the curve at ``ends[0]``; empty without a second input.
+        equation: short, that does as well, or None.
     """
 
     curve: LearnedCurve
@@ -52,6 +59,9 @@ class LearnedShape:
     sigma: Array
     at: Array
     partial: Array
+    ends: tuple[float, ...] = ()
+    other: Array = field(default_factory=lambda: np.zeros(0))
+    equation: Equation | None = None
 
 
 def shapes(found: LearnedTerms, stage: Stage) -> tuple[LearnedShape, ...]:
@@ -61,39 +71,53 @@ def shapes(found: LearnedTerms, stage: Stage) -> tuple[LearnedShape, ...]:
         found: the terms.
         stage: whose library they are compared with.
     """
-    return tuple(_shape(found.seen, t, c, g, stage) for t, c, g in zip(
-        found.learned.terms, found.learned.curves, found.learned.gains, strict=True))
+    known = found.equations or (None,) * len(found.learned.terms)
+    return tuple(replace(_shape(found.seen, t, c, g, stage), equation=e) for t, c, g, e in zip(
+        found.learned.terms, found.learned.curves, found.learned.gains, known, strict=True))
 
 
 def _shape(seen: Visible, term: Term, curve: LearnedCurve, gain: float, stage: Stage
            ) -> LearnedShape:
     x = np.linspace(curve.nodes[0], curve.nodes[-1], POINTS)
-    basis = curve.basis(x)
+    ends = _ends(seen, curve, term.candidate.on)
+    by: list[Array | None] = [np.full(x.shape, e) for e in ends] or [None]
+    basis = curve.basis(x, by[-1])
     value = basis @ curve.values
     sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis), 0.0))
-    at, partial = _partial(seen, term, curve)
+    at, own, partial = _partial(seen, term, curve)
     looks, period = _looks(curve, x, value)
     names = seen.system.problem.mechanism.actuators
     on = tuple(a for a, used in zip(names, term.candidate.on, strict=True) if used)
-    own = curve.at(at)
     return LearnedShape(curve, on if curve.acts == JOINT else (),
                         float(np.sqrt(np.mean(own**2))), gain, looks, period,
-                        _near(stage, curve, term.candidate.on), x, value, sigma, at, partial)
+                        _near(stage, curve, term.candidate.on), x, value, sigma, at, partial,
+                        ends, curve.at(x, by[0]) if ends else np.zeros(0))
 
 
-def _partial(seen: Visible, term: Term, curve: LearnedCurve) -> tuple[Array, Array]:
-    """Return inputs and partial residuals: the term and what is left along its own direction."""
+def _ends(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> tuple[float, ...]:
+    """Return where a second input is low and high in the rows; empty without one."""
+    if not curve.by:
+        return ()
+    rows = [curve.seen(p.setting)[1] for p in seen.system.parts]
+    there = np.concatenate([r.ravel() if r.ndim == 1 else r[:, np.array(on)].ravel()
+                            for r in rows])
+    low, high = np.quantile(there, [RARE, 1.0 - RARE])
+    return float(low), float(high)
+
+
+def _partial(seen: Visible, term: Term, curve: LearnedCurve) -> tuple[Array, Array, Array]:
+    """Return inputs, the term, and partial residuals: with what is left along its direction."""
     terms = term.candidate.free @ curve.values
     shape = seen.system.residual.shape
     rest = seen.left - terms
-    at, partial = [], []
+    at, term_there, partial = [], [], []
     joints = [a for a, used in enumerate(term.candidate.on) if used]
     for a in joints if curve.acts == JOINT else [0]:
         for i, part in enumerate(seen.system.parts):
             unit = (seen.by_joint[i][..., a] if curve.acts == JOINT
                     else seen.by_place[i][..., PLACE[curve.acts]])
-            x = INPUTS[curve.input].value(part.setting)
-            x = x if x.ndim == 1 else x[:, a]
+            x = [i if i.ndim == 1 else i[:, a] for i in curve.seen(part.setting)]
+            own = curve.at(*x)
             if curve.signed:
                 unit = unit * part.setting.approach[:, [a]]
             whole = np.zeros((*shape, 1))
@@ -101,9 +125,10 @@ def _partial(seen: Visible, term: Term, curve: LearnedCurve) -> tuple[Array, Arr
             white = seen.noise.apply(whole, seen.system).reshape(shape)[part.at]
             mine = rest.reshape(shape)[part.at]
             length = np.maximum(np.sum(white**2, axis=1), 1e-300)
-            at.append(x)
-            partial.append(curve.at(x) + np.sum(white * mine, axis=1) / length)
-    return np.concatenate(at), np.concatenate(partial)
+            at.append(x[0])
+            term_there.append(own)
+            partial.append(own + np.sum(white * mine, axis=1) / length)
+    return np.concatenate(at), np.concatenate(term_there), np.concatenate(partial)
 
 
 def _looks(curve: LearnedCurve, x: Array, value: Array) -> tuple[tuple[str, ...], float | None]:
@@ -113,7 +138,7 @@ def _looks(curve: LearnedCurve, x: Array, value: Array) -> tuple[tuple[str, ...]
     middle = 0.0 if low < 0.0 < high and curve.input != "travel" else 0.5 * (low + high)
     reach = min(high - middle, middle - low)
     t = np.linspace(0.0, reach, POINTS // 2)
-    up, down = curve.at(middle + t), curve.at(middle - t)
+    up, down = (np.interp(middle + way * t, x, value) for way in (1.0, -1.0))
     mean = 0.5 * float(np.mean(up + down))
     even, odd = 0.5 * (up + down) - mean, 0.5 * (up - down)
     total = float(np.mean(even**2) + np.mean(odd**2)) or 1.0

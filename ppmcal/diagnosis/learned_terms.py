@@ -7,12 +7,15 @@ conditions left out in turn, then learned again from all rows. They claim no cau
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.diagnosis.equation_forms import Equation
+from ppmcal.diagnosis.equations import equations, sized_again
 from ppmcal.diagnosis.held_out_blocks import BlockGap, schemes
-from ppmcal.diagnosis.held_out_gap import HeldOutErrors, gap_of, measure_gap
+from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, gap_of, measure_gap
 from ppmcal.diagnosis.learning import Learned, Term, learn, relearned
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, Whitening, build, range_basis
 from ppmcal.diagnosis.refit import with_mechanism
@@ -27,6 +30,9 @@ from ppmcal.model.mechanism import Mechanism, with_effect
 ROUNDS = 2
 """Rows that looked like outliers may be what the terms explain: learned again with them."""
 SEEN = 1e-10
+FOLDS = 5
+AS_WELL = 0.05
+"""An equation may leave so much more of what a learned term closes (of the squares)."""
 
 
 def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whitening,
@@ -70,17 +76,49 @@ def _judged(base: Fit, whole: Fit, found: Learned, held: Sequence[Dataset], outl
     """Return the terms learned from all rows if those of the training rows predict the others."""
     chosen = [t.candidate for t in found.terms]
     try:
-        fit = _fitted(base, _start(base, outliers), chosen, whitening, options)[2]
+        trained, rows, fit = _fitted(base, _start(base, outliers), chosen, whitening, options)
         gap = measure_gap(base, fit, held, noise, seed)
-        if gap is None or not gap.confirmed or gap.worse:
+        if gap is None or gap.worse or gap.after >= gap.before:
             return None
         learned, seen, final = _fitted(whole, _start(whole, outliers), chosen, whitening, options)
     except PpmcalError:
         return None
+    if not gap.confirmed:
+        # of a quarter of the poses few may be where the term is large: all of them, in turn
+        turns = _left_out(seen, learned.terms, _pose_folds(seen, seed), noise, seed)
+        if turns is None or not turns.confirmed:
+            return None
     blocks = tuple(_block_gaps(seen, learned.terms, noise, seed))
     if any(b.gap.worse for b in blocks):
         return None
-    return LearnedTerms(learned, seen, whole, final, gap, blocks)
+    short = _as_well(base, fit, trained, rows, gap, held, seed, options)
+    return LearnedTerms(learned, seen, whole, final, gap, blocks,
+                        sized_again(seen, learned, short))
+
+
+def _as_well(base: Fit, fit: Fit, learned: Learned, seen: Visible, gap: Gap,
+             held: Sequence[Dataset], seed: int, options: FitOptions
+             ) -> tuple[Equation | None, ...]:
+    """Return the equations of the training rows that predict held-out poses as well as the terms.
+
+    Each takes the place of its own term, the others staying as they are. ``fit``: with the terms;
+    ``gap``: of it.
+    """
+    out: list[Equation | None] = []
+    for i, found in enumerate(equations(seen, learned, seed)):
+        after = None
+        if found is not None:
+            curves = (*learned.curves[:i], found, *learned.curves[i + 1:])
+            machine = with_terms(base.problem.mechanism, replace(learned, curves=curves))
+            try:
+                other = with_mechanism(base, machine, options)
+                after = measure_gap(fit, other, held, gap.noise, seed)
+            except PpmcalError:
+                after = None
+        good = after is not None and not after.worse and (
+            after.after**2 - after.before**2 <= AS_WELL * max(gap.before**2 - gap.after**2, 0.0))
+        out.append(replace(found, after=after.after) if good and found and after else None)
+    return tuple(out)
 
 
 def _fitted(fit: Fit, rows: Sequence[Bools], chosen: Sequence[TermCandidate], whitening: Whitening,
@@ -125,9 +163,26 @@ def with_terms(mechanism: Mechanism, found: Learned) -> Mechanism:
 
 def _block_gaps(seen: Visible, terms: Sequence[Term], noise: float, seed: int
                 ) -> list[BlockGap]:
-    """Return the gap over stretches of time and conditions left out, without and with the terms.
+    """Return the gap over stretches of time and conditions left out, without and with the terms."""
+    found = [(by, _left_out(seen, terms, folds, noise, seed))
+             for by, folds in schemes(seen.system.problem)]
+    return [BlockGap(by, gap, gap.interval) for by, gap in found if gap is not None]
 
-    To first order: geometry and terms solved for without the block's rows, lengths and sizes kept.
+
+def _pose_folds(seen: Visible, seed: int) -> list[list[Bools]]:
+    """Return commanded poses put into folds at random: the rows of each (N,), by data set."""
+    data = seen.system.problem.datasets
+    labels = [np.unique(d.groups, return_inverse=True)[1].reshape(-1) for d in data]
+    rng = np.random.default_rng(seed)
+    folds = [rng.permutation(np.arange(int(n.max(initial=0)) + 1) % FOLDS)[n] for n in labels]
+    return [[f == k for f in folds] for k in range(FOLDS)]
+
+
+def _left_out(seen: Visible, terms: Sequence[Term], folds: Sequence[Sequence[Bools]],
+              noise: float, seed: int) -> Gap | None:
+    """Return the gap of rows that are left out in turn, without and with the terms.
+
+    To first order: geometry and terms solved for without them, lengths and sizes kept.
     """
     system = seen.system
     shape = system.residual.shape
@@ -136,22 +191,19 @@ def _block_gaps(seen: Visible, terms: Sequence[Term], noise: float, seed: int
     z = np.concatenate([np.zeros((len(white), 0)), *(
         t.candidate.columns @ (t.size * t.shape.root) for t in terms)], axis=1)
     flat = np.concatenate([white[:, :-1], z], axis=1)
-    out = []
-    for by, folds in schemes(system.problem):
-        errors: list[tuple[HeldOutErrors, HeldOutErrors]] = []
-        for fold in folds:
-            mine = np.array([fold[d][n] for d, n in zip(system.dataset, system.row, strict=True)])
-            if not mine.any() or mine.all():
-                continue
-            block = np.repeat(mine, shape[1])
-            pair = [_predicted(flat[:, :c], white[:, -1], block, white.shape[1] - 1)
-                    for c in (white.shape[1] - 1, flat.shape[1])]
-            errors.append((_errors(seen, pair[0], mine), _errors(seen, pair[1], mine)))
-        if errors:
-            old, new = (HeldOutErrors.joined([p[k] for p in errors]) for k in (0, 1))
-            gap = gap_of(old, new, noise, seed)
-            out.append(BlockGap(by, gap, gap.interval))
-    return out
+    errors: list[tuple[HeldOutErrors, HeldOutErrors]] = []
+    for fold in folds:
+        mine = np.array([fold[d][n] for d, n in zip(system.dataset, system.row, strict=True)])
+        if not mine.any() or mine.all():
+            continue
+        block = np.repeat(mine, shape[1])
+        pair = [_predicted(flat[:, :c], white[:, -1], block, white.shape[1] - 1)
+                for c in (white.shape[1] - 1, flat.shape[1])]
+        errors.append((_errors(seen, pair[0], mine), _errors(seen, pair[1], mine)))
+    if not errors:
+        return None
+    old, new = (HeldOutErrors.joined([p[k] for p in errors]) for k in (0, 1))
+    return gap_of(old, new, noise, seed)
 
 
 def _predicted(columns: Array, residual: Array, block: Bools, free: int) -> Array:

@@ -25,6 +25,8 @@ from ppmcal.model.effects.learned import JOINT, LearnedCurve
 
 LENGTHS = (0.06, 0.12, 0.25, 0.5, 1.0, 2.0)
 """Lengths of the kernel that are tried, in parts of the range."""
+SECOND = 2.0
+"""Length of the kernel along a second input."""
 SIZES = np.geomspace(1e-2, 1e4, 25)
 """Sizes that are tried: the standard deviation of a column's whole effect, in sigmas."""
 NEGLIGIBLE = 12.0
@@ -34,6 +36,8 @@ SWEEPS = 3
 JOINTS_FIRST = 3.0
 """A term of the platform must be likelier than one of a joint by this (log): a physical cause
 sits in a leg more often than in space."""
+ONE_FIRST = 3.0
+"""So must one of two inputs than one of a single one."""
 UNSEEN = 1e-4
 """Directions that rows see by less than this part of the strongest keep what the kernel says."""
 
@@ -97,7 +101,8 @@ def learn(seen: Visible, tried: Sequence[TermCandidate], most: int = MOST_TERMS)
             if any(t.candidate is candidate for t in terms):
                 continue
             term, gain = now.fitted(candidate, shapes[id(candidate)])
-            judged = gain - (0.0 if candidate.curve.acts == JOINT else JOINTS_FIRST)
+            judged = gain - (0.0 if candidate.curve.acts == JOINT else JOINTS_FIRST) - (
+                ONE_FIRST if candidate.curve.by else 0.0)
             if best is None or judged > best[0]:
                 best = judged, term, gain
         if best is None or best[0] < enough:
@@ -133,15 +138,14 @@ def _swept(seen: Visible, terms: list[Term], shapes: dict[int, list[Shape]]) -> 
 
 def shapes_of(candidate: TermCandidate) -> list[Shape]:
     """Return the shapes that a candidate may have, one for each length of the kernel."""
-    nodes = candidate.curve.nodes
-    far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
+    curve = candidate.curve
+    second = _matern(curve.by_nodes, SECOND) if curve.by else np.ones((1, 1))
     seen = candidate.columns.T @ candidate.columns
     # one unit of z moves all rows together by one sigma
-    scale = 1.0 / np.sqrt(max(float(np.trace(seen)) / nodes.size, 1e-300))
+    scale = 1.0 / np.sqrt(max(float(np.trace(seen)) / len(seen), 1e-300))
     out = []
     for length in LENGTHS:
-        x = np.sqrt(5.0) * far / length
-        kernel = (1.0 + x + x**2 / 3.0) * np.exp(-x)
+        kernel = np.kron(_matern(curve.nodes, length), second)
         w, v = np.linalg.eigh(kernel)
         keep = w > 1e-10 * w[-1]
         root = v[:, keep] * (scale * np.sqrt(w[keep]))
@@ -150,6 +154,13 @@ def shapes_of(candidate: TermCandidate) -> list[Shape]:
         back = (v[:, keep] / (scale * np.sqrt(w[keep]))).T
         out.append(Shape(length, root @ free, root @ lost, held @ back))
     return [s for s in out if s.root.shape[1]]
+
+
+def _matern(nodes: Array, length: float) -> Array:
+    """Return the Matern kernel (5/2) between nodes (n, n); ``length`` in parts of their range."""
+    far = np.abs(nodes[:, None] - nodes[None, :]) / (nodes[-1] - nodes[0])
+    x = np.sqrt(5.0) * far / length
+    return np.asarray((1.0 + x + x**2 / 3.0) * np.exp(-x))
 
 
 def absorbed(candidate: TermCandidate, root: Array) -> tuple[Array, Array]:
@@ -208,7 +219,7 @@ class _Rest:
         cross = candidate.free.T @ self.z
         gram = candidate.gram - cross @ self.inner @ cross.T
         toward = candidate.free.T @ self.seen.left - cross @ self.inner @ self.right
-        freedom, size = self.seen.freedom, SIZES / np.sqrt(candidate.curve.nodes.size)
+        freedom, size = self.seen.freedom, SIZES / np.sqrt(candidate.curve.values.size)
         out = []
         for shape in shapes:
             w, v = np.linalg.eigh(shape.root.T @ gram @ shape.root)

@@ -9,6 +9,7 @@ from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.summary import Identification
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import Remainder
+from ppmcal.diagnosis.equation_forms import Equation
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.held_out_blocks import BlockGap
 from ppmcal.diagnosis.held_out_gap import Gap
@@ -150,6 +151,7 @@ class LearnedTerms:
         without, fit: of all rows, without and with the terms.
         gap: on held-out poses, the terms learned without them.
         blocks: the same where stretches are left out in turn.
+        equations: for each term, a short equation that does as well, or None.
     """
 
     learned: Learned
@@ -158,6 +160,7 @@ class LearnedTerms:
     fit: Fit
     gap: Gap
     blocks: tuple[BlockGap, ...]
+    equations: tuple[Equation | None, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

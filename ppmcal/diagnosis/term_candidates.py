@@ -1,6 +1,7 @@
 """What a learned term could follow and act on, and its whitened columns, one for each node.
 
-A term is a spline through values at nodes (:mod:`ppmcal.model.effects.learned`). Each of its
+A term is a spline through values at nodes (:mod:`ppmcal.model.effects.learned_curve`), of one
+input or of two that are recorded of the same joint. Each of its
 columns says how residuals move with the value at one node; ``free`` is that column without what
 geometry and named effects could do instead.
 """
@@ -20,11 +21,15 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
 from ppmcal.linalg import Array, finite_rows, without_range
 from ppmcal.model.effects import Setting, Shift
-from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput, spline_basis
+from ppmcal.model.effects.learned import INPUTS, JOINT, LearnedCurve, LearnedInput
 from ppmcal.model.effects.setting import PLACE
 
 FINE, COARSE, FEWEST = 24, 12, 3
 """Nodes over the travel of a joint, where wear is local, and over other inputs; and the fewest."""
+PAIRED = (8, 3)
+"""Nodes over the first and the second input of a pair."""
+SECOND = ("velocity", "last move", "load", "temperature")
+"""What a function of a joint's travel may change with, and of these one with a later one."""
 PER_NODE = 3
 """Rows that a node must have, in the mean."""
 MARGIN = 0.005
@@ -145,11 +150,30 @@ def _forms(seen: Visible, everywhere: Sequence[Setting]
             yield curve, on
             if sided and source.name == "travel":
                 yield replace(curve, signed=True), on
+            yield from ((c, on) for c in _pairs(curve, here, everywhere, on))
         if source.of_machine:
             curve = _curve(source, here, everywhere, (True,) * k, "length")
             for acts in mechanism.coordinates if curve is not None else ():
                 assert curve is not None
                 yield replace(curve, acts=acts), (True,) * k
+
+
+def _pairs(curve: LearnedCurve, here: Sequence[Setting], everywhere: Sequence[Setting],
+           on: tuple[bool, ...]) -> Iterator[LearnedCurve]:
+    """Yield the functions of an input and of a second one, where rows are enough for them."""
+    order = ("travel", *SECOND)
+    later = order[order.index(curve.input) + 1:] if curve.input in order else ()
+    for name in later:
+        source = INPUTS[name]
+        other = _curve(source, here, everywhere, on, curve.joint) if _recorded(
+            source, here, ()) else None
+        rows = sum(s.time.size for s in here) * sum(on)
+        if other is None or min(curve.nodes.size, rows // (PER_NODE * PAIRED[1])) < PAIRED[0]:
+            continue
+        nodes, by = (np.linspace(c.nodes[0], c.nodes[-1], n) for c, n in zip(
+            (curve, other), PAIRED, strict=True))
+        yield replace(curve, nodes=nodes, by=name, by_nodes=by, values=np.zeros(
+            nodes.size * by.size), covariance=np.zeros((nodes.size * by.size,) * 2))
 
 
 def _is_residual(seen: Visible, source: LearnedInput, here: Sequence[Setting]) -> bool:
@@ -196,18 +220,26 @@ def _curve(source: LearnedInput, here: Sequence[Setting], everywhere: Sequence[S
 
 def columns_of(seen: Visible, curve: LearnedCurve, on: Sequence[bool]) -> Array:
     """Return the whitened columns of a curve's values at its nodes (n, K)."""
-    system = seen.system
-    out = np.zeros((*system.residual.shape, curve.nodes.size))
+    return columns_from(seen, curve, on, curve.weights)
+
+
+def columns_from(seen: Visible, curve: LearnedCurve, on: Sequence[bool],
+                 weights: Callable[[Setting], Array]) -> Array:
+    """Return the whitened columns (n, K) of functions that act where a curve does.
+
+    ``weights``: rows -> the functions of the machine (N, K), or by joint (N, k, K).
+    """
+    system, columns = seen.system, []
     for i, part in enumerate(system.parts):
-        at = part.setting
-        weight = spline_basis(curve.nodes, INPUTS[curve.input].value(at))
+        weight = weights(part.setting)
+        out = np.zeros((*system.residual.shape, weight.shape[-1]))
+        columns.append(out)
         if curve.acts != JOINT:
             unit = seen.by_place[i][..., PLACE[curve.acts]]
             out[part.at, :unit.shape[1]] += unit[..., None] * weight[:, None, :]
             continue
         for a in np.flatnonzero(on):
             own = weight if weight.ndim == 2 else weight[:, a]
-            own = own * at.approach[:, [a]] if curve.signed else own
             unit = seen.by_joint[i][..., a]
             out[part.at, :unit.shape[1]] += unit[..., None] * own[:, None, :]
-    return seen.noise.apply(out, system)
+    return seen.noise.apply(sum(columns[1:], columns[0]), system)

@@ -251,22 +251,21 @@ def beyond(model: Model, environment: Environment, q: Array, pose: Array) -> lis
     at = setting(replace(model, shift=None), environment, q, pose, model)
     units = model.mechanism.units
     for number, effect in enumerate(effects, 1):
-        known = effect.kind.known
-        if known is None:
-            continue
-        celsius = known.quantity == "deg C"
-        factor = 1.0 if celsius else units.factor(known.quantity)
-        unit = known.quantity if celsius else units.name(known.quantity)
-        on = np.array(effect.on)
-        x, outside = known.outside(at, on)
-        names = [n for n, used in zip(model.mechanism.actuators, on, strict=True) if used]
-        low, high = (v / factor + known.zero for v in (known.low, known.high))
-        for n in np.flatnonzero(outside.any(axis=1)):
-            j = int(np.argmax(outside[n]))
-            whose = f"{names[j]} " if x.shape[1] == len(names) else ""
-            out[n] = out[n] or (
-                f"effects[{number}] of the model is not known here: {whose}{known.input} = "
-                f"{x[n, j] / factor + known.zero:.6g} {unit}, known {low:.6g} to {high:.6g}")
+        for known in effect.kind.known:
+            celsius = known.quantity == "deg C"
+            factor = 1.0 if celsius else units.factor(known.quantity)
+            unit = known.quantity if celsius else units.name(known.quantity)
+            on = np.array(effect.on)
+            x, outside = known.outside(at, on)
+            of_joint = known.value(at).ndim == 2
+            names = [n for n, used in zip(model.mechanism.actuators, on, strict=True) if used]
+            low, high = (v / factor + known.zero for v in (known.low, known.high))
+            for n in np.flatnonzero(outside.any(axis=1)):
+                j = int(np.argmax(outside[n]))
+                whose = f"{names[j]} " if of_joint else ""
+                out[n] = out[n] or (
+                    f"effects[{number}] of the model is not known here: {whose}{known.input} = "
+                    f"{x[n, j] / factor + known.zero:.6g} {unit}, known {low:.6g} to {high:.6g}")
     return out
 
 

@@ -11,7 +11,7 @@ from ppmcal.linalg import Array
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.plot import between, line, marks, plotted, span, zero
 from ppmcal.report.diagnosis_format import INPUTS, finer
-from ppmcal.report.format import number, with_label
+from ppmcal.report.format import number, sig, with_label
 
 SHOWN = 0.99
 """This part of the rows is within the axis; the others are drawn at its edge."""
@@ -40,15 +40,19 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
     factor, unit = finer(entry.unit, float(np.max(np.abs(curve[1]) + half)))
     ends = factor * np.quantile(rows[1], [1.0 - SHOWN, SHOWN])
     up = span(np.concatenate([ends, factor * (curve[1] - half), factor * (curve[1] + half)]))
+    other = _columns(entry.x, entry.other) if entry.by_ends else None
+    both = [] if other is None else [line(other[0], factor * other[1])]
+    at = "" if other is None else f" Two lines: {entry.by} = " + " and ".join(
+        f"{sig(e, 4)} {entry.by_unit}" for e in entry.by_ends) + "; the band is the second one's."
     what = "joint" if entry.on else entry.acts
     name = learned_name(record, entry)
     return plotted(
         f"Learned: {name}",
         "Line: what was learned, with its 95 % band; rings: what single rows say of it, all else "
-        "taken out. It is a shape, not a cause; nothing is known beyond the ends.",
+        f"taken out. It is a shape, not a cause; nothing is known beyond the ends.{at}",
         f"{name}: {number(entry.rms)} {entry.unit} rms.", span(curve[0], margin=0.02), up,
         (with_label(INPUTS.get(entry.input, entry.input), entry.input_unit),
          with_label(f"error of {what}", unit)),
         [zero(), marks(rows[0], factor * rows[1], "before", "o", 3.0),
          between(curve[0], factor * (curve[1] - half), factor * (curve[1] + half)),
-         line(curve[0], factor * curve[1])])
+         line(curve[0], factor * curve[1]), *both])

@@ -12,12 +12,11 @@ import pytest
 import real_priors
 import yaml
 from helpers.commands import ppmcal
-from helpers.diagnoses import BOXES, CONFIGS, STATION
+from helpers.learned import ROBUST, WEATHER, campaign, dip, fitted, hidden, squared
 from scipy.stats import binom
 
 import ppmcal as face
-from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.fit import FitOptions as FitOptions
+from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, _split, diagnose
@@ -26,13 +25,12 @@ from ppmcal.diagnosis.learned_terms import learned_terms, visible
 from ppmcal.diagnosis.learning import learn, relearned, shapes_of
 from ppmcal.diagnosis.linear_system import build, plain
 from ppmcal.diagnosis.refit import with_mechanism
-from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates
-from ppmcal.io import read_campaign, read_mechanism
-from ppmcal.linalg import Array
+from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates, columns_from
+from ppmcal.io import read_mechanism
+from ppmcal.linalg import Array, without_range
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
-ROBUST = FitOptions()
 ROD, RADIUS = 300.0, 150.0
 
 
@@ -75,51 +73,11 @@ def test_waves_of_a_level_bed_are_not_explained_away() -> None:
         assert found.learned.gap.after > 1.0
 
 
-def hidden(input_: str, x: Array, y: Array, **more: Any) -> dict[str, Any]:
-    """Return an effect of the simulator that is any function, known without error."""
-    return {"kind": "learned", "input": input_, "nodes": x.tolist(), "values": y.tolist(),
-            "covariance": np.zeros((x.size, x.size)).tolist()} | more
-
-
-def dip(at: float = 440.0, wide: float = 18.0, deep: float = 0.05) -> dict[str, Any]:
-    """A worn place of one leg's screw."""
-    x = np.linspace(250.0, 650.0, 161)
-    return hidden("travel", x, -deep * np.exp(-(((x - at) / wide) ** 2)), on=["leg2"])
-
-
-def squared(size: float = 0.02) -> dict[str, Any]:
-    """An error of all joints with the square of speed."""
-    x = np.linspace(-40.0, 40.0, 41)
-    return hidden("velocity", x, size * (x / 30.0) ** 2)
-
-
 def bowl(size: float = 0.03) -> list[dict[str, Any]]:
     """A bent bed: the platform is turned with x^2 and y^2."""
     x, y = np.linspace(430.0, 570.0, 41), np.linspace(220.0, 360.0, 41)
     return [hidden("x", x, size * ((x - 500.0) / 60.0) ** 4, acts="y"),
             hidden("y", y, size * ((y - 290.0) / 60.0) ** 4, acts="x")]
-
-
-def campaign(folder: Path, effects: list[dict[str, Any]], seed: int, count: int = 40,
-             out: str = "s", **changes: Any) -> tuple[Mechanism, tuple[Dataset, ...]]:
-    """Return a machine and measurements of it with effects that the machine's file has not."""
-    name = "3-RPR"
-    machine = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"))
-    (folder / "m.yaml").write_text(yaml.safe_dump(machine, sort_keys=False))
-    scenario = {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
-                "poses": {"random": BOXES[name] | {"count": count}}, "effects": effects,
-                "instrument": {"kind": "pose", "sigma": {"position": 0.005, "rotation": 0.001}},
-                "approach": "both", "conditions": {"velocity": 30, "payload": [0, 20]},
-                "errors": {"random": {"scale": 1.0}}, "seed": seed} | STATION[name] | changes
-    (folder / f"{out}.yaml").write_text(yaml.safe_dump(scenario))
-    result = face.simulate(str(folder / "m.yaml"), str(folder / f"{out}.yaml"))
-    result.save(folder / out)
-    mechanism = read_mechanism(folder / "m.yaml")
-    return mechanism, read_campaign([folder / out / "measurements.csv"], mechanism)
-
-
-def fitted(mechanism: Mechanism, data: tuple[Dataset, ...]) -> Fit:
-    return identify(Problem(mechanism, data, mechanism.free), ROBUST)
 
 
 def told(folder: Path, effects: list[dict[str, Any]]) -> Mechanism:
@@ -177,7 +135,7 @@ def test_the_band_holds_the_truth(tmp_path: Path) -> None:
         effect = dip(rng.uniform(395.0, 485.0), rng.uniform(15.0, 45.0), 0.02)
         fit = fitted(*campaign(tmp_path, [effect], seed, count=50, out=f"s{seed}"))
         seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
-        tried = [c for c in candidates(seen, all_settings(fit)) if c.curve.input == "travel"
+        tried = [c for c in candidates(seen, all_settings(fit)) if c.curve.inputs == ("travel",)
                  and not c.curve.signed and c.on == (False, True, False)]
         found = relearned(seen, tried)
         curve, shape = found.curves[0], found.terms[0].shape
@@ -185,6 +143,37 @@ def test_the_band_holds_the_truth(tmp_path: Path) -> None:
         basis = curve.basis(np.linspace(curve.nodes[0], curve.nodes[-1], 100)[2:-2])
         sigma = np.sqrt(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis))
         away = basis @ (curve.values - shape.gauged(true))
+        inside.append(np.mean(np.abs(away) <= 1.96 * sigma))
+    assert 0.93 <= np.mean(inside) <= 0.97, np.mean(inside)
+
+
+@pytest.mark.slow
+def test_the_band_of_two_inputs_holds_the_truth(tmp_path: Path) -> None:
+    """In the rows of one campaign, noise drawn anew: waves of travel that grow with temperature."""
+    fit = fitted(*campaign(tmp_path, [], 1, count=50, conditions=WEATHER))
+    seen = visible(fit, fit.keep, plain(build(fit.problem, fit.state, fit.keep)))
+    (term,) = [c for c in candidates(seen, all_settings(fit)) if c.on == (False, True, False)
+               and c.curve.inputs == ("travel", "temperature")]
+    nodes = [x.ravel() for x in np.meshgrid(term.curve.nodes, term.curve.by_nodes, indexing="ij")]
+    at = [np.concatenate([i[:, 1] for i in both]) for both in zip(*(
+        term.curve.seen(p.setting) for p in seen.system.parts), strict=True)]
+    inside = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        wave, phase, zero = rng.uniform(0.12, 0.3), rng.uniform(0.0, 6.0), rng.uniform(-10.0, 5.0)
+
+        def true(x: Array, warm: Array, wave: float = wave, phase: float = phase,
+                 zero: float = zero) -> Array:
+            return np.asarray(2e-5 * np.cos(2.0 * np.pi * x / wave + phase) * (warm - zero) / 10.0)
+
+        hidden_there = columns_from(seen, term.curve, term.on, lambda s, f=true: f(  # type: ignore
+            *term.curve.seen(s))[..., None])[:, 0]
+        noisy = hidden_there + rng.standard_normal(hidden_there.size)
+        found = relearned(replace(seen, left=without_range(noisy, seen.basis)), [term])
+        curve, shape = found.curves[0], found.terms[0].shape
+        basis = curve.basis(*at)
+        sigma = np.sqrt(np.einsum("ij,jk,ik->i", basis, curve.covariance, basis))
+        away = basis @ (curve.values - shape.gauged(true(*nodes)))
         inside.append(np.mean(np.abs(away) <= 1.96 * sigma))
     assert 0.93 <= np.mean(inside) <= 0.97, np.mean(inside)
 
@@ -204,7 +193,8 @@ def test_what_is_learned_is_free_of_what_geometry_does() -> None:
     """A free offset: no constant is learned, so the term moves no zero of a joint."""
     seen = _seen()
     (term,) = [c for c in candidates(seen, [p.setting for p in seen.system.parts])
-               if c.curve.input == "travel" and not c.curve.signed and c.on == (False, True, False)]
+               if c.curve.inputs == ("travel",) and not c.curve.signed
+               and c.on == (False, True, False)]
     assert np.abs(seen.basis.T @ term.free).max() < 1e-9 * np.abs(term.columns).max()
     for shape in shapes_of(term):
         assert shape.lost.shape[1] >= 1

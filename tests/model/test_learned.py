@@ -18,11 +18,11 @@ from ppmcal.controllers.joint_tables import joint_tables, known_limits, table_co
 from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism, write_mechanism
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.effect_response import setting
+from ppmcal.kinematics.effect_response import beyond, setting
 from ppmcal.kinematics.equilibrium import reached_poses
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.tables import forward_table, inverse_table
-from ppmcal.model.dataset import unknown_environment
+from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.effects import Setting
 from ppmcal.model.effects.learned import LearnedCurve, spline_basis
 from ppmcal.model.mechanism import Mechanism
@@ -36,6 +36,11 @@ TRAVEL: dict[str, Any] = {
 PLACE: dict[str, Any] = {
     "kind": "learned", "input": "x", "acts": "z", "nodes": [-150.0, -50, 50, 150],
     "values": [0.1, 0.0, 0.0, 0.1], "covariance": np.zeros((4, 4)).tolist()}
+PAIR: dict[str, Any] = {
+    "kind": "learned", "on": ["leg2"], "input": "travel", "nodes": [1500, 1900, 2100, 2300, 3000],
+    "by": "temperature", "by_nodes": [15.0, 20, 31],
+    "values": [[0.0, 0.1, 0.3], [-0.1, 0.0, 0.2], [0.05, 0.01, -0.1], [0.0, 0.0, 0.1], [0.2, 0, 0]],
+    "covariance": (4e-4 * np.eye(15) + 1e-4).tolist()}
 WARM: dict[str, Any] = {
     "kind": "learned", "input": "temperature", "nodes": [15.0, 20, 31], "by": "direction",
     "values": [0.01, 0.0, -0.02], "covariance": np.zeros((3, 3)).tolist()}
@@ -57,7 +62,7 @@ def about(mechanism: Mechanism, **changes: float) -> np.ndarray:
 
 @pytest.mark.parametrize("units", [Units("mm", "deg"), Units("in", "rad"), Units("um", "deg")])
 def test_what_is_written_reads_back_the_same(tmp_path: Path, units: Units) -> None:
-    mechanism = replace(read(tmp_path, TRAVEL, PLACE, WARM), units=units)
+    mechanism = replace(read(tmp_path, TRAVEL, PLACE, WARM, PAIR), units=units)
     text = write_mechanism(mechanism)
     (tmp_path / "back.yaml").write_text(text)
     again = read_mechanism(tmp_path / "back.yaml")
@@ -84,6 +89,31 @@ def test_the_function_is_the_natural_spline_and_its_unit_the_files(tmp_path: Pat
     assert effect.on == (False, True, False, False, False, False)
 
 
+def test_of_two_inputs_it_is_the_spline_of_splines(tmp_path: Path) -> None:
+    """Two ways: scipy's splines of the file's numbers, one after the other."""
+    mechanism = read(tmp_path, PAIR)
+    effect = mechanism.effects[0]
+    warm = np.array([17.0, 22.5, 30.0])
+    q = np.array([1.6, 2.0, 2.25])[:, None] * np.ones(6)
+    at = _setting(mechanism, q, warm)
+    found = effect.kind.evaluate(at, np.array(effect.on), {"scale": 1.0}).shift.slots[1, "offset"]
+    across = CubicSpline(PAIR["by_nodes"], np.array(PAIR["values"]).T, bc_type="natural")(warm)
+    expected = [CubicSpline(PAIR["nodes"], v, bc_type="natural")(1e3 * x)
+                for v, x in zip(across, q[:, 1], strict=True)]
+    np.testing.assert_allclose(found, 1e-3 * np.array(expected), rtol=1e-12)
+    assert effect.kind.needs == ("temperature",)
+
+
+def test_beyond_either_input_it_is_not_known(tmp_path: Path) -> None:
+    mechanism = read(tmp_path, PAIR)
+    q = np.array([2.0, 2.0, 3.2])[:, None] * np.ones(6)
+    rows = _rows(3, np.array([25.0, 33.0, 25.0]))
+    told = beyond(Model(mechanism), rows, q, np.tile(mechanism.home, (3, 1)))
+    where = "effects[1] of the model is not known here: "
+    assert told == ["", f"{where}temperature = 33 deg C, known 15 to 31",
+                    f"{where}leg2 travel = 3200 mm, known 1500 to 3000"]
+
+
 def test_weights_are_one_at_each_node_and_unknown_beyond() -> None:
     nodes = np.array([0.0, 1.0, 1.5, 4.0])
     assert np.allclose(spline_basis(nodes, nodes), np.eye(4), atol=1e-14)
@@ -105,7 +135,14 @@ BAD = [({"input": "humidity"}, "input", "unknown input 'humidity'"),
        ({"covariance": (-np.eye(5)).tolist()}, "covariance", "no covariance"),
        ({"covariance": np.triu(np.ones((5, 5))).tolist()}, "covariance", "no covariance"),
        ({"acts": "w"}, "acts", "unknown coordinate 'w'"),
-       ({"acts": "z"}, "acts", "cannot act on z"), ({"by": "load"}, "by", "unknown class 'load'"),
+       ({"acts": "z"}, "acts", "cannot act on z"),
+       ({"by": "humidity"}, "by", "unknown class or input 'humidity'"),
+       ({"by": "temperature"}, "by_nodes", "is not a list of numbers"),
+       ({"by": "temperature", "by_nodes": [10, 30]}, "values", "is not 5 by 2 numbers"),
+       ({"by": "temperature", "by_nodes": [30, 10]}, "by_nodes", "do not rise"),
+       ({"by_nodes": [10, 30]}, "by_nodes", "second input, which is not named"),
+       ({"by": "travel"}, "by", "second input is the first"),
+       ({"input": "x", "by": "load", "acts": "z"}, "acts", "each joint's load cannot act on z"),
        ({"knots": []}, "", "unknown key 'knots'")]
 
 
@@ -204,23 +241,28 @@ def test_the_uncertainty_of_a_command_is_that_of_drawn_functions(tmp_path: Path)
 
 def test_a_derivative_of_the_size(tmp_path: Path) -> None:
     """Against differences, with every input and action."""
-    for effect in (TRAVEL, PLACE):
+    for effect in (TRAVEL, PLACE, PAIR):
         mechanism = read(tmp_path, effect | {"parameters": {"scale": {"value": 1.2, "free": True}}})
         p = mechanism.effects[0].parameters["scale"]
         assert p in mechanism.free
-        curve = mechanism.effects[0].kind.evaluate.__self__  # type: ignore[attr-defined]
-        at = _setting(mechanism)
+        evaluate = mechanism.effects[0].kind.evaluate
+        at = _setting(mechanism, np.atleast_2d(home_state(mechanism).q), np.array([24.0]))
         on = np.array(mechanism.effects[0].on)
-        up, down = (curve.terms(at, on, {"scale": 1.2 + h}).shift for h in (1e-3, -1e-3))
-        by = curve.terms(at, on, {"scale": 1.2}).by["scale"]
-        for a, b, c in ((up.slots, down.slots, by.slots),):
-            for slot in c:
-                np.testing.assert_allclose((a[slot] - b[slot]) / 2e-3, c[slot], rtol=1e-9)
+        up, down = (evaluate(at, on, {"scale": 1.2 + h}).shift for h in (1e-3, -1e-3))
+        by = evaluate(at, on, {"scale": 1.2}).by["scale"]
+        assert by.slots or by.pose is not None
+        for slot, found in by.slots.items():
+            assert np.all(found != 0.0)
+            np.testing.assert_allclose((up.slots[slot] - down.slots[slot]) / 2e-3, found, rtol=1e-9)
         if by.pose is not None:
             assert up.pose is not None and down.pose is not None
             np.testing.assert_allclose((up.pose - down.pose) / 2e-3, by.pose, rtol=1e-9)
 
 
-def _setting(mechanism: Mechanism) -> Setting:
-    q = np.atleast_2d(home_state(mechanism).q)
-    return setting(Model(mechanism), unknown_environment(1, 6), q, mechanism.home[None])
+def _rows(count: int, celsius: np.ndarray) -> Environment:
+    return replace(unknown_environment(count, 6), temperature=celsius - 20.0)
+
+
+def _setting(mechanism: Mechanism, q: np.ndarray, celsius: np.ndarray) -> Setting:
+    home = np.tile(mechanism.home, (len(q), 1))
+    return setting(Model(mechanism), _rows(len(q), celsius), q, home)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +122,13 @@ def test_what_follows_the_last_move_is_learned(tmp_path: Path) -> None:
     assert term["input"] == "last move"
     assert term["gap"]["before"] > 1.4
     assert term["gap"]["after"] < 1.1
+    # a share of the move, and so much of it as was hidden
+    (part,) = term["equation"]["terms"]
+    (factor,) = part["factors"]
+    assert (factor["variable"], factor["form"], factor["degree"]) == ("move", "power", 1)
+    (hidden,) = json.loads((tmp_path / "truth.json").read_text())["effects"]
+    away = part["size"] / factor["scale"] + hidden["parameters"]["share"]
+    assert abs(away) < 3.0 * part["sigma"] / factor["scale"]
     found.save(tmp_path / "d")
     ppmcal("check", "d/model.yaml", cwd=tmp_path, expect=0)
     targets = tmp_path / "wanted.csv"

@@ -195,7 +195,16 @@ def learned(record: DiagnosisRecord) -> list[str]:
     """Return a sentence for each shape that was learned."""
     return [f"Learned, with no cause claimed: {learned_name(record, e)}, {number(e.rms, 3)} "
             f"{e.unit} rms over {number(e.low)} to {number(e.high)} {e.input_unit}{_look(e)}."
-            for e in record.learned]
+            f"{_equation(e)}" for e in record.learned]
+
+
+def _equation(entry: LearnedEntry) -> str:
+    """Return the short equation that does as well, empty where there is none."""
+    if entry.equation is None:
+        return ""
+    sizes = ", ".join(f"{number(t.size, 3)} +- {number(t.sigma, 2)} {entry.equation.unit}"
+                      for t in entry.equation.terms)
+    return f" As an equation that does as well: {entry.equation.text} (sizes {sizes})."
 
 
 def learned_name(record: DiagnosisRecord, entry: LearnedEntry) -> str:
@@ -204,6 +213,8 @@ def learned_name(record: DiagnosisRecord, entry: LearnedEntry) -> str:
             else f"platform's {entry.acts} by travel").removesuffix("travel")
     own = "" if not entry.on else "its " if len(entry.on) == 1 else "their own "
     source = "temperature" if entry.input == "temperature" else own + entry.input
+    if entry.by and entry.by != "direction":
+        return f"{what}{source} and {entry.by}"
     return f"{what}{source}" + (", with the sign of the approach" if entry.by else "")
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ppmcal.diagnosis.learned_shapes import LearnedShape, shapes
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.diagnosis_parts import HeldOutGap
+from ppmcal.io.results.learned_equation import LearnedEquation
 from ppmcal.io.results.record import Part, Shown, Text
 from ppmcal.linalg import Array
-from ppmcal.model.effects.learned import INPUTS
+from ppmcal.model.effects.learned import INPUTS, JOINT
+from ppmcal.model.effects.learned_curve import si_factor
 from ppmcal.units import Units
 
 DRAWN = 600
@@ -30,7 +34,9 @@ class LearnedEntry(Part):
     ``rms`` over the rows, in ``unit``; ``low`` to ``high``: where it is known, in ``input_unit``.
     ``gap``: on held-out poses, without and with all that was learned. ``looks``: even, odd,
     kinked, repeating (``period``), hysteretic. ``x``, ``value``, ``sigma``: the curve; ``at``,
-    ``partial``: what single rows say of it.
+    ``partial``: what single rows say of it. Of two inputs ``by`` is the second one, known from
+    ``by_low`` to ``by_high``, and the curves are those at its ``by_ends``: ``other`` at the first,
+    ``value`` at the last. ``equation``: short, where one does as well.
     """
 
     input: Text = ""
@@ -38,6 +44,10 @@ class LearnedEntry(Part):
     on: tuple[Text, ...] = ()
     acts: Text = ""
     by: Text = ""
+    by_unit: Text = ""
+    by_low: Shown | None = None
+    by_high: Shown | None = None
+    by_ends: tuple[Shown, ...] = ()
     rms: Shown | None = None
     unit: Text = ""
     low: Shown | None = None
@@ -51,6 +61,8 @@ class LearnedEntry(Part):
     sigma: tuple[Shown | None, ...] = ()
     at: tuple[Shown | None, ...] = ()
     partial: tuple[Shown | None, ...] = ()
+    other: tuple[Shown | None, ...] = ()
+    equation: LearnedEquation | None = None
 
     @classmethod
     def all_of(cls, result: Diagnosis) -> tuple[LearnedEntry, ...]:
@@ -65,20 +77,37 @@ class LearnedEntry(Part):
     def of(cls, s: LearnedShape, gap: HeldOutGap, units: Units) -> LearnedEntry:
         """Return one term in file units."""
         curve, own = s.curve, units.factor(s.curve.quantity)
-        celsius = curve.input_quantity == "deg C"
-        per = 1.0 if celsius else units.factor(curve.input_quantity)
-        zero = INPUTS[curve.input].zero
+        per, zero = si_factor(units, curve.input_quantity), INPUTS[curve.input].zero
+        where = ", ".join(s.on) if curve.acts == JOINT else f"platform {curve.acts}"
         some = np.linspace(0, s.at.size - 1, min(s.at.size, DRAWN)).astype(np.int64)
         return cls(
-            input=curve.input, on=s.on, acts=curve.acts, by="direction" if curve.signed else "",
-            input_unit=curve.input_quantity if celsius else units.name(curve.input_quantity),
+            input=curve.input, on=s.on, acts=curve.acts,
+            by=curve.by or ("direction" if curve.signed else ""), **_second(s, units),
+            input_unit=_unit(units, curve.input_quantity),
             rms=s.rms / own, unit=units.name(curve.quantity),
             low=curve.nodes[0] / per + zero, high=curve.nodes[-1] / per + zero, gap=gap,
             looks=s.looks, period=None if s.period is None else s.period / per,
             near=tuple(NearKind(effect=label, cosine=c) for label, c in s.near),
             x=_rounded(s.x / per + zero), value=_rounded(s.value / own),
             sigma=_rounded(s.sigma / own), at=_rounded(s.at[some] / per + zero),
-            partial=_rounded(s.partial[some] / own))
+            partial=_rounded(s.partial[some] / own), other=_rounded(s.other / own),
+            equation=LearnedEquation.of(s.equation, where, units) if s.equation else None)
+
+
+def _second(s: LearnedShape, units: Units) -> dict[str, Any]:
+    """Return what an entry says of a second input, nothing without one."""
+    curve = s.curve
+    if not curve.by:
+        return {}
+    quantity = curve.quantity_of(curve.by)
+    per, zero = si_factor(units, quantity), INPUTS[curve.by].zero
+    return {"by_unit": _unit(units, quantity), "by_low": curve.by_nodes[0] / per + zero,
+            "by_high": curve.by_nodes[-1] / per + zero,
+            "by_ends": tuple(e / per + zero for e in s.ends)}
+
+
+def _unit(units: Units, quantity: str) -> str:
+    return quantity if quantity == "deg C" else units.name(quantity)
 
 
 def _rounded(values: Array) -> tuple[float, ...]:

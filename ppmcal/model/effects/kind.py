@@ -208,7 +208,7 @@ class EffectKind:
         variants: motion -> the kinds that a search tries in its place; None: itself.
         contains: kinds of which it is a more general one, which are enough where they do as well.
         seldom: BIC that it must make up for, since machines seldom have it: 2 log of the odds.
-        known: the range of its input beyond which nothing is known of it; None: everywhere.
+        known: the ranges of its inputs beyond which nothing is known of it; none: everywhere.
         spread: what it is uncertain by beside its parameters, if anything.
         unsettled: by how much, at most, du is unknown since nobody knows what was before the first
             row: (setting, on, values) -> (N, k), unit of u; None: the first row is like any other.
@@ -244,7 +244,7 @@ class EffectKind:
     variants: Callable[[str], Sequence[EffectKind]] | None = None
     contains: tuple[str, ...] = ()
     seldom: float = 0.0
-    known: KnownRange | None = None
+    known: tuple[KnownRange, ...] = ()
     spread: Spread | None = None
     unsettled: Callable[[Setting, Bools, Mapping[str, float]], Array] | None = None
     title: str = ""
