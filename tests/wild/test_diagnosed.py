@@ -51,7 +51,8 @@ def test_a_reversal_beside_typos(tmp_path: Path) -> None:
     ("homed-one", "delta-rotary", 1452, {("zero_shift", 46)})])
 def test_events_with_their_rows(tmp_path: Path, case: str, machine: str, seed: int,
                                 events: set[tuple[str, float]]) -> None:
-    """Two that are undone, one of which makes rows look correlated, one of 5 mm, one of the target, one beside rows that were left out."""
+    """Two that are undone (one makes rows look correlated), one of 5 mm, one of the target, one
+    beside rows that were left out."""
     found = told(diagnosed(tmp_path, case, machine, seed))
     assert {k for k, _ in found} == {k for k, _ in events}
     assert all(min(abs(row - at) for _, at in found) <= 2 for _, row in events)
