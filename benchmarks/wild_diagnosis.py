@@ -156,11 +156,13 @@ def kind_of(label: str) -> str:
 
 
 def _in_time(effects: Sequence[Mapping[str, Any]], found: Mapping[str, Any]) -> bool:
-    """Whether every event was found with its row."""
+    """Whether every event, or what it cannot be told from, was found with its row."""
     rows = [(e["kind"], e["row"]) for e in effects if "row" in e]
-    told = [(e["kind"], e["parameters"]["from_row"]["value"]) for e in found.get("effects", ())
+    told = [({e["kind"]} | {kind_of(a) for a in e["alternatives"]},
+             e["parameters"]["from_row"]["value"]) for e in found.get("effects", ())
             if "from_row" in e["parameters"]]
-    return all(any(kind == k and abs(row - at) <= ONSET for k, at in told) for kind, row in rows)
+    return all(any(kind in family and abs(row - at) <= ONSET for family, at in told)
+               for kind, row in rows)
 
 
 def _number(value: float | None) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from ppmcal.diagnosis.event_pairs import best_pair
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
 from ppmcal.linalg import Array, unit_columns
@@ -68,8 +69,18 @@ def estimate(system: System, library: Library, extra: Sequence[int] = ()) -> Whi
     ``extra``: columns of the library that must be projected out whatever they cost (chosen
     effects).
     """
-    noise = plain(system)
     columns = _projected(system, library, extra)
+    noise = _of_rest(system, library, columns)
+    if noise.rho > 0.0:
+        pair = best_pair(system, library, columns, noise)
+        if pair:
+            noise = _of_rest(system, library, list(dict.fromkeys([*columns, *pair])))
+    return noise
+
+
+def _of_rest(system: System, library: Library, columns: Sequence[int]) -> Whitening:
+    """Return the whitening with columns of the library projected out."""
+    noise = plain(system)
     everything = np.concatenate([system.jacobian, library.columns[..., columns]], axis=-1)
     basis, left = _cleaned(system, everything, noise)
     noise = _within_rows(system, basis, left, noise)

@@ -49,12 +49,14 @@ def test_a_reversal_beside_typos(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("case", "machine", "seed", "events"), [
     ("homed-there-and-back", "3-RPR", 220423, {("zero_shift", 40), ("zero_shift", 70)}),
+    ("homed-there-and-back", "hexapod", 998384, {("zero_shift", 32), ("zero_shift", 62)}),
     ("slip-turn", "hexapod", 632855, {("zero_shift", 77)}),
     ("target-bumped", "3-RPR", 500482, {("target_shift", 51)}),
     ("homed-one", "delta-rotary", 1452, {("zero_shift", 46)})])
 def test_events_with_their_rows(tmp_path: Path, case: str, machine: str, seed: int,
                                 events: set[tuple[str, float]]) -> None:
-    """One that is undone, one of 5 mm, one of the target, one beside rows that were left out."""
+    """Two that are undone (one makes rows look correlated), one of 5 mm, one of the target, one
+    beside rows that were left out."""
     found = told(diagnosed(tmp_path, case, machine, seed))
     assert {k for k, _ in found} == {k for k, _ in events}
     assert all(min(abs(row - at) for _, at in found) <= 2 for _, row in events)
