@@ -25,6 +25,8 @@ ENDS = 60
 """Ends of stretches that are tried; then every row near the best."""
 FEWEST = 6
 """Rows that a stretch must have, and leave."""
+MOSTLY = 0.25
+"""Of what exceeds the noise no more than this may be left."""
 SURE_SIZE = 2.5
 """A size may miss its range by so many standard deviations."""
 
@@ -53,12 +55,20 @@ def inverted_directions(found: Found, chosen: Sequence[Hypothesis]) -> Misreadin
     best: _Stretch | None = None
     for hypothesis in stage.library.hypotheses:
         kind = hypothesis.effect
-        if kind is None or kind.needs != ("dir",) or hypothesis.searched or hypothesis.leans:
+        if kind is None or kind.title or kind.needs != ("dir",) or hypothesis.searched:
             continue
         for stretch in _stretches(stage, hypothesis):
             if stretch.bic < (now if best is None else best.bic):
                 best = stretch
-    return None if best is None else _told(found, best)
+    return None if best is None or not _clean(stage, best) else _told(found, best)
+
+
+def _clean(stage: Stage, stretch: _Stretch) -> bool:
+    """Whether hardly anything is left with these rows turned: else something else is wrong."""
+    n = stage.search.test.freedom
+    before, after = (max(square / n - 1.0, 0.0) for square in (stage.search.test.square,
+                                                               stretch.left))
+    return after <= MOSTLY * before
 
 
 def _stretches(stage: Stage, hypothesis: Hypothesis) -> Iterator[_Stretch]:
