@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
-from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.left_out_rows import LeftOut, left_out
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import refuse_small_misreading
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
-from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import far_from_nominal, report
-from ppmcal.calibration.validation import split
 from ppmcal.calibration.wrong_rows import refuse_wrong_rows
 from ppmcal.diagnosis import result_tables as tables
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.adequacy import LEVEL, remainder
 from ppmcal.diagnosis.candidates import look_alikes
-from ppmcal.diagnosis.extended_model import Added, with_named
+from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.first_rows import without_first_rows
 from ppmcal.diagnosis.held_out_blocks import SESSION, block_gaps
 from ppmcal.diagnosis.held_out_gap import Gap, measure_gap
@@ -38,13 +35,15 @@ from ppmcal.diagnosis.localization import Place, localise
 from ppmcal.diagnosis.onsets import refined, with_onsets
 from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
-from ppmcal.diagnosis.recorded import usable, with_whole_rows
-from ppmcal.diagnosis.refit import confirm, nothing_named, of_rows, with_mechanism
+from ppmcal.diagnosis.recorded import with_whole_rows
+from ppmcal.diagnosis.refit import confirm, nothing_named, with_mechanism
 from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset, Survival
 from ppmcal.diagnosis.rivals import rivals
+from ppmcal.diagnosis.search_rounds import DiagnosisOptions as DiagnosisOptions
+from ppmcal.diagnosis.search_rounds import Say, found_in, training_part
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.session_effects import with_sessions
-from ppmcal.diagnosis.stage import DRAWS, Stage, named_only, run_stage
+from ppmcal.diagnosis.stage import Stage, named_only
 from ppmcal.diagnosis.survivors import earned
 from ppmcal.diagnosis.verdict import (
     Alternatives,
@@ -54,27 +53,7 @@ from ppmcal.diagnosis.verdict import (
     not_predicted,
     refuse_unconverged,
 )
-from ppmcal.linalg import Bools
 from ppmcal.model.dataset import Dataset
-
-Say = Callable[[str], None]
-ROUNDS = 3
-
-
-@dataclass(frozen=True)
-class DiagnosisOptions:
-    """How to diagnose.
-
-    ``holdout``: part of the poses kept back; ``draws``: of noise; ``kinds``: to try, or all;
-    ``by_session``: the gap is that of sessions left out in turn.
-    """
-
-    holdout: float = 0.27
-    seed: int = 0
-    draws: int = DRAWS
-    kinds: tuple[str, ...] | None = None
-    by_session: bool = False
-    fit: FitOptions = field(default_factory=FitOptions)
 
 
 def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say | None = None
@@ -96,14 +75,15 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     refuse_unconverged(whole)
     refuse_small_misreading(whole)
     refuse_wrong_rows(whole)
-    training, held = _split(whole, options)
-    found = _find(training, options, say)
+    training, held = training_part(whole, options)
+    found = found_in(training, options, say)
     settled = without_first_rows(whole.problem, found.after)
     if settled is not whole.problem:
         say("again without the first rows, before which nobody knows what was")
         whole = identify(settled, options.fit)
-        training, held = _split(whole, options)
-        found = _find(training, options, say)
+        training, held = training_part(whole, options)
+        found = found_in(training, options, say)
+    wanders = found.last.wanders
     say("confirming in all rows")
     found, final = confirm(found, whole, options.fit)
     onsets: dict[str, Onset] = {}
@@ -151,7 +131,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     terms = None
     if verdict in LEARNED_AFTER:
         say("learning what is left")
-        terms = _terms(found, final, held, named, options)
+        terms = _terms(found, final, held, named, wanders, options)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed)
     refuse_other_machine(reported.fit)
     far = "" if named else far_from_nominal(reported.estimates)
@@ -185,11 +165,11 @@ LEARNED_AFTER = ("unnamed", "partial")
 """Verdicts that leave something to learn."""
 
 
-def _terms(found: Found, whole: Fit, held: Sequence[Dataset], named: bool,
+def _terms(found: Found, whole: Fit, held: Sequence[Dataset], named: bool, wanders: bool,
            options: DiagnosisOptions) -> LearnedTerms | None:
     """Return what is learned from the rest; ``whole``: the fit of all rows so far."""
     return learned_terms(found.after if named else found.before, whole, held, found.last.noise,
-                         _noise(found), options.seed, options.fit)
+                         _noise(found), options.seed, options.fit, wanders)
 
 
 def _others(whole: Fit, found: Found, alternatives: Alternatives, terms: LearnedTerms | None,
@@ -218,81 +198,6 @@ def _places(found: Found, named: bool, seed: int) -> tuple[Place, ...]:
     bare = replace(found.first, chosen=())
     with_them = replace(found.last, chosen=named_only(found.last)) if named else bare
     return localise(bare, with_them, seed)
-
-
-def _split(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dataset, ...]]:
-    """Put whole commanded poses aside, where that leaves enough to fit; fit the others."""
-    problem = whole.problem
-    out = split(problem.datasets, options.holdout, options.seed)
-    values = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
-                 for o, d in zip(out, problem.datasets, strict=True))
-    if values < 2.0 * len(problem.columns) or not any(o.any() for o in out):
-        return whole, ()
-    held = tuple(d.take(o & usable(d) & ~typo) for d, o, typo in zip(
-        problem.datasets, out, _typed_wrong(whole), strict=True))
-    return of_rows(whole, [~o for o in out], options.fit), held
-
-
-def _find(before: Fit, options: DiagnosisOptions, say: Say) -> Found:
-    """Fit, test, add what was chosen, and again at the new fit until the choice stands.
-
-    Rows that look like outliers may be the effect itself: where there are many, the search
-    is made with them too, and holds if its effects explain most of them.
-    """
-    training = before.problem
-    say("testing effects against simulated noise")
-    first = run_stage(training, before.state, before.keep, options.seed,
-                      options.kinds, options.draws)
-    found = _settled(before, first, options, say)
-    out = sum(len(r) for r in before.reasons)
-    if out <= MANY_OUT * sum(k.size for k in before.keep):
-        return found
-    say("testing effects with the outliers")
-    everything = [k | (o & ~typo) for k, o, typo in zip(
-        before.keep, before.outliers, _typed_wrong(before), strict=True)]
-    second = run_stage(training, before.state, everything, options.seed,
-                       options.kinds, options.draws)
-    other = _settled(before, second, options, say)
-    explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
-        len(r) for r in found.after.reasons)
-    return other if other.added and explained else found
-
-
-def _typed_wrong(fit: Fit) -> list[Bools]:
-    """Return rows (N,) of each data set that are gross errors while their neighbours are not."""
-    rows = [k | o for k, o in zip(fit.keep, fit.outliers, strict=True)]
-    out = []
-    for gross in gross_errors(fit.problem, fit.state, rows):
-        beside = np.convolve(gross, [1, 0, 1], mode="same") > 0 if gross.size > 1 else gross
-        out.append(gross & ~beside)
-    return out
-
-
-MANY_OUT = 0.02
-"""More outliers than this part of the rows may be an effect."""
-
-
-def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> Found:
-    """Add what a stage chose, refit, test again, until the choice stands."""
-    after, last = before, first
-    added: tuple[Added, ...] = ()
-    for _ in range(ROUNDS):
-        if not named_only(last):
-            return Found(before, before, first, last, ())
-        mechanism, added = with_named(before.problem.mechanism, last.search, named_only(last))
-        say("fitting geometry and " + ", ".join(f.label for f in last.named))
-        after = with_mechanism(before, mechanism, options.fit)
-        names = {n for a in added for n in a.parameters}
-        columns = [c for c, p in enumerate(after.problem.free)
-                   if mechanism.parameters[p].name in names]
-        again = run_stage(after.problem, after.state, after.keep, options.seed,
-                          options.kinds, options.draws, columns, first.search,
-                          [last.hypotheses[i] for i in last.chosen])
-        same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
-        last = again
-        if same:
-            break
-    return Found(before, after, first, last, added)
 
 
 def _alternatives(stage: Stage) -> Alternatives:

@@ -20,7 +20,13 @@ from ppmcal.diagnosis.learning import Learned, Term, learn, relearned
 from ppmcal.diagnosis.linear_system import INVISIBLE, MOST_ROWS, Whitening, build, range_basis
 from ppmcal.diagnosis.refit import with_mechanism
 from ppmcal.diagnosis.result import LearnedTerms
-from ppmcal.diagnosis.term_candidates import TermCandidate, Visible, all_settings, candidates
+from ppmcal.diagnosis.term_candidates import (
+    TermCandidate,
+    Visible,
+    all_settings,
+    candidates,
+    slow_inputs,
+)
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Array, Bools, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
@@ -36,7 +42,8 @@ AS_WELL = 0.05
 
 
 def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whitening,
-                  noise: float, seed: int, options: FitOptions) -> LearnedTerms | None:
+                  noise: float, seed: int, options: FitOptions, wandering: bool = False
+                  ) -> LearnedTerms | None:
     """Return what is learned beyond a fit, None where unseen rows do not confirm it.
 
     Args:
@@ -47,6 +54,8 @@ def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whi
         noise: over the stated one.
         seed: of the bootstrap.
         options: of the fits.
+        wandering: machine or instrument wander in time, so that nothing is learned from inputs
+            that go with the clock.
     """
     if not held:
         return None
@@ -55,7 +64,8 @@ def learned_terms(base: Fit, whole: Fit, held: Sequence[Dataset], whitening: Whi
     # what looks like gross errors may be what is missing
     for outliers in (False, True) if several else (False,):
         seen = visible(base, _start(base, outliers), whitening)
-        found = learn(seen, candidates(seen, everywhere))
+        skipped = slow_inputs(seen) if wandering else ()
+        found = learn(seen, candidates(seen, everywhere, skipped))
         while found is not None:
             kept = _judged(base, whole, found, held, outliers, whitening, noise, seed, options)
             if kept is not None:

@@ -30,13 +30,15 @@ AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
 LONG_ODDS = 1000.0
 """Odds beyond which nothing is a rival, however many parameters it takes: the data tell it."""
+MOST = float(2.0 * np.log(LONG_ODDS))
 
 MORE = float(np.log(0.2))
 """A more general kind is a rival of a special one to which it adds something: log p, over all
 constants of its grid."""
 
-DOUBTED = float(2.0 * np.log(LONG_ODDS))
-"""The same where the effect itself is doubtful."""
+DOUBTED = 23.0
+"""The same as AS_GOOD where the effect itself is doubtful, odds of 1e5: they are those of a linear
+model, which says little of what the geometry nearly swallows."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         if len(rival) == 1 and first.shared:
             # a kind is not out for having more parameters, unless one per joint
             limit += np.log(search.test.freedom) * max(0, size - hypothesis.size)
-        if worse > min(limit, DOUBTED) or not possible(search, trial):
+        if worse > (limit if doubt else min(limit, MOST)) or not possible(search, trial):
             continue
         if own_log_p(search, [*trial, effect], effect) > (
                 search.name if doubt else np.log(ADDS_NOTHING)):

@@ -23,7 +23,7 @@ from ppmcal.diagnosis.linear_system import (
 from ppmcal.diagnosis.rivals import held, settled
 from ppmcal.diagnosis.search import Search, prepare
 from ppmcal.diagnosis.selection import choose
-from ppmcal.diagnosis.wandering import instead, wandered
+from ppmcal.diagnosis.wandering import WANDERING, instead, wandered
 from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
 from ppmcal.linalg import Array, Bools, subsample, unit_columns
 
@@ -69,6 +69,11 @@ class Stage:
     def named(self) -> tuple[Hypothesis, ...]:
         """The chosen hypotheses that have a name."""
         return tuple(self.search.hypotheses[i] for i in named_only(self))
+
+    @property
+    def wanders(self) -> bool:
+        """Whether machine or instrument wander in time, in no way that has a name."""
+        return any(self.search.hypotheses[i].kind == WANDERING for i in self.chosen)
 
 
 def named_only(stage: Stage) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ geometry and named effects could do instead.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,6 +17,7 @@ import numpy as np
 from ppmcal.calibration.fit import Fit
 from ppmcal.diagnosis.adequacy import varies
 from ppmcal.diagnosis.linear_system import System, Whitening
+from ppmcal.diagnosis.wandering import slow_waves
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting
 from ppmcal.linalg import Array, finite_rows, without_range
@@ -40,6 +41,8 @@ BEYOND = 30.0
 """A pose coordinate is an input where its range is so many times what residuals amount to."""
 PASSING = ("time",)
 """Inputs that no later command can have again: what follows them is told, and not learned."""
+SLOW = 0.8
+"""An input is slow where slow waves over the rows are this part of its variance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +107,8 @@ def all_settings(fit: Fit) -> list[Setting]:
     return out
 
 
-def candidates(seen: Visible, everywhere: Sequence[Setting]) -> list[TermCandidate]:
+def candidates(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str] = ()
+               ) -> list[TermCandidate]:
     """Return the terms that these rows could tell, those of joints first.
 
     Terms that no measured coordinate feels are not among them.
@@ -112,8 +116,10 @@ def candidates(seen: Visible, everywhere: Sequence[Setting]) -> list[TermCandida
     Args:
         seen: the rows.
         everywhere: all rows that the model has to hold in, for the nodes.
+        skipped: inputs that are not to be tried.
     """
-    tried = [(curve, on, columns_of(seen, curve, on)) for curve, on in _forms(seen, everywhere)]
+    tried = [(curve, on, columns_of(seen, curve, on))
+             for curve, on in _forms(seen, everywhere, skipped)]
     tried = [t for t in tried if np.isfinite(t[2]).all()]
     # heights of a level plane say nothing of where along it the platform is
     least = FELT * max((float(np.abs(c).max()) for *_, c in tried), default=0.0)
@@ -127,7 +133,28 @@ def again(seen: Visible, term: TermCandidate) -> TermCandidate:
     return replace(term, columns=columns, free=without_range(columns, seen.basis))
 
 
-def _forms(seen: Visible, everywhere: Sequence[Setting]
+def slow_inputs(seen: Visible) -> set[str]:
+    """Return inputs that hardly change but slowly, in the order of the rows: temperatures mostly.
+
+    Where machine or instrument wander in time, nothing tells what follows such an input from what
+    follows the clock.
+    """
+    here = [p.setting for p in seen.system.firsts]
+    waves = slow_waves(np.concatenate([p.response.rows.row for p in seen.system.firsts]))
+    basis = np.linalg.qr(np.concatenate([np.ones((len(waves), 1)), waves], axis=1))[0]
+    out = set()
+    for source in INPUTS.values():
+        x = np.concatenate([source.value(s) for s in here])
+        x = x.reshape(len(x), -1)
+        if len(x) > basis.shape[1] and np.isfinite(x).all():
+            x = x - x.mean(axis=0)
+            left = x - basis @ (basis.T @ x)
+            if np.sum(left**2) < (1.0 - SLOW) * np.sum(x**2):
+                out.add(source.name)
+    return out
+
+
+def _forms(seen: Visible, everywhere: Sequence[Setting], skipped: Container[str]
            ) -> Iterator[tuple[LearnedCurve, tuple[bool, ...]]]:
     mechanism = seen.system.problem.mechanism
     k = len(mechanism.actuators)
@@ -138,7 +165,8 @@ def _forms(seen: Visible, everywhere: Sequence[Setting]
     sided = all(np.isfinite(s.approach).all() for s in here) and any(
         varies(s.approach).any() for s in here)
     for source in INPUTS.values():
-        if source.name in PASSING or not _recorded(source, here, mechanism.coordinates):
+        if source.name in PASSING or source.name in skipped or not _recorded(
+                source, here, mechanism.coordinates):
             continue
         if source.name in PLACE and _is_residual(seen, source, here):
             continue

@@ -16,7 +16,7 @@ import numpy as np
 from ppmcal.diagnosis.added_variable_test import AddedVariableTest
 from ppmcal.diagnosis.hypotheses import Collector, Hypothesis
 from ppmcal.diagnosis.search import Search, columns_of
-from ppmcal.diagnosis.selection import ANONYMOUS, bic, own_log_p, stand
+from ppmcal.diagnosis.selection import ANONYMOUS, bic, own_log_p, possible
 from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
 from ppmcal.model.effects.setting import COORDINATES, PLACE
@@ -40,8 +40,7 @@ def add_courses(to: Collector) -> None:
     row = np.concatenate([p.response.rows.row for p in to.system.firsts])
     if np.unique(row).size < 2 * max(COURSES):
         return
-    place = np.argsort(np.argsort(row, kind="stable"), kind="stable") / (row.size - 1.0)
-    waves = np.cos(np.pi * place[:, None] * np.arange(1, max(COURSES) + 1))
+    waves = slow_waves(row)
     ways = {c: [Shift(frame=np.tile(np.eye(6)[PLACE[c]], (len(p.response.pose), 1)))
                 for p in parts] for c in COORDINATES[to.motion]}
     for a, name in enumerate(to.actuators):
@@ -54,6 +53,12 @@ def add_courses(to: Collector) -> None:
             WANDERING, (), True, tuple(f"wave{k}" for k in range(1, count + 1)),
             (-np.inf,) * count, (np.inf,) * count, columns[:count], anonymous=True,
             follows="time", part=f"time, of {way}", searched=2) for count in COURSES]
+
+
+def slow_waves(row: Array) -> Array:
+    """Return half waves (N, k) over rows in the order of their numbers (N,)."""
+    place = np.argsort(np.argsort(row, kind="stable"), kind="stable") / max(row.size - 1.0, 1.0)
+    return np.asarray(np.cos(np.pi * place[:, None] * np.arange(1, max(COURSES) + 1)))
 
 
 def of_the_clock(hypothesis: Hypothesis) -> bool:
@@ -103,10 +108,19 @@ def wandered(search: Search, chosen: tuple[int, ...], courses: Sequence[Hypothes
     wider = replace(search, hypotheses=(*search.hypotheses, *best[2]))
     left = [*(i for i in best[1] if i not in timed or i in events),
             *range(first, first + len(best[2]))]
-    for i in [i for i in left if i in events]:
-        if own_log_p(wider, left, i) > search.name:
-            left.remove(i)
-    return (wider, tuple(left)) if stand(wider, left) else (search, chosen)
+    return wider, _standing(wider, left)
+
+
+def _standing(search: Search, chosen: Sequence[int]) -> tuple[int, ...]:
+    """Return what reaches the naming threshold beside the others, the weakest out first."""
+    left = list(chosen)
+    while left:
+        values = [own_log_p(search, left, i) + search.hypotheses[i].choices for i in left]
+        weakest = int(np.argmax(values))
+        if values[weakest] <= search.name and possible(search, left):
+            break
+        left.pop(weakest)
+    return tuple(left)
 
 
 def _likeliest(rest: AddedVariableTest, courses: Sequence[Hypothesis]

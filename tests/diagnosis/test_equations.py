@@ -12,12 +12,13 @@ import pytest
 from helpers.commands import ppmcal
 from helpers.learned import ROBUST, WEATHER, campaign, dip, fitted, squared, warped
 
-from ppmcal.diagnosis.diagnose import DiagnosisOptions, _split
+from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.equation_forms import Equation, InputForm, products_of, same_form, values_of
 from ppmcal.diagnosis.equations import chosen_products
 from ppmcal.diagnosis.learned_terms import learned_terms
 from ppmcal.diagnosis.linear_system import build, plain
 from ppmcal.diagnosis.result import LearnedTerms
+from ppmcal.diagnosis.search_rounds import training_part
 from ppmcal.io.results.learned_equation import LearnedEquation
 from ppmcal.model.effects.learned import LearnedCurve, learned_kind
 from ppmcal.model.effects.setting import Setting
@@ -131,7 +132,7 @@ def test_it_is_printed_with_units_and_says_what_it_is(products: Any, sizes: Any,
 def learned(folder: Path, effects: list[dict[str, Any]], seed: int, **changes: Any
             ) -> LearnedTerms | None:
     whole = fitted(*campaign(folder, effects, seed, count=80, **changes))
-    base, held = _split(whole, DiagnosisOptions(seed=seed))
+    base, held = training_part(whole, DiagnosisOptions(seed=seed))
     noise = plain(build(base.problem, base.state, base.keep))
     return learned_terms(base, whole, held, noise, 1.0, seed, ROBUST)
 

@@ -19,12 +19,13 @@ import ppmcal as face
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
-from ppmcal.diagnosis.diagnose import DiagnosisOptions, _split, diagnose
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.held_out_gap import measure_gap
 from ppmcal.diagnosis.learned_terms import learned_terms, visible
 from ppmcal.diagnosis.learning import learn, relearned, shapes_of
 from ppmcal.diagnosis.linear_system import build, plain
 from ppmcal.diagnosis.refit import with_mechanism
+from ppmcal.diagnosis.search_rounds import training_part
 from ppmcal.diagnosis.term_candidates import Visible, all_settings, candidates, columns_from
 from ppmcal.io import read_mechanism
 from ppmcal.linalg import Array, without_range
@@ -97,7 +98,7 @@ def test_most_of_the_gap_is_closed_that_the_truth_closes(tmp_path: Path, shape: 
                                                          ) -> None:
     mechanism, data = campaign(tmp_path, SHAPES[shape], seed, count=80)
     whole = fitted(mechanism, data)
-    base, held = _split(whole, DiagnosisOptions(seed=seed))
+    base, held = training_part(whole, DiagnosisOptions(seed=seed))
     noise = plain(build(base.problem, base.state, base.keep))
     found = learned_terms(base, whole, held, noise, 1.0, seed, ROBUST)
     assert found is not None
