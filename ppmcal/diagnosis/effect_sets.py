@@ -52,9 +52,10 @@ def effect_sets(stage: Stage, rivals: Mapping[int, Sequence[Rival]]) -> list[Eff
     """
     now = bic(stage.search, stage.chosen)
     found: dict[frozenset[int], EffectSet] = {}
-    for search, chosen, effect, instead in _tried(stage, rivals):
-        odds, columns = odds_between(now, bic(search, chosen)), frozenset(
-            columns_of(search, chosen))
+    for search, chosen, effect, instead, allowed in _tried(stage, rivals):
+        worse = bic(search, chosen) - now
+        odds = odds_between(0.0, worse - min(allowed, max(worse, 0.0)))
+        columns = frozenset(columns_of(search, chosen))
         if odds <= LONG_ODDS and columns not in found:
             found[columns] = EffectSet(search, chosen, "; ".join(effect), "; ".join(instead),
                                        _labels(stage, chosen, effect), odds)
@@ -66,8 +67,9 @@ def labels(stage: Stage) -> tuple[str, ...]:
     return tuple(f.label for f in stage.named)
 
 
-Change = tuple[Search, tuple[int, ...], list[str], list[str]]
-"""A search and a set in it, what it has instead of the named one, and what that has instead."""
+Change = tuple[Search, tuple[int, ...], list[str], list[str], float]
+"""A search and a set in it, what it has instead of the named one, what that has instead, and BIC
+that says nothing against it."""
 
 
 def _tried(stage: Stage, rivals: Mapping[int, Sequence[Rival]]) -> Iterator[Change]:
@@ -77,20 +79,22 @@ def _tried(stage: Stage, rivals: Mapping[int, Sequence[Rival]]) -> Iterator[Chan
     for i, others in some.items():
         for r in others:
             whole, one = as_one(search, r.members)
-            yield whole, (*_without(chosen, i), one), [r.hypothesis.label], [label[i]]
+            yield (whole, (*_without(chosen, i), one), [r.hypothesis.label], [label[i]],
+                   r.allowed)
     for i, j in combinations(some, 2):
         for r, s in product(some[i], some[j]):
             whole, one = as_one(search, r.members)
             whole, two = as_one(whole, s.members)
             trial = (*(k for k in chosen if k not in (i, j)), one, two)
             if r.hypothesis.family != s.hypothesis.family and possible(whole, trial):
-                yield whole, trial, [r.hypothesis.label, s.hypothesis.label], [label[i], label[j]]
+                yield (whole, trial, [r.hypothesis.label, s.hypothesis.label],
+                       [label[i], label[j]], r.allowed + s.allowed)
     for i in named_only(stage):
         rest = tuple(borne(search, _without(chosen, i)))
         gone = [label[k] for k in named_only(stage) if k not in rest]
-        yield search, rest, [], gone
+        yield search, rest, [], gone, 0.0
     for i in _marginal(search, chosen):
-        yield search, (*chosen, i), [label[i]], []
+        yield search, (*chosen, i), [label[i]], [], 0.0
 
 
 def _marginal(search: Search, chosen: Sequence[int]) -> list[int]:

@@ -29,8 +29,7 @@ ADDS_NOTHING = 0.01
 AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
 LONG_ODDS = 1000.0
-"""Odds beyond which nothing is a rival, however many parameters it takes: the data tell it."""
-MOST = float(2.0 * np.log(LONG_ODDS))
+"""Odds beyond which a set of effects is not worth a fit."""
 
 MORE = float(np.log(0.2))
 """A more general kind is a rival of a special one to which it adds something: log p, over all
@@ -47,13 +46,14 @@ class Rival:
 
     ``angle``: between their columns, seen past geometry and the other effects, rad; ``odds``:
     how much likelier the chosen one is, e^(BIC difference/2); ``members``: what it consists of in
-    the search.
+    the search; ``allowed``: BIC that its further parameters cost, which says nothing against it.
     """
 
     hypothesis: Hypothesis
     angle: float
     odds: float
     members: tuple[int, ...] = ()
+    allowed: float = 0.0
 
 
 def odds_between(one: float, other: float) -> float:
@@ -81,17 +81,18 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         if _only_general(search, chosen, hypothesis, rival, worse < 0.0):
             continue
         size = sum(search.hypotheses[i].size for i in rival)
-        limit = DOUBTED if doubt else AS_GOOD
-        if len(rival) == 1 and first.shared:
-            # a kind is not out for having more parameters, unless one per joint
-            limit += np.log(search.test.freedom) * max(0, size - hypothesis.size)
-        if worse > (limit if doubt else min(limit, MOST)) or not possible(search, trial):
+        # a kind is not less likely for having more parameters, unless one per joint: a body that
+        # moves has all six coordinates
+        allowed = np.log(search.test.freedom) * max(0, size - hypothesis.size) if (
+            len(rival) == 1 and first.shared) else 0.0
+        worse -= min(allowed, max(worse, 0.0))
+        if worse > (DOUBTED if doubt else AS_GOOD) or not possible(search, trial):
             continue
         if own_log_p(search, [*trial, effect], effect) > (
                 search.name if doubt else np.log(ADDS_NOTHING)):
             best[first.family] = Rival(united([search.hypotheses[i] for i in rival]),
                                        _angle(search, others, effect, rival),
-                                       odds_between(0.0, worse), rival)
+                                       odds_between(0.0, worse), rival, float(allowed))
     return list(best.values())
 
 

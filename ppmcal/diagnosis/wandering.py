@@ -31,7 +31,8 @@ SIZES = np.geomspace(1.0, 1e3, 7)
 MOST = 6
 LIKELIER = 2.0
 """Events have to be likelier than courses by this BIC, odds of e, to be named."""
-CLOCK = frozenset(("row", "time"))
+CLOCK = frozenset(("row", "time", "temperature", "past"))
+"""What mostly goes with the clock: a hall warms up slowly."""
 
 
 def add_courses(to: Collector) -> None:
@@ -62,13 +63,15 @@ def slow_waves(row: Array) -> Array:
 
 
 def of_the_clock(hypothesis: Hypothesis) -> bool:
-    """Whether a hypothesis is a kind that needs to know nothing but when."""
+    """Whether a hypothesis is a kind that needs to know nothing but when, and how warm it was."""
     kind = hypothesis.effect
     return kind is not None and bool(kind.needs) and CLOCK.issuperset(kind.needs)
 
 
-def _event(hypothesis: Hypothesis) -> bool:
-    return hypothesis.effect is not None and bool(hypothesis.effect.onset)
+def _steady(hypothesis: Hypothesis) -> bool:
+    """Whether a hypothesis of the clock is a drift: a course as any other."""
+    kind = hypothesis.effect
+    return kind is not None and not kind.onset and kind.needs == ("time",)
 
 
 def instead(search: Search, chosen: Sequence[int], courses: Sequence[Hypothesis]) -> list[int]:
@@ -85,21 +88,23 @@ def instead(search: Search, chosen: Sequence[int], courses: Sequence[Hypothesis]
 
 def wandered(search: Search, chosen: tuple[int, ...], courses: Sequence[Hypothesis]
              ) -> tuple[Search, tuple[int, ...]]:
-    """Return what was chosen, with courses in place of events that are not likelier.
+    """Return what was chosen, with courses in place of events and heat that are not likelier.
 
-    An event stays beside them if it still reaches the naming threshold. A drift does not where
-    there is more to the course than a straight line.
+    These stay beside them if they still reach the naming threshold. A drift does not where there
+    is more to the course than a straight line.
     """
     timed = [i for i in chosen if of_the_clock(search.hypotheses[i])]
     if not timed or not courses:
         return search, chosen
-    steady = [i for i in chosen if i not in timed or not _event(search.hypotheses[i])]
+    steady = [i for i in chosen if i not in timed or _steady(search.hypotheses[i])]
     events = [i for i in chosen if i not in steady]
-    now, best = bic(search, chosen), (np.inf, steady, list[Hypothesis]())
-    for kept in dict.fromkeys([(), *((e,) for e in events), tuple(events)]):
-        with_them = [*steady, *kept]
+    now, best = bic(search, chosen), (np.inf, list(chosen), list[Hypothesis]())
+    # a drift alone is as good as half a wave; one beside events may be a part of what wanders
+    bare = [i for i in steady if i not in timed] if events else steady
+    trials = [bare, *([*steady, *kept] for kept in ((), *((e,) for e in events), tuple(events)))]
+    for with_them in trials:
         gain, found = _likeliest(search.test.given(columns_of(search, with_them)), courses)
-        value = bic(search, with_them) + gain - LIKELIER * (len(kept) < len(events))
+        value = bic(search, with_them) + gain - LIKELIER * (len(with_them) < len(chosen))
         if found and value < best[0]:
             best = value, with_them, found
     if best[0] >= now:
