@@ -7,7 +7,7 @@ poses are turned into commands (`compensate` with model.yaml), and the generator
 code with the package, says where the true machine goes. Printed per machine, rms over 40 new poses:
 
     nominal    true error of uncorrected commands, mm
-    geometry   true error of commands of a fit without effects, mm
+    geometry   true error of commands of a fit without effects, mm; nan: refused
     model      true error of commands of model.yaml, mm
     promised   error that `compensate` predicts, mm
 """
@@ -19,6 +19,7 @@ import os
 import sys
 import tempfile
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,11 +96,12 @@ def run(job: Job) -> Line | None:
             found = diagnose(*paths)
             plain = identify(*paths)
             targets, joints = _targets(folder, job)
-            sent = {how: compensate(by, targets, approach="sequence")
-                    for how, by in (("model", found), ("geometry", plain))}
+            sent = {"model": compensate(found, targets, approach="sequence")}
         except PpmcalError as error:
             print(f"{job}: {error}", file=sys.stderr)
             return None
+        with suppress(PpmcalError):     # refused as worse than none, for what it leaves unexplained
+            sent["geometry"] = compensate(plain, targets, approach="sequence")
         return _line(job, found.record.entries(), folder, targets, joints, sent)
 
 
@@ -133,8 +135,7 @@ def _line(job: Job, found: Any, folder: Path, targets: dict[str, Any], joints: n
     names = coordinates(build(job.machine, job.seed).motion)
     places = [n for n, c in enumerate(names) if c in ("x", "y", "z")]
     wanted = np.stack([targets[c] for c in names], axis=1)[:, places]
-    good = np.array([s == "ok" for s in sent["model"].compensation.status])
-    good &= np.array([s == "ok" for s in sent["geometry"].compensation.status])
+    good = np.all([[s == "ok" for s in c.compensation.status] for c in sent.values()], axis=0)
     good[0] = False         # how it is approached is not the sequence's
 
     def off(q: np.ndarray) -> float:
@@ -146,7 +147,8 @@ def _line(job: Job, found: Any, folder: Path, targets: dict[str, Any], joints: n
     promised = 1e3 * np.hypot(mine.sigma_position, np.nan_to_num(mine.position_after))[good]
     return Line(job.case, job.machine, job.seed, job.eta, found["verdict"],
                 " ".join(e["kind"] for e in found["effects"]), off(mine.q_nominal),
-                off(sent["geometry"].compensation.q), off(mine.q), _rms(promised),
+                off(sent["geometry"].compensation.q) if "geometry" in sent else float("nan"),
+                off(mine.q), _rms(promised),
                 int(POSES - 1 - good.sum()))
 
 
