@@ -190,7 +190,8 @@ def _untestable(found: Found) -> tuple[Untestable, ...]:
     last = found.last
     tested = {f.effect.label for f in last.hypotheses if f.effect} - {
         u.kind for u in last.library.untestable}
-    return tuple(u for u in found.first.library.untestable if u.kind not in tested)
+    lacking = [u for u in found.first.library.untestable if u.kind not in tested]
+    return tuple(dict.fromkeys(lacking))    # forms of a kind may lack the same
 
 
 def _places(found: Found, named: bool, seed: int) -> tuple[Place, ...]:
