@@ -26,6 +26,8 @@ NOTICEABLE = float(np.log(1e-3))
 """A rival has to explain something itself: log p."""
 ADDS_NOTHING = 0.01
 """An effect adds nothing to its rival if its p-value exceeds this."""
+NOT_RARE = float(2.0 * np.log(100.0))
+"""Nor is a rival out at odds that one name in a hundred would defy."""
 AS_GOOD = 10.0
 """A rival's BIC may be this much worse: odds of e^5, beyond which it is out."""
 LONG_ODDS = 1000.0
@@ -88,8 +90,8 @@ def rivals(search: Search, chosen: tuple[int, ...], effect: int) -> list[Rival]:
         worse -= min(allowed, max(worse, 0.0))
         if worse > (DOUBTED if doubt else AS_GOOD) or not possible(search, trial):
             continue
-        if own_log_p(search, [*trial, effect], effect) > (
-                search.name if doubt else np.log(ADDS_NOTHING)):
+        adds = own_log_p(search, [*trial, effect], effect)
+        if adds > (search.name if doubt else np.log(ADDS_NOTHING)) or worse < NOT_RARE:
             best[first.family] = Rival(united([search.hypotheses[i] for i in rival]),
                                        _angle(search, others, effect, rival),
                                        odds_between(0.0, worse), rival, float(allowed))

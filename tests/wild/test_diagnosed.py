@@ -12,6 +12,7 @@ from wild.catalogue import write
 
 from ppmcal.api.compensate import compensate
 from ppmcal.api.diagnose import DiagnosisResult, diagnose
+from ppmcal.api.identify import identify
 from ppmcal.calibration.misread import Misread
 
 
@@ -146,7 +147,8 @@ def test_what_follows_the_last_move_is_learned(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_commands_through_a_stretch_that_the_model_misses_say_so(tmp_path: Path) -> None:
     """A worn place of a screw, 0.7 mm deep, that eight of 120 rows met: they were left out."""
-    found = diagnosed(tmp_path, "wear", "delta-linear", 1003949)
+    write("wear", "delta-linear", 120, 1003949, tmp_path, 2.0)
+    found = identify(tmp_path / "mechanism.yaml", [tmp_path / "data.csv"])
     (stretch,) = found.identification.doubtful
     assert stretch.actuator == "leg2"
     found.save(tmp_path / "d")
@@ -154,7 +156,7 @@ def test_commands_through_a_stretch_that_the_model_misses_say_so(tmp_path: Path)
     place = {c: poses[0].index(c) for c in ("x", "y", "z", "q_leg2")}
     joint = np.array([float(p[place["q_leg2"]]) for p in poses[1:]])
     wanted = {c: [float(p[place[c]]) for p in poses[1:]] for c in "xyz"}
-    sent = compensate(tmp_path / "d" / "model.yaml", wanted)
+    sent = compensate(tmp_path / "d" / "identified.yaml", wanted)
     sigma = sent.compensation.sigma_position
     inside = (joint > 1e3 * stretch.low) & (joint < 1e3 * stretch.high)
     assert sigma[inside].min() > 1e-4
