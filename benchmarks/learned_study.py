@@ -22,7 +22,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 import yaml  # noqa: E402
-from study_runner import read, work  # noqa: E402
+from study_runner import read, remaining, work  # noqa: E402
 from wild.catalogue import World, draw, write  # noqa: E402
 from wild.machines import MACHINES  # noqa: E402
 from wild_diagnosis import Job, jobs  # noqa: E402
@@ -153,10 +153,7 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "learned.csv"
-    done = {Job(r["case"], r["machine"], int(r["seed"]), int(r["rows"]), float(r["eta"]))
-            for r in read(path)}
-    todo = [j for j in jobs((), CASES, given.machines, given.seeds, given.rows, given.eta)
-            if j not in done]
+    todo = remaining(path, jobs((), CASES, given.machines, given.seeds, given.rows, given.eta))
     work(path, Line, run, todo, None, given.cores)
     text = table(read(path))
     (given.out / "summary.md").write_text(text, encoding="utf-8")

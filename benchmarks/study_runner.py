@@ -6,7 +6,7 @@ import csv
 import multiprocessing
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,14 @@ def work(path: Path, outcome: type, run: Callable[[Any], Any], todo: Sequence[An
                 pool.terminate()
                 return False
     return True
+
+
+def remaining(path: Path, jobs: Iterable[Any]) -> list[Any]:
+    """Return the jobs (dataclasses whose fields are columns) that have no line yet."""
+    lines, todo = read(path), list(jobs)
+    names = [f.name for f in fields(todo[0])] if todo else []
+    done = {tuple(line[n] for n in names) for line in lines}
+    return [j for j in todo if tuple(str(getattr(j, n)) for n in names) not in done]
 
 
 def read(path: Path) -> list[dict[str, str]]:

@@ -33,7 +33,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import numpy as np  # noqa: E402
-from study_runner import read, work  # noqa: E402
+from study_runner import read, remaining, work  # noqa: E402
 from study_summary import share  # noqa: E402
 from wild.cases import CASES  # noqa: E402
 from wild.catalogue import write  # noqa: E402
@@ -249,10 +249,8 @@ def main() -> None:
     path = given.out / "wild.csv"
     if not given.summary:
         end = time.monotonic() + 60.0 * given.minutes if given.minutes else None
-        done = {Job(r["case"], r["machine"], int(r["seed"]), int(r["rows"]), float(r["eta"]))
-                for r in read(path)}
-        todo = [j for j in jobs(given.groups, given.cases, given.machines, given.seeds,
-                                given.rows, given.eta) if j not in done]
+        todo = remaining(path, jobs(given.groups, given.cases, given.machines, given.seeds,
+                                    given.rows, given.eta))
         work(path, Line, run, todo, end, given.cores)
     text = table(read(path))
     (given.out / "summary.md").write_text(text, encoding="utf-8")

@@ -28,7 +28,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import numpy as np  # noqa: E402
-from study_runner import read, work  # noqa: E402
+from study_runner import read, remaining, work  # noqa: E402
 from wild.cases import fits  # noqa: E402
 from wild.catalogue import truth_pose, write  # noqa: E402
 from wild.files import coordinates  # noqa: E402
@@ -183,9 +183,7 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "machines.csv"
-    done = {(r["case"], r["machine"], int(r["seed"])) for r in read(path)}
-    todo = [j for j in jobs(given.count, given.seed, given.eta)
-            if (j.case, j.machine, j.seed) not in done]
+    todo = remaining(path, jobs(given.count, given.seed, given.eta))
     work(path, Line, run, todo, None, given.cores)
     print(table(read(path)))
 

@@ -137,16 +137,16 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
 def _doubts(found: Compensation, machine: Mechanism, knowledge: Knowledge | None) -> list[str]:
     """Return where commands lead through stretches that the model is known to miss."""
     out = []
-    for name, low, high, position, _ in knowledge.doubtful if knowledge else ():
-        joint = machine.actuators.index(name)
+    units = machine.units
+    for d in knowledge.doubtful if knowledge else ():
+        joint = machine.actuators.index(d.actuator)
         factor, unit = machine.joint_units[joint]
-        rows = int(np.sum((found.q[:, joint] >= low) & (found.q[:, joint] <= high)))
+        rows = int(d.holds(found.q[:, joint]).sum())
         if rows:
-            length = machine.units
             out.append(
-                f"{counted(rows, 'row')} with {name} between {low / factor:.6g} and "
-                f"{high / factor:.6g} {unit}: measurements there missed the model by "
-                f"{position / length.factor('length'):.2g} {length.length} rms and were left out "
+                f"{counted(rows, 'row')} with {d.actuator} between {d.low / factor:.6g} and "
+                f"{d.high / factor:.6g} {unit}: measurements there missed the model by "
+                f"{d.position / units.factor('length'):.2g} {units.length} rms and were left out "
                 "of the fit; it is in the uncertainty")
     return out
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
 from ppmcal.kinematics.closure import Model
@@ -46,8 +47,8 @@ class Knowledge:
     poses that were measured, base frame, SI. ``pivots``: the points about which the fitted
     frames are turned, by data set (3,). ``before``: where the instrument stands if the
     nominal geometry is believed, by data set: the frame of the uncorrected commands.
-    ``unexplained``: rms of what neither model nor noise explained, m and rad; ``doubtful``: the
-    same of stretches of a joint's travel: joint, ends, m or rad, and the two.
+    ``unexplained``: rms of what neither model nor noise explained, m and rad; ``doubtful``:
+    stretches of a joint's travel that the model misses.
     """
 
     names: tuple[str, ...]
@@ -56,7 +57,7 @@ class Knowledge:
     pivots: Mapping[str, Array]
     before: Mapping[str, Registration]
     unexplained: tuple[float, float] = (0.0, 0.0)
-    doubtful: tuple[tuple[str, float, float, float, float], ...] = ()
+    doubtful: tuple[DoubtfulStretch, ...] = ()
 
     @classmethod
     def of(cls, found: Identification) -> Knowledge:
@@ -67,15 +68,14 @@ class Knowledge:
                    {d.name: o.about for d, o in zip(problem.datasets, problem.opens, strict=True)},
                    found.before_registrations,
                    (float(left.get("position", 0.0)), float(left.get("rotation", 0.0))),
-                   tuple((d.actuator, d.low, d.high, d.position, d.rotation)
-                         for d in found.doubtful))
+                   found.doubtful)
 
     def missed(self, q: Array, actuators: Sequence[str]) -> Array:
         """Return what the identification missed near joint values (N, k), m and rad (N, 2)."""
         out = np.tile(np.square(self.unexplained), (len(q), 1))
-        for name, low, high, *rms in self.doubtful:
-            joint = q[:, actuators.index(name)]
-            out += ((joint >= low) & (joint <= high))[:, None] * np.square(rms)
+        for d in self.doubtful:
+            inside = d.holds(q[:, actuators.index(d.actuator)])
+            out += inside[:, None] * np.square([d.position, d.rotation])
         return np.asarray(np.sqrt(out))
 
 

@@ -88,6 +88,10 @@ class DoubtfulStretch:
     position: float
     rotation: float
 
+    def holds(self, joint: Array) -> Bools:
+        """Return which values of the joint (N,) are in the stretch."""
+        return np.asarray((joint >= self.low) & (joint <= self.high))
+
 
 def left_out(fit: Fit) -> LeftOut:
     """Return what the rows that a fit left out have in common."""

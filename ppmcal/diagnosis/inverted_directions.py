@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.calibration.mistakes import Mistake, with_line
-from ppmcal.calibration.reading_trial import NOISE, Misreading
+from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.diagnosis.added_variable_test import VISIBLE
 from ppmcal.diagnosis.hypotheses import Hypothesis
-from ppmcal.diagnosis.plausibility import MUCH_BETTER, SIDES, nearest
+from ppmcal.diagnosis.plausibility import MUCH_BETTER, SIDES, nearest, of_column
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import bic
 from ppmcal.diagnosis.stage import Stage, form_columns
@@ -153,7 +153,5 @@ def _told(found: Found, stretch: _Stretch) -> Misreading:
     where = "" if whole else f"rows {rows[0]} to {rows[-1]}: "
     text = (f"{where}dir_ of {', '.join(stretch.hypothesis.on)} has the other sign: "
             f"{stretch.hypothesis.label} then explains all rows alike. {SIDES}")
-    before = float(np.sqrt(np.mean(stage.residual**2)))
-    after = float(np.sqrt(stretch.left / max(stage.search.test.freedom, 1)))
-    return Misreading(data.source, (Mistake("sign", names, text, () if whole else rows),), block,
-                      NOISE, before, after, after)
+    mistake = Mistake("sign", names, text, () if whole else rows)
+    return of_column(data.source, mistake, block, stage, stretch.left)

@@ -141,11 +141,17 @@ def _column_misreading(found: Found, hypothesis: Hypothesis, column: str, key: s
         text += f". {SIDES}"
     whole: dict[str, str | int] = {n: int(value) if key == "signs" else value for n in names}
     block = None if value == "per minute" else with_line(data, key, whole)
+    mistake = Mistake("sign" if key == "signs" else "unit", names, text)
+    return of_column(data.source, mistake, block, stage,
+                     stage.search.test.left(list(hypothesis.columns)))
+
+
+def of_column(source: str, mistake: Mistake, block: dict[str, object] | None, stage: Stage,
+              left: float) -> Misreading:
+    """Return the misreading of a column, of whose residuals ``left`` would be the square."""
     before = float(np.sqrt(np.mean(stage.residual**2)))
-    left = stage.search.test.left(list(hypothesis.columns))
     after = float(np.sqrt(left / max(stage.search.test.freedom, 1)))
-    return Misreading(data.source, (Mistake("sign" if key == "signs" else "unit", names, text),),
-                      block, NOISE, before, after, after)
+    return Misreading(source, (mistake,), block, NOISE, before, after, after)
 
 
 def implausible_words(found: Found, index: int) -> str:

@@ -136,11 +136,20 @@ def _likeliest(rest: AddedVariableTest, courses: Sequence[Hypothesis]
     likelihood with sigma taken out stands for BIC (Rasmussen & Williams 2006, 5.4.1).
     """
     ways = {c.part: c for c in courses if c.size == max(COURSES)}
+    columns = np.array([c for h in ways.values() for c in h.columns], dtype=np.int64)
+    gram, right = rest.block(columns, columns), rest.right[columns]
+    place = {way: n * max(COURSES) + np.arange(max(COURSES)) for n, way in enumerate(ways)}
+
+    def evidence(priors: Mapping[str, Array]) -> float:
+        at = np.concatenate([place[way] for way in priors])
+        size = np.concatenate(list(priors.values()))
+        return _evidence(gram[np.ix_(at, at)], right[at], size, rest)
+
     priors: dict[str, Array] = {}
     value = 0.0
     cost = ANONYMOUS + 2.0 * np.log(max(len(ways), 1))
     while len(priors) < MOST:
-        trials = [(_evidence(rest, ways, priors | {way: prior}), way, prior)
+        trials = [(evidence(priors | {way: prior}), way, prior)
                   for way in ways if way not in priors for prior in _priors()]
         best = min(trials, key=lambda t: t[0], default=(np.inf, "", np.zeros(0)))
         if best[0] + cost * (len(priors) + 1) >= value:
@@ -161,14 +170,13 @@ def _priors() -> list[Array]:
     return out
 
 
-def _evidence(rest: AddedVariableTest, ways: Mapping[str, Hypothesis], priors: Mapping[str, Array]
-              ) -> float:
-    """Return minus twice the log marginal likelihood of courses, less that of none."""
-    which = np.array([c for way in priors for c in ways[way].columns])
-    size = np.concatenate(list(priors.values()))
-    inner = np.eye(size.size) + size[:, None] * rest.block(which, which) * size
-    root = np.linalg.cholesky(inner)
-    gone = np.sum(np.linalg.solve(root, size * rest.right[which]) ** 2)
+def _evidence(gram: Array, right: Array, size: Array, rest: AddedVariableTest) -> float:
+    """Return minus twice the log marginal likelihood of waves, less that of none.
+
+    ``gram`` (w, w), ``right`` (w,): of their columns; ``size`` (w,): their standard deviations.
+    """
+    root = np.linalg.cholesky(np.eye(size.size) + size[:, None] * gram * size)
+    gone = np.sum(np.linalg.solve(root, size * right) ** 2)
     left = max(1.0 - float(gone) / rest.square, 1e-9)
     return float(2.0 * np.sum(np.log(np.diagonal(root))) + rest.freedom * np.log(left))
 

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ppmcal.calibration.compensation import Knowledge
+from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.posterior import Posterior
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
@@ -62,15 +63,16 @@ def read_knowledge(path: Path, mechanism: Mechanism) -> Knowledge:
 
 
 def _doubtful(part: DoubtfulPart, mechanism: Mechanism, units: Units, path: Path
-              ) -> tuple[str, float, float, float, float]:
+              ) -> DoubtfulStretch:
     """Return a doubtful stretch in SI."""
     if part.actuator not in mechanism.actuators:
         raise BadInput(f"belongs to another machine: it has a joint '{part.actuator}'", str(path),
                        "Keep MODEL and its identification.json together")
     factor = mechanism.joint_units[mechanism.actuators.index(part.actuator)][0]
-    return (part.actuator, factor * (part.low or 0.0), factor * (part.high or 0.0),
-            units.factor("length") * (part.position or 0.0),
-            units.factor("angle") * (part.rotation or 0.0))
+    return DoubtfulStretch(
+        part.actuator, factor * (part.low or 0.0), factor * (part.high or 0.0),
+        units.factor("length") * (part.position or 0.0),
+        units.factor("angle") * (part.rotation or 0.0))
 
 
 def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
