@@ -50,6 +50,7 @@ __all__ = [
     "simulate",
     "stiffness",
     "tolerances",
+    "validate",
     "velocity",
     "workspace",
 ]

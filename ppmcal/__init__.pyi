@@ -20,6 +20,7 @@ from ppmcal.api.sensitivity import sensitivity as sensitivity
 from ppmcal.api.simulate import simulate as simulate
 from ppmcal.api.stiffness import stiffness as stiffness
 from ppmcal.api.tolerances import tolerances as tolerances
+from ppmcal.api.validate import validate as validate
 from ppmcal.api.workspace import workspace as workspace
 from ppmcal.errors import BadInput as BadInput
 from ppmcal.errors import NoResult as NoResult

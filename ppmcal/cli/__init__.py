@@ -26,6 +26,7 @@ COMMANDS = {
     "kinematics": "Inverse, forward or velocity kinematics of a table.",
     "simulate": "Simulate measurements of a machine with injected errors.",
     "identify": "Identify the machine's geometry from measurements.",
+    "validate": "How well a calibrated machine predicts other measurements.",
     "compare": "Tell what changed between two calibrations of a machine.",
     "diagnose": "Find the effect that the model misses, name it and add it.",
     "compensate": "Turn wanted poses into corrected commands.",

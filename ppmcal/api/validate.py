@@ -1,0 +1,135 @@
+"""How well a calibrated machine predicts measurements that no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from ppmcal.api.inputs import (
+    Machine,
+    Measurements,
+    Path_,
+    data_files,
+    load,
+    prepared,
+    same_machine,
+    source_of,
+)
+from ppmcal.api.result import CalibratedMachine, Progress, Result, silent
+from ppmcal.calibration.frozen_models import (
+    OPEN,
+    FrozenModel,
+    Validated,
+    validated,
+    with_and_without,
+)
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io.results.validation import ValidationRecord, model_sentence
+from ppmcal.model.mechanism import Mechanism
+
+MODELS = ("model.yaml", "identified.yaml")
+"""Files of a folder that a calibration wrote, the one with effects first."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ValidationResult(Result):
+    """How well frozen machines predict measurements.
+
+    Attributes:
+        mechanism: the machine, as it was given.
+        validated: by data set, errors of the machine, of it without each effect, and of others, SI.
+        record: the content of validation.json.
+    """
+
+    COMMAND: ClassVar[str] = "validate"
+    TABLE: ClassVar[str] = "validation.csv"
+
+    mechanism: Mechanism
+    validated: tuple[Validated, ...]
+    record: ValidationRecord
+
+    def files(self) -> Mapping[str, str | bytes]:
+        """Return validation.csv and validation.json."""
+        return dict(self.record.files())
+
+    def headline(self) -> str:
+        """Return how well the first data set is predicted."""
+        return model_sentence(self.record.datasets[0])
+
+
+def validate(model: Machine | CalibratedMachine, data: Measurements, *,
+             against: Sequence[Path_] = (), register: Sequence[str] | str | None = None,
+             seed: int = 0, progress: Progress = silent) -> ValidationResult:
+    """Predict measurements with a machine as it is: only the registration is fitted.
+
+    Args:
+        model: the machine: its file, a folder that ``identify`` or ``diagnose`` wrote, or what
+            these returned.
+        data: data sets, or paths of measurement files, that no fit of the machine has seen.
+        against: files or folders of other calibrations of the machine, judged by the same rows.
+        register: what the registration fits: ``frame``, ``target``, ``rotation`` (of the measured
+            body), ``homing`` (a shift of each joint's zero), or ``none``  [default: what the files
+            leave open, and what the data demand beyond it].
+        seed: of the bootstrap.
+        progress: called with a line of text now and then.
+
+    Raises:
+        BadInput: anything wrong in the files, another machine, or rows that it cannot predict.
+    """
+    mechanism = model.mechanism if isinstance(model, CalibratedMachine) else load(_file(model))
+    mechanism, datasets = prepared(mechanism, data, "none")
+    words = _words(register)
+    progress("predicting with and without each effect")
+    others, odd = _others(mechanism, model, against)
+    found = validated([*with_and_without(mechanism), *others], datasets, words, seed)
+    inputs = [*mechanism.inputs, *(i for o in others for i in o.mechanism.inputs),
+              *data_files(datasets)]
+    source = source_of("validate", list(dict.fromkeys(inputs)), seed)
+    findings = (*odd, *(f for d in datasets for f in d.findings))
+    record = ValidationRecord.of_validation(found, mechanism.name, mechanism.units, source,
+                                            findings)
+    return ValidationResult(source, findings, mechanism, found, record)
+
+
+def _file(model: Machine) -> Machine:
+    """Return the machine's file of a folder; anything else as it is."""
+    if isinstance(model, Mechanism | Mapping) or not Path(model).is_dir():
+        return model
+    for name in MODELS:
+        if (Path(model) / name).is_file():
+            return Path(model) / name
+    raise BadInput("holds no calibrated machine", str(model),
+                   f"Give a folder with {' or '.join(MODELS)}, or a mechanism file")
+
+
+def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:
+    """Return what the registration is to fit, None for what files and data say."""
+    if register is None or not register:
+        return None
+    words = (register,) if isinstance(register, str) else tuple(register)
+    for word in words:
+        if word not in (*OPEN, "none"):
+            raise unknown("part of a registration", word, [*OPEN, "none"], "--register")
+    return tuple(w for w in words if w != "none")
+
+
+def _others(mechanism: Mechanism, model: Machine | CalibratedMachine, against: Sequence[Path_]
+            ) -> tuple[list[FrozenModel], list[str]]:
+    """Return the other machines to judge: without effects and fitted again, nominal, as given."""
+    out, odd = [], []
+    beside = None if isinstance(model, CalibratedMachine | Mechanism | Mapping) else Path(
+        model) / "without_effects.yaml" if Path(model).is_dir() else Path(model).with_name(
+            "without_effects.yaml")
+    if mechanism.effects and beside is not None and beside.is_file():
+        out.append(FrozenModel("geometry fitted alone", load(beside)))
+    if np.any(mechanism.nominals != mechanism.values):
+        out.append(FrozenModel("nominal", mechanism.nominal()))
+    for path in against:
+        other = load(_file(path))
+        odd += same_machine(mechanism, other, Path(path))
+        out.append(FrozenModel(str(path), other))
+    return out, odd

@@ -1,0 +1,264 @@
+"""How well frozen machines predict measurements that no fit has seen.
+
+Geometry and effects stay as they are; only the registration is fitted, on each data set alone: the
+frame, and target, body rotation or a common shift of the joints' zeros where the file leaves them
+open, where it is asked for, or where the data demand it. Every machine is judged by the same rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.gross_rows import gross_errors
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.validation import Residuals, register_only, residuals
+from ppmcal.errors import BadInput
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Effect, Mechanism
+
+OPEN = ("frame", "target", "rotation", "homing")
+"""What a registration may fit, simplest first."""
+DEMANDED = 1e-3
+"""More than a file leaves open is fitted where chance would gain as much this rarely,"""
+WORTH = 0.05
+"""and the error falls by this part."""
+DRAWS = 2000
+SURE = (0.025, 0.975)
+FEWEST = 3
+
+
+@dataclass(frozen=True)
+class FrozenModel:
+    """A machine to judge, with what it is called: ``without leg_thermal``, say."""
+
+    label: str
+    mechanism: Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """Errors of one machine on one data set, SI, in the rows that all machines can be judged by.
+
+    Attributes:
+        label: of the machine.
+        position, rotation: rms, p95 and max of the measured errors, m and rad; empty: not measured.
+        noise: rms over the stated noise.
+        squares: squared error of each row, m^2 (of rotation alone rad^2), (R,).
+        closer: rms of the reference machine less this one's, m or rad, and its 95 % interval; 0 of
+            the reference. Positive: this machine predicts better.
+    """
+
+    label: str
+    position: Mapping[str, float]
+    rotation: Mapping[str, float]
+    noise: float
+    squares: Array
+    closer: float = 0.0
+    interval: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def sure(self) -> int:
+        """1 if it surely predicts better than the reference, -1 if worse, else 0."""
+        return int(self.interval[0] > 0.0) - int(self.interval[1] < 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Validated:
+    """One data set, predicted by every machine.
+
+    Attributes:
+        name, source: of the data set.
+        rows: how many rows every machine was judged by, and of how many.
+        fitted: what the registration fitted, of :data:`OPEN`.
+        demanded: those of them that neither file nor user asked for.
+        errors: by machine, the reference first.
+    """
+
+    name: str
+    source: str
+    rows: tuple[int, int]
+    fitted: tuple[str, ...]
+    demanded: tuple[str, ...]
+    errors: tuple[ModelError, ...]
+
+
+def with_and_without(mechanism: Mechanism) -> list[FrozenModel]:
+    """Return a machine without what belongs to one campaign, without each effect, and without any.
+
+    Events happened in one row of one campaign; no other day has them.
+    """
+    lasting = [e for e in mechanism.effects if not e.kind.onset]
+    out = [FrozenModel("model", replace(mechanism, effects=tuple(lasting)))]
+    labels = _labels(lasting)
+    if len(lasting) > 1:
+        out += [FrozenModel(f"without {label}", replace(
+            mechanism, effects=tuple(e for e in lasting if e is not effect)))
+            for label, effect in zip(labels, lasting, strict=True)]
+    if lasting:
+        what = labels[0] if len(lasting) == 1 else "all effects"
+        out.append(FrozenModel(f"without {what}", replace(mechanism, effects=())))
+    return out
+
+
+def _labels(effects: Sequence[Effect]) -> list[str]:
+    """Return what effects are called: kind, actuators where it is not on all, a number if twice."""
+    names = []
+    for effect in effects:
+        some = [] if all(effect.on) or not effect.kind.per_actuator else [
+            str(a + 1) for a in np.flatnonzero(effect.on)]
+        names.append(effect.kind.label + (f" ({', '.join(some)})" if some else ""))
+    return [f"{n} {1 + names[:i].count(n)}" if names.count(n) > 1 else n
+            for i, n in enumerate(names)]
+
+
+def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
+              register: Sequence[str] | None = None, seed: int = 0) -> tuple[Validated, ...]:
+    """Return how well machines predict data sets.
+
+    Args:
+        models: the machines; the first is the reference.
+        datasets: measurements that no fit of theirs has seen.
+        register: what to fit of :data:`OPEN`; None: what the files leave open, and what the data
+            of all machines demand beyond that.
+        seed: of the bootstrap.
+
+    Raises:
+        BadInput: fewer than three rows that every machine can predict.
+    """
+    return tuple(_validated(models, data, register, seed) for data in datasets)
+
+
+def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
+               seed: int) -> Validated:
+    asked = tuple(w for w in OPEN if _is_open(data, w)) if register is None else tuple(
+        w for w in OPEN if w in register)
+    data = opened(data, asked, register is not None)
+    demanded: tuple[str, ...] = ()
+    if register is None:
+        demanded = _demanded(models, data)
+        data = opened(data, demanded)
+    fits = [_registered(m.mechanism, data) for m in models]
+    rows = _judged(fits)
+    if rows.sum() < FEWEST:
+        raise BadInput(f"only {int(rows.sum())} of {len(data)} rows can be predicted by every "
+                       "machine", data.source, "Check that these are measurements of this machine")
+    found = [residuals(f.problem, f.state) for f in fits]
+    errors = tuple(_error(m.label, r, rows, f) for m, r, f in zip(models, found, fits, strict=True))
+    return Validated(data.name, data.source, (int(rows.sum()), len(data)), (*asked, *demanded),
+                     demanded, _compared(errors, data.groups[rows], seed))
+
+
+def _is_open(data: Dataset, what: str) -> bool:
+    if what == "homing":
+        return data.homing != "shared"
+    return {"frame": data.frame, "target": data.target,
+            "rotation": data.target_rotation}[what].fitted
+
+
+def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
+    """Return a data set of which the registration fits ``what``, and with ``only`` nothing else."""
+    names = {"frame": "frame", "target": "target", "rotation": "target_rotation"}
+    new = {}
+    for word, name in names.items():
+        unknown = getattr(data, name)
+        if word in what and not unknown.fitted:
+            new[name] = replace(unknown, fitted=True, same_as=None)
+        elif only and word not in what and unknown.fitted:
+            new[name] = replace(unknown, fitted=False, same_as=None)
+    homing = "alone" if "homing" in what else "shared" if only or data.homing == "shared" else (
+        "alone")
+    return replace(data, homing=homing, **new)
+
+
+def _registered(mechanism: Mechanism, data: Dataset) -> Fit:
+    return register_only(Problem(mechanism, (data,), ()))
+
+
+def _demanded(models: Sequence[FrozenModel], data: Dataset) -> tuple[str, ...]:
+    """Return what the data ask to be fitted beyond what the file leaves open, one by one.
+
+    It has to lower the error of every machine: what only one of them asks for is its own fault.
+    """
+    found: list[str] = []
+    possible = [w for w in OPEN if not _is_open(data, w) and (
+        w != "rotation" or data.kind == "pose") and data.kind not in ("plane", "distance")]
+    now = [_registered(m.mechanism, data) for m in models]
+    while possible:
+        trials = []
+        for word in possible:
+            fits = [_registered(m.mechanism, opened(data, [*found, word])) for m in models]
+            gains = [_gain(a, b) for a, b in zip(now, fits, strict=True)]
+            trials.append((min(gains), word, fits))
+        best = max(trials, key=lambda t: t[0])
+        if best[0] <= 0.0:
+            break
+        found.append(best[1])
+        possible.remove(best[1])
+        now = best[2]
+    return tuple(found)
+
+
+def _gain(before: Fit, after: Fit) -> float:
+    """Return by which part the error falls, 0 where that is too little or may be chance."""
+    more = len(after.problem.columns) - len(before.problem.columns)
+    a, b = (_square(f) for f in (before, after))
+    n = b[1] - len(after.problem.columns)
+    if more <= 0 or n <= 0 or b[0] <= 0.0:
+        return 0.0
+    fall = 1.0 - float(np.sqrt(b[0] / a[0])) if a[0] > 0.0 else 0.0
+    scale = max(b[0] / n, 1.0)
+    chance = float(chdtrc(more, max(a[0] - b[0], 0.0) / scale))
+    return fall if fall > WORTH and chance < DEMANDED else 0.0
+
+
+def _square(fit: Fit) -> tuple[float, int]:
+    """Return the sum of white squares over all rows with a pose, and how many values."""
+    rows = [finite_rows(p) for p in fit.state.poses]
+    chunks = list(fit.problem.rows(fit.state, False, rows))
+    return (sum(float(np.sum(np.where(c.observed, c.residual, 0.0) ** 2)) for c in chunks),
+            sum(int(c.observed.sum()) for c in chunks))
+
+
+def _judged(fits: Sequence[Fit]) -> Bools:
+    """Return the rows (N,) that every machine has a pose for, without values typed wrong."""
+    rows = np.all([finite_rows(f.state.poses[0]) for f in fits], axis=0)
+    typed = np.all([gross_errors(f.problem, f.state, [rows])[0] for f in fits], axis=0)
+    return np.asarray(rows & ~typed)
+
+
+def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:
+    figures = found.figures([rows])
+    position = np.nan_to_num(found.position[0][rows])
+    squares = position**2
+    if "position" not in figures and "rotation" in figures:
+        squares = np.nan_to_num(found.rotation[0][rows]) ** 2
+    white = found.vector[0][rows] / found.sigma[0][rows]
+    noise = float(np.sqrt(np.nanmean(white**2))) if np.isfinite(white).any() else np.nan
+    return ModelError(label, figures.get("position", {}), figures.get("rotation", {}), noise,
+                      squares)
+
+
+def _compared(errors: Sequence[ModelError], groups: Ints, seed: int) -> tuple[ModelError, ...]:
+    """Return the errors with how much closer each machine is than the first, drawn by pose."""
+    labels, group = np.unique(groups, return_inverse=True)
+    drawn = np.random.default_rng(seed).integers(labels.size, size=(DRAWS, labels.size))
+    count = np.bincount(group.reshape(-1), minlength=labels.size).astype(float)
+    total = count[drawn].sum(axis=1)
+
+    def rms(squares: Array) -> tuple[float, Array]:
+        sums = np.bincount(group.reshape(-1), weights=squares, minlength=labels.size)
+        return float(np.sqrt(squares.mean())), np.sqrt(sums[drawn].sum(axis=1) / total)
+
+    first, many = rms(errors[0].squares)
+    out = [errors[0]]
+    for one in errors[1:]:
+        own, others = rms(one.squares)
+        low, high = np.quantile(many - others, SURE)
+        out.append(replace(one, closer=first - own, interval=(float(low), float(high))))
+    return tuple(out)

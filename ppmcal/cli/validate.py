@@ -1,0 +1,88 @@
+"""``ppmcal validate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    finish,
+    json_option,
+    leave,
+    out_option,
+    plain_table,
+    quiet_option,
+    seed_option,
+)
+from ppmcal.wording import number
+
+if TYPE_CHECKING:
+    from ppmcal.io.results.validation import ValidatedDataset, ValidationRecord
+
+PATH = click.Path(path_type=Path)
+WORDS = ("frame", "target", "rotation", "homing", "none")
+
+
+@click.command("validate")
+@click.argument("model", type=PATH)
+@click.argument("data", type=FILE, nargs=-1, required=True)
+@out_option("validated")
+@click.option("--against", type=PATH, multiple=True, metavar="OTHER",
+              help="Another calibration of the machine (file or folder), judged by the same rows.")
+@click.option("--register", type=click.Choice(WORDS), multiple=True,
+              help="What the registration fits  [default: what the files leave open, and what "
+              "the data demand beyond it].")
+@seed_option
+@quiet_option
+@json_option
+def command(model: Path, data: tuple[Path, ...], out: Path, against: tuple[Path, ...],
+            register: tuple[str, ...], seed: int | None, quiet: bool, as_json: bool) -> None:
+    """Predict the measurements DATA, which no fit has seen, with MODEL as it is.
+
+    MODEL is a mechanism file or a folder that identify or diagnose wrote. Only the registration is
+    fitted. Each effect is left out in turn, and the nominal machine is judged beside it, all by the
+    same rows. Writes validation.csv and validation.json.
+    """
+    from ppmcal.api.validate import validate
+
+    console = Console(quiet, as_json)
+    with console.progress("Predicting") as show:
+        result = validate(model, data, against=against, register=register or None,
+                          seed=seed or 0, progress=show)
+    written = result.save(out)
+    _show(result.record, console)
+    console.warn(result.findings)
+    finish(out, [p.name for p in written], console)
+    console.summary(result.record.entries())
+    leave(bool(result.findings))
+
+
+def _show(record: ValidationRecord, console: Console) -> None:
+    """Print what a person wants to know."""
+    if not console.speaks:
+        return
+    from ppmcal.io.results.validation import registered_sentence
+
+    for data in record.datasets:
+        console.say(registered_sentence(data))
+        console.table(plain_table(*_table(data)))
+
+
+def _table(data: ValidatedDataset) -> tuple[list[str], list[list[str]], tuple[int, ...]]:
+    """Return header, rows and the columns of numbers."""
+    first = data.errors[0]
+    sizes = [(name, size.unit) for name, size in (("position", first.position),
+                                                  ("rotation", first.rotation)) if size]
+    header = ["model", *(f"{name}, {unit} rms" for name, unit in sizes),
+              f"better by, {first.unit}", ""]
+    rows = []
+    for e in data.errors:
+        own = [number(size.rms) if size else "" for size in (e.position, e.rotation)
+               if size or not sizes]
+        apart = f"{e.closer:+.3g} ({e.low:+.2g} to {e.high:+.2g})" if e.verdict else ""
+        rows.append([e.model, *own, apart, e.verdict])
+    return header, rows, tuple(range(1, 2 + len(sizes)))

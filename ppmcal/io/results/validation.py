@@ -1,0 +1,138 @@
+"""How frozen machines predict other measurements: validation.csv, validation.json, the words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from ppmcal.calibration.frozen_models import ModelError, Validated
+from ppmcal.io import csv_text
+from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
+from ppmcal.units import Units
+from ppmcal.wording import number
+
+OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's rotation",
+          "homing": "a common shift of the joints' zeros"}
+
+
+class ErrorSize(Part):
+    """Root mean square, 95 % point and largest of an error, in ``unit``."""
+
+    rms: Finite | None = None
+    p95: Finite | None = None
+    max: Finite | None = None
+    unit: Text = ""
+
+    @classmethod
+    def of(cls, found: Mapping[str, float], factor: float, unit: str) -> ErrorSize | None:
+        """Return a size in file units, None where nothing of the kind was measured."""
+        if not found:
+            return None
+        return cls(**{k: found[k] / factor for k in ("rms", "p95", "max")}, unit=unit)
+
+
+class PredictedError(Part):
+    """What one machine misses; ``closer``: by how much less than the model, with 95 % interval.
+
+    ``noise``: rms over the stated noise, bare. ``verdict``: better, worse or same.
+    """
+
+    model: Text = ""
+    position: ErrorSize | None = None
+    rotation: ErrorSize | None = None
+    noise: Finite | None = None
+    closer: Finite | None = None
+    low: Finite | None = None
+    high: Finite | None = None
+    unit: Text = ""
+    verdict: Text = ""
+
+    @classmethod
+    def of(cls, found: ModelError, units: Units, first: bool) -> PredictedError:
+        """Return an error in file units; ``first``: others are held against this one."""
+        length, angle = units.factor("length"), units.factor("angle")
+        factor, unit = (length, units.length) if found.position else (angle, units.angle)
+        verdict = "" if first else {1: "better", 0: "same", -1: "worse"}[found.sure]
+        return cls(model=found.label, position=ErrorSize.of(found.position, length, units.length),
+                   rotation=ErrorSize.of(found.rotation, angle, units.angle), noise=found.noise,
+                   closer=found.closer / factor, low=found.interval[0] / factor,
+                   high=found.interval[1] / factor, unit=unit, verdict=verdict)
+
+
+class ValidatedDataset(Part):
+    """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone."""
+
+    name: Text = ""
+    source: Text = ""
+    rows: Whole = 0
+    of: Whole = 0
+    fitted: tuple[Text, ...] = ()
+    demanded: tuple[Text, ...] = ()
+    errors: tuple[PredictedError, ...] = ()
+
+
+class ValidationRecord(Record):
+    """validation.json, in ``units``."""
+
+    FILE: ClassVar[str] = "validation.json"
+    FORMAT: ClassVar[str] = "ppmcal/validation/1"
+
+    name: Text = ""
+    units: UnitNames = UnitNames()
+    datasets: tuple[ValidatedDataset, ...] = ()
+    findings: tuple[Text, ...] = ()
+    provenance: Provenance = Provenance()
+
+    @classmethod
+    def of_validation(cls, found: Sequence[Validated], name: str, units: Units,
+                      provenance: Mapping[str, Any], findings: Sequence[str]) -> ValidationRecord:
+        """Return the record of a validation."""
+        return cls(
+            format=cls.FORMAT, name=name, units=UnitNames.of(units),
+            datasets=tuple(ValidatedDataset(
+                name=v.name, source=v.source, rows=v.rows[0], of=v.rows[1], fitted=v.fitted,
+                demanded=v.demanded,
+                errors=tuple(PredictedError.of(e, units, n == 0) for n, e in enumerate(v.errors)))
+                for v in found),
+            findings=tuple(findings), provenance=Provenance.model_validate(provenance))
+
+    def files(self) -> dict[str, str]:
+        """Return file name -> text of everything that validate writes."""
+        return {"validation.csv": _table(self), self.FILE: self.text()}
+
+
+HEADER = ("dataset", "model", "rows", "position_rms", "position_p95", "position_max",
+          "rotation_rms", "rotation_p95", "rotation_max", "noise", "closer", "low", "high",
+          "verdict")
+
+
+def _table(record: ValidationRecord) -> str:
+    rows = []
+    for data in record.datasets:
+        for e in data.errors:
+            sizes = [getattr(size, k) if size else None for size in (e.position, e.rotation)
+                     for k in ("rms", "p95", "max")]
+            rows.append([data.name, e.model, data.rows, *sizes, e.noise, e.closer, e.low, e.high,
+                         e.verdict])
+    return csv_text(list(HEADER), [[r[i] for r in rows] for i in range(len(HEADER))])
+
+
+def registered_sentence(data: ValidatedDataset) -> str:
+    """Return what the registration fitted."""
+    names = [OPENED.get(w, w) for w in data.fitted]
+    fitted = "nothing" if not names else _listed(names)
+    more = [OPENED.get(w, w) for w in data.demanded]
+    tail = f" ({_listed(more)} since the data demand it)" if more else ""
+    return f"{data.name}: {data.rows} of {data.of} rows; fitted: {fitted}{tail}."
+
+
+def model_sentence(data: ValidatedDataset) -> str:
+    """Return how well the model predicts a data set."""
+    first = data.errors[0]
+    sizes = [f"{number(s.rms)} {s.unit}" for s in (first.position, first.rotation)
+             if s and s.rms is not None]
+    return f"{data.name}: the model misses by {' and '.join(sizes)} rms."
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
