@@ -94,16 +94,20 @@ def both_ways(mechanism: Mechanism, days: Sequence[Dataset]) -> list[Carried]:
 def rig(folder: Path) -> tuple[Mechanism, tuple[Dataset, ...]]:
     """Return the six-leg rig and its two days."""
     with tempfile.TemporaryDirectory() as name:
-        scratch = Path(name)
-        (scratch / "rig.yaml").write_text(real_stewart.mechanism_text(folder), encoding="utf-8")
-        paths = []
-        for key, file in real_stewart.SETS.items():
-            path = scratch / f"day{key}.csv"
-            path.write_bytes((folder / file).read_bytes())
-            path.with_suffix(".yaml").write_text(real_stewart.sidecar(path.stem), encoding="utf-8")
-            paths.append(path)
-        mechanism = read_mechanism(scratch / "rig.yaml")
-        return mechanism, read_campaign(paths, mechanism)
+        return written_rig(folder, Path(name))
+
+
+def written_rig(folder: Path, scratch: Path) -> tuple[Mechanism, tuple[Dataset, ...]]:
+    """Return the six-leg rig and its two days, their files in ``scratch``."""
+    (scratch / "rig.yaml").write_text(real_stewart.mechanism_text(folder), encoding="utf-8")
+    paths = []
+    for key, file in real_stewart.SETS.items():
+        path = scratch / f"day{key}.csv"
+        path.write_bytes((folder / file).read_bytes())
+        path.with_suffix(".yaml").write_text(real_stewart.sidecar(path.stem), encoding="utf-8")
+        paths.append(path)
+    mechanism = read_mechanism(scratch / "rig.yaml")
+    return mechanism, read_campaign(paths, mechanism)
 
 
 def beds(folder: Path, events: Path) -> dict[str, tuple[Mechanism, tuple[Dataset, ...]]]:
@@ -115,7 +119,7 @@ def beds(folder: Path, events: Path) -> dict[str, tuple[Mechanism, tuple[Dataset
         if event is None:
             continue
         data = replace(real_priors.bed_of(path, mesh, event), name=mesh["id"][:6],
-                       columns={"dir_x": _ways(path)})
+                       columns={"dir_x": ways(path)})
         mechanism, others = out.get(event["id"], (_six(event), ()))
         out[event["id"]] = mechanism, (*others, data)
     return out
@@ -125,7 +129,8 @@ def _six(event: dict[str, Any], start: str = "geometry_start") -> Mechanism:
     return real_priors.machine(event, "fixed", start=start)[0]
 
 
-def _ways(path: Path) -> np.ndarray:
+def ways(path: Path) -> np.ndarray:
+    """Return the direction of travel before each touch of a bed, along x (N,)."""
     lines = path.with_suffix(".csv").read_text(encoding="utf-8").splitlines()
     column = lines[0].split(",").index("approach_dir_x")
     return np.array([float(line.split(",")[column]) for line in lines[1:]])

@@ -51,10 +51,13 @@ class ValidationResult(Result):
     mechanism: Mechanism
     validated: tuple[Validated, ...]
     record: ValidationRecord
+    png: bool = False
 
     def files(self) -> Mapping[str, str | bytes]:
-        """Return validation.csv and validation.json."""
-        return dict(self.record.files())
+        """Return validation.csv, validation.json and validation.svg, a PNG where wanted."""
+        from ppmcal.report.figure_files import validation_files
+
+        return {**self.record.files(), **validation_files(self.record, self.png)}
 
     def headline(self) -> str:
         """Return how well the first data set is predicted."""
@@ -63,7 +66,7 @@ class ValidationResult(Result):
 
 def validate(model: Machine | CalibratedMachine, data: Measurements, *,
              against: Sequence[Path_] = (), register: Sequence[str] | str | None = None,
-             seed: int = 0, progress: Progress = silent) -> ValidationResult:
+             seed: int = 0, png: bool = False, progress: Progress = silent) -> ValidationResult:
     """Predict measurements with a machine as it is: only the registration is fitted.
 
     Args:
@@ -75,6 +78,7 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
             body), ``homing`` (a shift of each joint's zero), or ``none``  [default: what the files
             leave open, and what the data demand beyond it].
         seed: of the bootstrap.
+        png: save the picture as PNG too.
         progress: called with a line of text now and then.
 
     Raises:
@@ -92,7 +96,7 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     findings = (*odd, *(f for d in datasets for f in d.findings))
     record = ValidationRecord.of_validation(found, mechanism.name, mechanism.units, source,
                                             findings)
-    return ValidationResult(source, findings, mechanism, found, record)
+    return ValidationResult(source, findings, mechanism, found, record, png)
 
 
 def _file(model: Machine) -> Machine:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,18 +36,31 @@ def sessions_left_out(problem: Problem, options: FitOptions, keep: Sequence[Bool
     masks = session_masks(problem.datasets)
     if len(masks) < 2:
         raise one_session()
-    used = tuple(d.without(~k, LEFT_OUT) for d, k in zip(problem.datasets, keep, strict=True))
     found: list[tuple[Residuals, list[Bools]]] = []
-    for _, mask in masks:
-        rest = tuple(_known_alone(d.take(~m), mask, problem.datasets)
-                     for d, m in zip(used, mask, strict=True) if not m.all())
+    for rest, own in other_sessions(problem.datasets, keep):
         fit = with_noise(identify(replace(problem, datasets=rest), options), noise, options)
-        found.append(on_other_rows(fit, _taken(used, mask)))
+        found.append(on_other_rows(fit, own))
     whole = Residuals(*(tuple(x for r, _ in found for x in getattr(r, name)) for name in (
         "vector", "sigma", "position", "rotation", "closure")))
     return whole.figures([k for _, rows in found for k in rows]), (
         f"{len(masks)} sessions ({', '.join(label for label, _ in masks)}), each predicted by a "
         "fit of the others; the final fit uses all")
+
+
+def other_sessions(datasets: Sequence[Dataset], keep: Sequence[Bools]
+                   ) -> Iterator[tuple[tuple[Dataset, ...], list[Dataset]]]:
+    """Yield for each session the data of all others, and its own; of one that is all: nothing.
+
+    Args:
+        datasets: the campaign.
+        keep: rows that count (N,), by data set.
+    """
+    used = tuple(d.without(~k, LEFT_OUT) for d, k in zip(datasets, keep, strict=True))
+    masks = session_masks(datasets)
+    for _, mask in masks if len(masks) > 1 else ():
+        rest = tuple(_known_alone(d.take(~m), mask, datasets)
+                     for d, m in zip(used, mask, strict=True) if not m.all())
+        yield rest, _taken(used, mask)
 
 
 def _taken(datasets: Sequence[Dataset], mask: Sequence[Bools]) -> list[Dataset]:

@@ -115,7 +115,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
 
     console.say(f"{record.name}: {verdict(record)}")
     console.say("Disagreement: " + _where(result))
-    for line in [*_effects(record), *_suspected(result), *_left(result)]:
+    for line in [*_effects(record), *_days(record), *_suspected(result), *_left(result)]:
         console.say(line)
     for line in (tried_sets(record), not_named(record),
                  gap_closed(record) if record.effects else "", worst_block(record),
@@ -179,6 +179,14 @@ def _effects(record: DiagnosisRecord) -> list[str]:
         if stands := survives(group[0]):
             out.append(f"  {stands}")
     return out
+
+
+def _days(record: DiagnosisRecord) -> list[str]:
+    """Return how each session is predicted from the others."""
+    from ppmcal.io.results.validation import effects_sentence, model_sentence
+
+    return [f"From the other sessions, {model_sentence(day)} {effects_sentence(day)}".strip()
+            for day in record.validation]
 
 
 def _event(when: str) -> str:

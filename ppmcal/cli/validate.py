@@ -36,23 +36,25 @@ WORDS = ("frame", "target", "rotation", "homing", "none")
 @click.option("--register", type=click.Choice(WORDS), multiple=True,
               help="What the registration fits  [default: what the files leave open, and what "
               "the data demand beyond it].")
+@click.option("--png", is_flag=True, help="Write the picture as PNG too.")
 @seed_option
 @quiet_option
 @json_option
 def command(model: Path, data: tuple[Path, ...], out: Path, against: tuple[Path, ...],
-            register: tuple[str, ...], seed: int | None, quiet: bool, as_json: bool) -> None:
+            register: tuple[str, ...], png: bool, seed: int | None, quiet: bool,
+            as_json: bool) -> None:
     """Predict the measurements DATA, which no fit has seen, with MODEL as it is.
 
     MODEL is a mechanism file or a folder that identify or diagnose wrote. Only the registration is
     fitted. Each effect is left out in turn, and the nominal machine is judged beside it, all by the
-    same rows. Writes validation.csv and validation.json.
+    same rows. Writes validation.csv, validation.json and the picture validation.svg.
     """
     from ppmcal.api.validate import validate
 
     console = Console(quiet, as_json)
     with console.progress("Predicting") as show:
         result = validate(model, data, against=against, register=register or None,
-                          seed=seed or 0, progress=show)
+                          seed=seed or 0, png=png, progress=show)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)
@@ -65,11 +67,16 @@ def _show(record: ValidationRecord, console: Console) -> None:
     """Print what a person wants to know."""
     if not console.speaks:
         return
-    from ppmcal.io.results.validation import registered_sentence
+    from ppmcal.io.results.validation import (
+        effects_sentence,
+        model_sentence,
+        registered_sentence,
+    )
 
     for data in record.datasets:
         console.say(registered_sentence(data))
         console.table(plain_table(*_table(data)))
+        console.say(f"{model_sentence(data)} {effects_sentence(data)}".strip())
 
 
 def _table(data: ValidatedDataset) -> tuple[list[str], list[list[str]], tuple[int, ...]]:

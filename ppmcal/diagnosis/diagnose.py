@@ -9,6 +9,7 @@ import numpy as np
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.fit import FitOptions as FitOptions
+from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.left_out_rows import LeftOut, left_out
 from ppmcal.calibration.misread import Misread
@@ -17,6 +18,7 @@ from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.noise import ENOUGH_REPEATS
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.sessions import session_masks
 from ppmcal.calibration.summary import far_from_nominal, report
 from ppmcal.calibration.wrong_rows import refuse_wrong_rows
 from ppmcal.diagnosis import result_tables as tables
@@ -33,6 +35,7 @@ from ppmcal.diagnosis.inverted_directions import inverted_directions
 from ppmcal.diagnosis.learned_terms import learned_terms, with_terms
 from ppmcal.diagnosis.localization import Place, localise
 from ppmcal.diagnosis.onsets import refined, with_onsets
+from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import with_whole_rows
@@ -128,6 +131,8 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     named = bool(effects) and verdict != "unnamed"
     if final is None or not named:
         final = whole
+    days = _days(final, options, say)
+    told += worse_days(days)
     terms = None
     if verdict in LEARNED_AFTER:
         say("learning what is left")
@@ -148,7 +153,15 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         reported.fit if final is whole and not terms else whole, reported, found,
         next_step(found.last, others, verdict, options.seed, gap),
         tuple(told), blocks, _others(whole, found, others, terms, options) if named or (
-            verdict == "weak") else (), terms)
+            verdict == "weak") else (), terms, days)
+
+
+def _days(final: Fit, options: DiagnosisOptions, say: Say) -> tuple[Validated, ...]:
+    """Return how well each session is predicted from the others; of one session: nothing."""
+    if len(session_masks(final.problem.datasets)) < 2:
+        return ()
+    say("predicting each session from the others")
+    return other_days(final, options.fit, options.seed)
 
 
 def _rows_left_out(found: Found, fit: Fit) -> LeftOut:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.frozen_models import Validated
 from ppmcal.calibration.model_averaging import Reading
 from ppmcal.calibration.summary import Identification
 from ppmcal.diagnosis.added_variable_test import probability
@@ -183,6 +184,7 @@ class Diagnosis:
         blocks: the gap where stretches of time, temperature or load are left out in turn.
         learned: terms learned from what was left, which claim no cause; they are in the
             identification.
+        days: each session as fits of the others predict it, with and without each effect.
     """
 
     verdict: str
@@ -203,3 +205,4 @@ class Diagnosis:
     blocks: tuple[BlockGap, ...] = ()
     others: tuple[Reading, ...] = ()
     learned: LearnedTerms | None = None
+    days: tuple[Validated, ...] = ()

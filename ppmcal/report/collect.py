@@ -19,6 +19,7 @@ from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.record import Record as JsonRecord
 from ppmcal.io.results.simulation import TruthRecord
+from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.linalg import Array
 from ppmcal.report.design_records import DESIGN_FILES, designed
 from ppmcal.report.records import (
@@ -28,6 +29,7 @@ from ppmcal.report.records import (
     Diagnosed,
     Identified,
     Other,
+    OtherDays,
     ReportData,
     ResidualRows,
     Simulated,
@@ -43,7 +45,8 @@ ROUND_OFF = 1e-11
 KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.csv",
          "residuals.csv", "identified.yaml", "diagnosis.json", "effects.csv", "commands.csv",
          "commands.json", "kinematics.csv", "kinematics.json", "check.json", "poses.csv",
-         "poses.json", "map.csv", "compare.csv", "comparison.json", "export.json", *DESIGN_FILES)
+         "poses.json", "map.csv", "compare.csv", "comparison.json", "export.json",
+         "validation.json", *DESIGN_FILES)
 """Files by which a folder is recognised as a command's output."""
 
 
@@ -57,7 +60,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
         raise BadInput("no folder was given", "", "Name the output folders of earlier commands")
     found: dict[str, list[Any]] = {k: [] for k in ("identified", "diagnosed", "compensated",
                                                    "kinematics", "simulated", "others",
-                                                   "designed", "compared", "exported")}
+                                                   "designed", "compared", "exported", "validated")}
     unique = list({Path(d).absolute(): Path(d) for d in dirs}.values())
     for folder in unique:
         _refuse_strange(folder)
@@ -135,6 +138,8 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
             _record(ComparisonRecord, folder),
             lambda: table("compare.csv", numeric=lambda c: c not in COMPARE_WORDS))
         out.append(("compared", ComparedCalibrations(name, compared)))
+    if has("validation.json"):
+        out.append(("validated", OtherDays(name, _record(ValidationRecord, folder))))
     if has("export.json"):
         out.append(("exported", ControllerExport(name, ExportRecord.read(folder / "export.json"))))
     return out

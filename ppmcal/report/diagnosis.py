@@ -27,14 +27,16 @@ from ppmcal.report.format import number, probability, sig
 from ppmcal.report.html import Cell, amount, bullets, dotted, figures, paragraph, table, words
 from ppmcal.report.records import Diagnosed
 from ppmcal.report.residual_figures import residual_figures
+from ppmcal.report.validation import days
 from ppmcal.wording import where
 
 
 def diagnosis_section(d: Diagnosed) -> str:
     """Return everything about one diagnosis."""
     r = d.record
-    out = ["<h2>Diagnosis</h2>", _lead(r), _effects(r), _suspects(r), _remainder(r), _learned(r),
-           _pictures(r), _swallowed(r), _places(r), _untestable(r), _next(r), _findings(r)]
+    out = ["<h2>Diagnosis</h2>", _lead(r), _days(r), _effects(r), _suspects(r),
+           _remainder(r), _learned(r), _pictures(r), _swallowed(r), _places(r), _untestable(r),
+           _next(r), _findings(r)]
     return "".join(out) + figures(residual_figures(d.residuals, r.units))
 
 
@@ -47,8 +49,16 @@ def _lead(r: DiagnosisRecord) -> str:
     text = paragraph(headline(r), "big")
     facts = [gap_closed(r), worst_block(r)]
     if r.confirmed is False and r.effects:
-        facts.append("The held-out poses alone do not prove the improvement.")
+        facts.append("Sessions that no fit has seen do not bear the effects out."
+                     if r.validation else
+                     "The held-out poses alone do not prove the improvement.")
     return text + paragraph(" ".join(f for f in facts if f))
+
+
+def _days(r: DiagnosisRecord) -> str:
+    """Return how each session is predicted from the others."""
+    head = "<h3>Each session, predicted by a fit of the others</h3>" if r.validation else ""
+    return head + days(r.validation)
 
 
 def _effects(r: DiagnosisRecord) -> str:

@@ -76,6 +76,8 @@ def attention(data: ReportData) -> list[tuple[str, str]]:
         out += [(rows.folder, t) for t in _of_rows(rows)]
     for other in data.others:
         out += [(other.folder, finding_text(f)) for f in other.record.findings or ()]
+    for v in data.validated:
+        out += [(v.folder, t) for t in v.record.findings]
     for c in data.compared:
         out += [(c.folder, t) for t in (*compare_section.attention(c.record), *c.record.findings)]
     for exported in data.exported:

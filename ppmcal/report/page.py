@@ -39,6 +39,8 @@ from ppmcal.report.records import (
 )
 from ppmcal.report.residuals import used, white
 from ppmcal.report.truth import stray_note
+from ppmcal.report.validation import lead as validation_lead
+from ppmcal.report.validation import validation_section
 
 MOST_LOOKED_AT = 60
 
@@ -54,7 +56,8 @@ def to_html(data: ReportData) -> str:
 
 def _sections(data: ReportData) -> list[str]:
     """Return the sections of the page, ready HTML."""
-    out = [diagnosis_section(d) for d in data.diagnosed]
+    out = [validation_section(v) for v in data.validated]
+    out += [diagnosis_section(d) for d in data.diagnosed]
     for one in data.identified:
         if len(data.identified) > 1:
             out.append(part("session", one.name, one.folder, _tiles(one)))
@@ -87,8 +90,8 @@ def summary(data: ReportData) -> list[str]:
     if not out:
         parts = [(len(data.simulated), "simulation"), (len(data.diagnosed), "diagnosis"),
                  (len(data.compensated), "compensation"), (len(data.kinematics), "kinematics"),
-                 (len(data.compared), "comparison"), (len(data.exported), "export"),
-                 (len(data.designed), "error analysis"),
+                 (len(data.validated), "validation"), (len(data.compared), "comparison"),
+                 (len(data.exported), "export"), (len(data.designed), "error analysis"),
                  (len(data.others), "further output")]
         held = ", ".join(f"{n} × {name}" if n > 1 else name for n, name in parts if n)
         out.append(f"Results found: {held}. No identification is among them.")
@@ -103,7 +106,8 @@ def _lead(data: ReportData) -> list[str]:
 
 def _verdicts(data: ReportData) -> list[str]:
     """Return what diagnoses, comparisons and error analyses come to."""
-    out = [*(diagnosis_headline(d.record) for d in data.diagnosed),
+    out = [*(validation_lead(v.record) for v in data.validated),
+           *(diagnosis_headline(d.record) for d in data.diagnosed),
            *(comparison_verdict(o.record) for o in data.compared),
            *(design_headline(d) for d in data.designed)]
     return [t for t in out if t]
@@ -151,6 +155,7 @@ def records(data: ReportData) -> list[tuple[str, Mapping[str, Any]]]:
     out += [(f"{d.folder}: {d.kind}", d.record.entries()) for d in data.designed]
     out += [(f"{o.folder}: {o.kind}", o.record.entries()) for o in data.others]
     out += [(f"{c.folder}: compare", c.record.entries()) for c in data.compared]
+    out += [(f"{v.folder}: validate", v.record.entries()) for v in data.validated]
     out += [(f"{e.folder}: export", e.record.entries()) for e in data.exported]
     out += [(f"{s.folder}: simulate", s.truth.entries()) for s in data.simulated if s.truth]
     return out
@@ -208,6 +213,8 @@ def to_json(data: ReportData) -> dict[str, Any]:
                      "pictures": [{"file": p.file, "caption": p.caption, "size": p.size,
                                    "problem": p.problem} for p in d.pictures]}
                     for d in data.designed],
+        "validations": [{"folder": v.folder, "validation": v.record.entries()}
+                        for v in data.validated],
         "comparisons": [_compared(c) for c in data.compared],
         "exports": [{"folder": o.folder, "export": o.record.entries()} for o in data.exported],
         "truth_against_identified": [_comparison(c) for c in data.comparisons],

@@ -20,6 +20,7 @@ from ppmcal.io.results.sensitivity import SensitivityRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.stiffness import StiffnessRecord
 from ppmcal.io.results.tolerances import TolerancesRecord
+from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
 from ppmcal.linalg import Array
 
@@ -118,6 +119,14 @@ class Diagnosed:
 
 
 @dataclass(frozen=True)
+class OtherDays:
+    """Output of ``validate``."""
+
+    folder: str
+    record: ValidationRecord
+
+
+@dataclass(frozen=True)
 class Other:
     """Any further output: check, a table without its record."""
 
@@ -213,6 +222,7 @@ class ReportData:
     simulated: tuple[Simulated, ...] = ()
     others: tuple[Other, ...] = ()
     designed: tuple[Designed, ...] = ()
+    validated: tuple[OtherDays, ...] = ()
     compared: tuple[ComparedCalibrations, ...] = ()
     exported: tuple[ControllerExport, ...] = ()
     comparisons: tuple[ComparedMachines, ...] = field(default=())

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.calibration.plain_mistakes import plain_mistakes
+from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.plot_data import plot_data
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.diagnosis_parts import (
@@ -28,6 +29,7 @@ from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.io.results.misreading import MisreadingEntry, misreading_entries
 from ppmcal.io.results.other_models import OtherModel, TriedSet, other_files
 from ppmcal.io.results.record import Flag, Provenance, Record, Text, UnitNames
+from ppmcal.io.results.validation import ValidatedDataset
 
 
 class DiagnosisRecord(Record):
@@ -55,6 +57,7 @@ class DiagnosisRecord(Record):
     findings: tuple[Text, ...] = ()
     other_models: tuple[OtherModel, ...] = ()
     sets: tuple[TriedSet, ...] = ()
+    validation: tuple[ValidatedDataset, ...] = ()
     plot_data: DiagnosisPlots = DiagnosisPlots()
     units: UnitNames = UnitNames()
     provenance: Provenance = Provenance()
@@ -78,7 +81,7 @@ class DiagnosisRecord(Record):
                 rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference,
                 by_input=left.by_input),
             gap=HeldOutGap.of(result.gap, result.blocks),
-            confirmed=None if result.gap is None else result.gap.confirmed,
+            confirmed=_confirmed(result),
             fit=FitRatios(before=result.start.ratio, after=left.ratio,
                           rows=sum(int(k.sum()) for k in fit.keep)),
             noise=NoiseThresholds(
@@ -94,8 +97,15 @@ class DiagnosisRecord(Record):
             excluded=_left_out(result), findings=result.findings,
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
             sets=TriedSet.each(result),
+            validation=tuple(ValidatedDataset.of(d, units) for d in result.days),
             plot_data=DiagnosisPlots.of(plot_data(result), units),
             units=UnitNames.of(units), provenance=Provenance(**provenance))
+
+
+def _confirmed(result: Diagnosis) -> bool | None:
+    """Return whether unseen sessions, or else held-out poses, bear the effects out."""
+    by_days = other_days.confirmed(result.days)
+    return by_days if by_days is not None or result.gap is None else result.gap.confirmed
 
 
 def _left_out(result: Diagnosis) -> tuple[UnfittedRow, ...]:

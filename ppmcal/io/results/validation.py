@@ -65,10 +65,18 @@ class ValidatedDataset(Part):
     name: Text = ""
     source: Text = ""
     rows: Whole = 0
-    of: Whole = 0
+    of_rows: Whole = 0
     fitted: tuple[Text, ...] = ()
     demanded: tuple[Text, ...] = ()
     errors: tuple[PredictedError, ...] = ()
+
+    @classmethod
+    def of(cls, found: Validated, units: Units) -> ValidatedDataset:
+        """Return a data set in file units."""
+        return cls(name=found.name, source=found.source, rows=found.rows[0], of_rows=found.rows[1],
+                   fitted=found.fitted, demanded=found.demanded,
+                   errors=tuple(PredictedError.of(e, units, n == 0)
+                                for n, e in enumerate(found.errors)))
 
 
 class ValidationRecord(Record):
@@ -89,11 +97,7 @@ class ValidationRecord(Record):
         """Return the record of a validation."""
         return cls(
             format=cls.FORMAT, name=name, units=UnitNames.of(units),
-            datasets=tuple(ValidatedDataset(
-                name=v.name, source=v.source, rows=v.rows[0], of=v.rows[1], fitted=v.fitted,
-                demanded=v.demanded,
-                errors=tuple(PredictedError.of(e, units, n == 0) for n, e in enumerate(v.errors)))
-                for v in found),
+            datasets=tuple(ValidatedDataset.of(v, units) for v in found),
             findings=tuple(findings), provenance=Provenance.model_validate(provenance))
 
     def files(self) -> dict[str, str]:
@@ -123,15 +127,27 @@ def registered_sentence(data: ValidatedDataset) -> str:
     fitted = "nothing" if not names else _listed(names)
     more = [OPENED.get(w, w) for w in data.demanded]
     tail = f" ({_listed(more)} since the data demand it)" if more else ""
-    return f"{data.name}: {data.rows} of {data.of} rows; fitted: {fitted}{tail}."
+    return f"{data.name}: {data.rows} of {data.of_rows} rows; fitted: {fitted}{tail}."
 
 
 def model_sentence(data: ValidatedDataset) -> str:
     """Return how well the model predicts a data set."""
-    first = data.errors[0]
+    first = data.errors[0] if data.errors else PredictedError()
     sizes = [f"{number(s.rms)} {s.unit}" for s in (first.position, first.rotation)
              if s and s.rms is not None]
     return f"{data.name}: the model misses by {' and '.join(sizes)} rms."
+
+
+def effects_sentence(data: ValidatedDataset) -> str:
+    """Return what each effect is worth there, empty where there is none."""
+    parts = []
+    for e in data.errors:
+        if e.model.startswith("without ") and e.closer is not None:
+            name, size = e.model.removeprefix("without "), f"{number(abs(e.closer), 2)} {e.unit}"
+            parts.append({"worse": f"{name} makes it smaller by {size}",
+                          "better": f"{name} makes it LARGER by {size}"}.get(
+                              e.verdict, f"{name} makes no sure difference"))
+    return f"There {_listed(parts)}." if parts else ""
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,0 +1,87 @@
+"""What is named, on a day that no fit has seen: each session predicted by a fit of the others.
+
+The machine with all that was found is fitted to the other sessions, and again without each effect
+and without any; frozen, each predicts the session left out. Only the registration is fitted there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.frozen_models import (
+    FEWEST,
+    FrozenModel,
+    Validated,
+    validated,
+    with_and_without,
+)
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.session_validation import other_sessions
+from ppmcal.errors import PpmcalError
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+
+
+def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, ...]:
+    """Return how well each session is predicted from the others, with and without each effect.
+
+    Sessions of too few rows, and those without which the machine cannot be fitted, are passed over.
+
+    Args:
+        final: the fit of all rows with what was found.
+        options: of the fits.
+        seed: of the bootstrap.
+    """
+    problem = final.problem
+    machine = problem.mechanism.with_values(final.state.g)
+    out: list[Validated] = []
+    for rest, own in other_sessions(problem.datasets, final.keep):
+        days = [_on_its_own(d) for d in own if len(d) >= FEWEST]
+        try:
+            models = [FrozenModel(m.label, _fitted(m.mechanism, rest, options))
+                      for m in with_and_without(machine)]
+            out += validated([*models, FrozenModel("nominal", machine.nominal())], days, None, seed)
+        except PpmcalError:
+            continue    # too few rows, or none that fits: nothing to say of that day
+    return tuple(out)
+
+
+def _fitted(machine: Mechanism, rest: Sequence[Dataset], options: FitOptions) -> Mechanism:
+    """Return a machine identified from the other sessions."""
+    found = identify(Problem(machine, tuple(rest), machine.free), options)
+    return machine.with_values(found.state.g)
+
+
+def _on_its_own(data: Dataset) -> Dataset:
+    """Return a session with a frame of its own where it had that of other rows."""
+    if data.frame.same_as is None:
+        return data
+    return replace(data, frame=replace(data.frame, same_as=None, fitted=True))
+
+
+def confirmed(days: Sequence[Validated]) -> bool | None:
+    """Return whether the effects surely predict a day, and none surely less than no effects do.
+
+    None where there are no effects or no days.
+    """
+    sure = [e.sure for day in days for e in day.errors if e.label == without_any(day)]
+    return None if not sure else min(sure) < 0 and max(sure) <= 0
+
+
+def without_any(day: Validated) -> str:
+    """Return what the machine without effects is called, an empty string where it has none."""
+    return next((e.label for e in reversed(day.errors) if e.label.startswith("without")), "")
+
+
+def worse_days(days: Sequence[Validated]) -> list[str]:
+    """Return what the user must look at: effects without which a day is surely predicted better."""
+    out = []
+    for day in days:
+        whole = (day.errors[0].position or day.errors[0].rotation)["rms"]
+        out += [f"{day.name} is predicted better {e.label}, by {100.0 * e.closer / whole:.0f} %: "
+                "what the other sessions show of it is not the machine's"
+                for e in day.errors if e.sure > 0 and e.label.startswith("without")]
+    return out

@@ -1,0 +1,103 @@
+"""The section about other days: how well frozen machines predict what no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from ppmcal.io.results.validation import (
+    PredictedError,
+    ValidatedDataset,
+    ValidationRecord,
+    effects_sentence,
+    model_sentence,
+    registered_sentence,
+)
+from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
+from ppmcal.plotting.plot import BOTTOM, TOP, Axis, marks, plot, span, strokes
+from ppmcal.report.format import sig, typeset
+from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
+from ppmcal.report.records import OtherDays
+
+ROW, NAMES = 17.0, 170.0
+"""Height of a line and room for names, points."""
+STYLES = {"better": "after", "worse": "out"}
+HEADS = ["machine", "error, rms", "95 % point", "largest", "unit", "better by", "95 %", ""]
+
+
+def validation_section(one: OtherDays) -> str:
+    """Return everything about one validation."""
+    return "".join(["<h2>On other measurements</h2>", paragraph(f"From {one.folder}.", "note"),
+                    days(one.record.datasets)])
+
+
+def days(datasets: Sequence[ValidatedDataset]) -> str:
+    """Return picture, table and words of every data set."""
+    out = figures([picture(d) for d in datasets])
+    for data in datasets:
+        out += paragraph(typeset(f"{model_sentence(data)} {effects_sentence(data)}".strip()))
+        out += table(typeset(registered_sentence(data)), HEADS,
+                     [row for e in data.errors for row in _rows(e)])
+    return out
+
+
+def lead(record: ValidationRecord) -> str:
+    """Return what the page begins with."""
+    return typeset(" ".join(model_sentence(d) for d in record.datasets[:3]))
+
+
+def _rows(e: PredictedError) -> list[list[Cell]]:
+    """Return a line for position and one for rotation, as far as they were measured."""
+    out = []
+    for n, size in enumerate(s for s in (e.position, e.rotation) if s):
+        half = None if n or not e.verdict or e.low is None or e.high is None else (
+            f"{sig(e.low, 2)} to {sig(e.high, 2)}")
+        out.append([
+            words(e.model), amount(size.rms), amount(size.p95), amount(size.max),
+            words(size.unit), amount(e.closer, "" if half is None else sig(e.closer, 2)),
+            amount(e.low, half or ""), words("" if n else e.verdict,
+                                             "warn" if e.verdict == "worse" else "")])
+    return out
+
+
+def picture(data: ValidatedDataset) -> Drawing | None:
+    """Return the error of every machine on one data set, None where nothing is to compare."""
+    shown = [(e, size.rms, size.unit) for e in data.errors if (size := e.position or e.rotation)
+             and size.rms is not None]
+    if len(shown) < 2:
+        return None
+    machines, rms, units = zip(*shown, strict=True)
+    unit = units[0]
+    return Drawing(
+        f"Error on {data.name}, {unit} rms",
+        "Frozen machines, the registration alone fitted. Bars: 95 % of the difference from the "
+        "first, drawn by pose. A machine whose bar does not reach the grey line is surely "
+        "better or worse.", f"{len(shown)} machines with their errors.",
+        partial(_draw, shown=machines, rms=rms, unit=unit), TOP + ROW * len(shown) + BOTTOM,
+        _key(machines))
+
+
+def _key(shown: Sequence[PredictedError]) -> tuple[tuple[str, str], ...]:
+    there = {e.verdict for e in shown}
+    return tuple((kind, f"surely {word}") for word, kind in STYLES.items() if word in there)
+
+
+def _draw(canvas: Canvas, shown: Sequence[PredictedError], rms: Sequence[float], unit: str) -> None:
+    """Draw a name, a mark and a bar for each machine, from the top down."""
+    count, layers, ends = len(shown), [], [0.0, *rms]
+    first = rms[0]
+    layers.append(strokes([first], [0.0], [float(count)], "ink", 1.0, 0.4))
+    for i, (e, value) in enumerate(zip(shown, rms, strict=True)):
+        y, kind = count - i - 0.5, STYLES.get(e.verdict, "ink")
+        if e.verdict and e.low is not None and e.high is not None:
+            low, high = first - e.high, first - e.low
+            layers.append(strokes([y], [low], [high], kind, flat=True))
+            ends += [low, high]
+        layers.append(marks(np.array([value]), np.array([y]), kind, "o"))
+        canvas.text(NAMES - 6.0, TOP + ROW * (i + 0.5) + 3.5, e.model, room=NAMES - 8.0,
+                    bold=i == 0, ha="right", size=SMALL)
+    x = span(ends)
+    plot(canvas, Axis(max(x.low, 0.0), x.high), Axis(0.0, float(count)), (f"error, {unit} rms", ""),
+         layers, NAMES, TOP + ROW * count + BOTTOM, y_ticks=False)

@@ -1,0 +1,202 @@
+"""Frozen machines judged on a day that no fit has seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+import ppmcal
+from ppmcal.calibration.frozen_models import FrozenModel, validated, with_and_without
+from ppmcal.calibration.problem import Problem
+from ppmcal.errors import BadInput
+from ppmcal.io.results.validation import ValidationRecord, effects_sentence
+
+ERRORS = {"leg1.base.point.x": 0.4, "leg2.offset": -0.3, "leg3.offset": 0.2}
+EFFECTS = [{"kind": "backlash", "on": ["leg1"], "parameters": {"width": 0.08}},
+           {"kind": "curvature", "on": ["leg2"], "parameters": {"p2": 0.05, "p3": 0.0, "p4": 0.0}}]
+
+
+def scenario(seed, effects=(), **more):
+    return {"format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+            "poses": {"random": {"center": {"x": 500, "y": 260, "rz": 25},
+                                 "half_range": {"x": 70, "y": 70, "rz": 8}, "count": 40}},
+            "errors": ERRORS, "effects": list(effects),
+            "instrument": {"kind": "pose", "sigma": {"position": 0.005, "rotation": 0.001}},
+            "frame": {"x": 5 + seed, "y": -3, "rz": 10 + seed}, "target": [1, 2],
+            "approach": "both", "seed": seed} | more
+
+
+@pytest.fixture(scope="module")
+def stage():
+    return ppmcal.load(ppmcal.shipped("3-RPR"))
+
+
+@pytest.fixture(scope="module")
+def truth(stage):
+    """The machine as it is, with both effects."""
+    tree = yaml.safe_load(ppmcal.shipped("3-RPR").read_text(encoding="utf-8"))
+    tree["effects"] = EFFECTS
+    machine = ppmcal.load(tree)
+    g = machine.values.copy()
+    for name, error in ERRORS.items():
+        g[machine.names.index(name)] += 1e-3 * error
+    return machine.with_values(g)
+
+
+@pytest.fixture(scope="module")
+def day(stage):
+    return ppmcal.simulate(stage, scenario(5, EFFECTS)).data
+
+
+def test_the_true_machine_misses_by_the_noise(truth, day):
+    """40 poses from two sides, 0.005 mm in x and y: sqrt(2) x 0.005 mm together."""
+    (found,) = validated(with_and_without(truth), day)
+    first = found.errors[0]
+    assert found.rows == (80, 80) and found.fitted == ("frame", "target")
+    assert first.position["rms"] == pytest.approx(np.sqrt(2) * 5e-6, rel=0.1)
+    assert first.noise == pytest.approx(1.0, abs=0.1)
+
+
+def test_each_effect_left_out_is_surely_worse(truth, day):
+    (found,) = validated(with_and_without(truth), day)
+    labels = [e.label for e in found.errors]
+    assert labels == ["model", "without backlash (1)", "without curvature (2)",
+                      "without all effects"]
+    assert [e.sure for e in found.errors] == [0, -1, -1, -1]
+    assert all(e.interval[0] < e.closer < e.interval[1] < 0.0 for e in found.errors[1:])
+
+
+def test_an_effect_that_is_not_there_makes_it_worse(stage, truth):
+    clean = ppmcal.simulate(stage, scenario(6)).data
+    (found,) = validated(with_and_without(truth), clean)
+    assert [e.sure for e in found.errors][1:] == [1, 1, 1]
+
+
+def test_errors_agree_with_a_fit_of_the_frame_by_other_means(truth, day):
+    """The registration by scipy, rows of nothing but pose differences: the same rms."""
+    from scipy.optimize import least_squares
+
+    from ppmcal.kinematics.closure import Model
+    from ppmcal.kinematics.equilibrium import platform_pose, reached_poses
+    from ppmcal.kinematics.registration import measured_pose
+    from ppmcal.model.registration import Registration
+
+    bare = with_and_without(truth)[-1].mechanism
+    (data,) = day
+    problem = Problem(bare, (data,), ())
+    pose = platform_pose(reached_poses(Model(bare), data.q, problem.environments[0]).closed, None)
+
+    def away(p):
+        registration = Registration.of_pose(np.array([p[0], p[1], 0, 0, 0, p[2]]),
+                                            np.array([p[3], p[4], 0.0]))
+        seen = measured_pose(registration, pose)
+        return np.concatenate([((seen - np.hstack([data.position, data.rotation]))
+                                / [5e-6, 5e-6, 1, 1, 1, np.radians(0.001)])[:, [0, 1, 5]].ravel()])
+
+    best = least_squares(away, [0.01, -0.003, np.radians(15), 0.001, 0.002], x_scale="jac",
+                         xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    own = np.sqrt(np.mean(np.sum((best.fun.reshape(-1, 3)[:, :2] * 5e-6) ** 2, axis=1)))
+    (found,) = validated([FrozenModel("bare", bare)], day)
+    assert found.errors[0].position["rms"] == pytest.approx(own, rel=1e-6)
+
+
+def test_zeros_that_moved_between_days_are_demanded(truth, day):
+    from dataclasses import replace
+
+    (data,) = day
+    shifted = replace(data, q=data.q + np.array([3e-4, -2e-4, 4e-4]))
+    (found,) = validated(with_and_without(truth), [shifted])
+    assert found.demanded == ("homing",)
+    assert found.errors[0].noise == pytest.approx(1.0, abs=0.1)
+    (kept,) = validated(with_and_without(truth), [shifted], ["frame", "target"])
+    assert kept.demanded == () and kept.errors[0].noise > 5.0
+
+
+def test_a_frame_is_demanded_where_the_file_holds_it_known(truth, day):
+    from dataclasses import replace
+
+    (data,) = day
+    known = replace(data, frame=replace(data.frame, fitted=False, value=np.zeros(6)),
+                    target=replace(data.target, fitted=False, value=np.array([1e-3, 2e-3, 0.0])))
+    (found,) = validated(with_and_without(truth), [known])
+    assert found.demanded == ("frame",)
+
+
+def test_registering_nothing_is_possible(truth, day):
+    (found,) = validated(with_and_without(truth), day, [])
+    assert found.fitted == () and found.errors[0].position["rms"] > 1e-3
+
+
+def test_two_rows_are_refused(truth, day):
+    (data,) = day
+    with pytest.raises(BadInput, match="rows"):
+        validated(with_and_without(truth), [data.take(np.arange(2))])
+
+
+@pytest.mark.slow
+def test_false_certainty_is_rare(stage, truth):
+    """A machine off by far less than the noise is surely better or worse one day in twenty."""
+    rng, sure = np.random.default_rng(3), []
+    for i in range(40):
+        g = truth.values.copy()
+        g[list(stage.free)] += 1e-9 * rng.standard_normal(len(stage.free))
+        day = ppmcal.simulate(stage, scenario(50 + i, EFFECTS)).data
+        (found,) = validated([FrozenModel("true", truth), FrozenModel("off", truth.with_values(g))],
+                             day)
+        sure.append(abs(found.errors[1].sure))
+    assert sum(sure) <= 6   # of 40; more has a chance of 0.3 % where the rate is 5 %
+
+
+# ---------------------------------------------------------------- face, files, words
+
+
+def test_the_face_judges_against_nominal_and_others(truth, stage, day, tmp_path):
+    calibrated = ppmcal.identify(stage, ppmcal.simulate(stage, scenario(7, EFFECTS)).data,
+                                 holdout=0.0)
+    calibrated.save(tmp_path / "cal")
+    result = ppmcal.validate(truth, day, against=[tmp_path / "cal"])
+    models = {e.model: e for e in result.record.datasets[0].errors}
+    assert models["nominal"].verdict == "worse"
+    assert models[str(tmp_path / "cal")].verdict == "worse"
+    assert models["model"].position.rms == pytest.approx(0.00707, rel=0.1)
+    written = {p.name for p in result.save(tmp_path / "out")}
+    assert {"validation.csv", "validation.json", "validation.svg"} <= written
+    assert ValidationRecord.read(tmp_path / "out" / "validation.json") == result.record
+    assert "backlash (1) makes it smaller by" in effects_sentence(result.record.datasets[0])
+
+
+def test_a_folder_is_as_good_as_its_model(stage, day, tmp_path):
+    calibrated = ppmcal.identify(stage, ppmcal.simulate(stage, scenario(7)).data, holdout=0.0)
+    calibrated.save(tmp_path / "cal")
+    by_folder = ppmcal.validate(tmp_path / "cal", day)
+    by_result = ppmcal.validate(calibrated, day)
+    assert by_folder.record.datasets[0].errors[0].position.rms == pytest.approx(
+        by_result.record.datasets[0].errors[0].position.rms, rel=1e-9)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"register": ["zeros"]}, "zeros"), ({"against": ["nowhere.yaml"]}, "nowhere.yaml")])
+def test_wrong_options_are_refused(truth, day, change, words):
+    with pytest.raises(BadInput, match=words):
+        ppmcal.validate(truth, day, **change)
+
+
+def test_a_folder_without_a_model_is_refused(day, tmp_path):
+    with pytest.raises(BadInput, match="no calibrated machine"):
+        ppmcal.validate(tmp_path, day)
+
+
+@pytest.mark.slow
+def test_diagnose_validates_each_session_from_the_others(stage):
+    days = [ppmcal.simulate(stage, scenario(11 + i, EFFECTS)).data[0] for i in range(2)]
+    from dataclasses import replace
+
+    days = [replace(d, name=f"day{i}") for i, d in enumerate(days)]
+    result = ppmcal.diagnose(stage, days, draws=300)
+    assert [d.name for d in result.record.validation] == ["day0", "day1"]
+    for found in result.diagnosis.days:
+        by = {e.label: e for e in found.errors}
+        assert by["without all effects"].sure < 0 and by["nominal"].sure < 0
+        assert found.errors[0].noise == pytest.approx(1.0, abs=0.2)
+    assert result.record.confirmed is True
