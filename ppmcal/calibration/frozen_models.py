@@ -1,8 +1,8 @@
 """How well frozen machines predict measurements that no fit has seen.
 
 Geometry and effects stay as they are; only the registration is fitted, on each data set alone: the
-frame, and target, body rotation or a common shift of the joints' zeros where the file leaves them
-open, where it is asked for, or where the data demand it. Every machine is judged by the same rows.
+frame, and target, body rotation or a shift of each joint's zero where the file leaves them open,
+where it is asked for, or where the data demand it. Every machine is judged by the same rows.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
+from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import Residuals, register_only, residuals
 from ppmcal.errors import BadInput
@@ -95,7 +96,7 @@ def with_and_without(mechanism: Mechanism) -> list[FrozenModel]:
     """
     lasting = [e for e in mechanism.effects if not e.kind.onset]
     out = [FrozenModel("model", replace(mechanism, effects=tuple(lasting)))]
-    labels = _labels(lasting)
+    labels = _labels(lasting, mechanism.actuators)
     if len(lasting) > 1:
         out += [FrozenModel(f"without {label}", replace(
             mechanism, effects=tuple(e for e in lasting if e is not effect)))
@@ -106,13 +107,13 @@ def with_and_without(mechanism: Mechanism) -> list[FrozenModel]:
     return out
 
 
-def _labels(effects: Sequence[Effect]) -> list[str]:
+def _labels(effects: Sequence[Effect], actuators: Sequence[str]) -> list[str]:
     """Return what effects are called: kind, actuators where it is not on all, a number if twice."""
     names = []
     for effect in effects:
         some = [] if all(effect.on) or not effect.kind.per_actuator else [
-            str(a + 1) for a in np.flatnonzero(effect.on)]
-        names.append(effect.kind.label + (f" ({', '.join(some)})" if some else ""))
+            actuators[a] for a, on in enumerate(effect.on) if on]
+        names.append(effect.kind.label + (f" on {', '.join(some)}" if some else ""))
     return [f"{n} {1 + names[:i].count(n)}" if names.count(n) > 1 else n
             for i, n in enumerate(names)]
 
@@ -138,19 +139,19 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
                seed: int) -> Validated:
     asked = tuple(w for w in OPEN if _is_open(data, w)) if register is None else tuple(
         w for w in OPEN if w in register)
-    data = opened(data, asked, register is not None)
+    whole, data = data, _typed_right(models[0], opened(data, asked, register is not None))
     demanded: tuple[str, ...] = ()
     if register is None:
         demanded = _demanded(models, data)
         data = opened(data, demanded)
     fits = [_registered(m.mechanism, data) for m in models]
-    rows = _judged(fits)
+    rows = np.all([finite_rows(f.state.poses[0]) for f in fits], axis=0)
     if rows.sum() < FEWEST:
-        raise BadInput(f"only {int(rows.sum())} of {len(data)} rows can be predicted by every "
+        raise BadInput(f"only {int(rows.sum())} of {len(whole)} rows can be predicted by every "
                        "machine", data.source, "Check that these are measurements of this machine")
     found = [residuals(f.problem, f.state) for f in fits]
     errors = tuple(_error(m.label, r, rows, f) for m, r, f in zip(models, found, fits, strict=True))
-    return Validated(data.name, data.source, (int(rows.sum()), len(data)), (*asked, *demanded),
+    return Validated(data.name, data.source, (int(rows.sum()), len(whole)), (*asked, *demanded),
                      demanded, _compared(errors, data.groups[rows], seed))
 
 
@@ -176,8 +177,17 @@ def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
     return replace(data, homing=homing, **new)
 
 
+def _typed_right(model: FrozenModel, data: Dataset) -> Dataset:
+    """Return a data set without the rows whose values are typed wrong."""
+    fit = register_only(Problem(model.mechanism, (data,), ()))
+    there = finite_rows(fit.state.poses[0])
+    typed = gross_errors(fit.problem, fit.state, [there])[0]
+    return data.take(~typed) if typed.any() else data
+
+
 def _registered(mechanism: Mechanism, data: Dataset) -> Fit:
-    return register_only(Problem(mechanism, (data,), ()))
+    """Return the registration to all rows alike, so that all machines have the same."""
+    return identify(Problem(mechanism, (data,), ()), FitOptions(method="flat", robust=False))
 
 
 def _demanded(models: Sequence[FrozenModel], data: Dataset) -> tuple[str, ...]:
@@ -188,19 +198,25 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset) -> tuple[str, ...]:
     found: list[str] = []
     possible = [w for w in OPEN if not _is_open(data, w) and (
         w != "rotation" or data.kind == "pose") and data.kind not in ("plane", "distance")]
-    now = [_registered(m.mechanism, data) for m in models]
+    now: dict[int, Fit] = {}
     while possible:
-        trials = []
-        for word in possible:
-            fits = [_registered(m.mechanism, opened(data, [*found, word])) for m in models]
-            gains = [_gain(a, b) for a, b in zip(now, fits, strict=True)]
-            trials.append((min(gains), word, fits))
-        best = max(trials, key=lambda t: t[0])
-        if best[0] <= 0.0:
+        gains = {}
+        for word in possible:    # what the first does not ask for, all do not
+            wider = opened(data, [*found, word])
+            gain, fits = np.inf, dict[int, Fit]()
+            for i, model in enumerate(models):
+                before = now.setdefault(i, _registered(model.mechanism, opened(data, found)))
+                fits[i] = _registered(model.mechanism, wider)
+                gain = min(gain, _gain(before, fits[i]))
+                if gain <= 0.0:
+                    break
+            gains[word] = gain, fits
+        best = max(gains, key=lambda w: gains[w][0])
+        if gains[best][0] <= 0.0:
             break
-        found.append(best[1])
-        possible.remove(best[1])
-        now = best[2]
+        found.append(best)
+        possible.remove(best)
+        now = gains[best][1]
     return tuple(found)
 
 
@@ -223,13 +239,6 @@ def _square(fit: Fit) -> tuple[float, int]:
     chunks = list(fit.problem.rows(fit.state, False, rows))
     return (sum(float(np.sum(np.where(c.observed, c.residual, 0.0) ** 2)) for c in chunks),
             sum(int(c.observed.sum()) for c in chunks))
-
-
-def _judged(fits: Sequence[Fit]) -> Bools:
-    """Return the rows (N,) that every machine has a pose for, without values typed wrong."""
-    rows = np.all([finite_rows(f.state.poses[0]) for f in fits], axis=0)
-    typed = np.all([gross_errors(f.problem, f.state, [rows])[0] for f in fits], axis=0)
-    return np.asarray(rows & ~typed)
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:

@@ -82,14 +82,10 @@ def _show(record: ValidationRecord, console: Console) -> None:
 def _table(data: ValidatedDataset) -> tuple[list[str], list[list[str]], tuple[int, ...]]:
     """Return header, rows and the columns of numbers."""
     first = data.errors[0]
-    sizes = [(name, size.unit) for name, size in (("position", first.position),
-                                                  ("rotation", first.rotation)) if size]
-    header = ["model", *(f"{name}, {unit} rms" for name, unit in sizes),
-              f"better by, {first.unit}", ""]
+    header = ["machine", f"{first.unit} rms", "better by", "95 %", ""]
     rows = []
     for e in data.errors:
-        own = [number(size.rms) if size else "" for size in (e.position, e.rotation)
-               if size or not sizes]
-        apart = f"{e.closer:+.3g} ({e.low:+.2g} to {e.high:+.2g})" if e.verdict else ""
-        rows.append([e.model, *own, apart, e.verdict])
-    return header, rows, tuple(range(1, 2 + len(sizes)))
+        size = e.position or e.rotation
+        apart = [f"{e.closer:+.2g}", f"{e.low:+.2g} to {e.high:+.2g}"] if e.verdict else ["", ""]
+        rows.append([e.model, "" if size is None else number(size.rms), *apart, e.verdict])
+    return header, rows, (1, 2)

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from ppmcal.io.results.validation import (
+    ErrorSize,
     PredictedError,
     ValidatedDataset,
     ValidationRecord,
@@ -24,7 +25,6 @@ from ppmcal.report.records import OtherDays
 ROW, NAMES = 17.0, 170.0
 """Height of a line and room for names, points."""
 STYLES = {"better": "after", "worse": "out"}
-HEADS = ["machine", "error, rms", "95 % point", "largest", "unit", "better by", "95 %", ""]
 
 
 def validation_section(one: OtherDays) -> str:
@@ -38,8 +38,8 @@ def days(datasets: Sequence[ValidatedDataset]) -> str:
     out = figures([picture(d) for d in datasets])
     for data in datasets:
         out += paragraph(typeset(f"{model_sentence(data)} {effects_sentence(data)}".strip()))
-        out += table(typeset(registered_sentence(data)), HEADS,
-                     [row for e in data.errors for row in _rows(e)])
+        out += table(typeset(registered_sentence(data)), _heads(data),
+                     [_row(e) for e in data.errors]) if data.errors else ""
     return out
 
 
@@ -48,18 +48,24 @@ def lead(record: ValidationRecord) -> str:
     return typeset(" ".join(model_sentence(d) for d in record.datasets[:3]))
 
 
-def _rows(e: PredictedError) -> list[list[Cell]]:
-    """Return a line for position and one for rotation, as far as they were measured."""
-    out = []
-    for n, size in enumerate(s for s in (e.position, e.rotation) if s):
-        half = None if n or not e.verdict or e.low is None or e.high is None else (
-            f"{sig(e.low, 2)} to {sig(e.high, 2)}")
-        out.append([
-            words(e.model), amount(size.rms), amount(size.p95), amount(size.max),
-            words(size.unit), amount(e.closer, "" if half is None else sig(e.closer, 2)),
-            amount(e.low, half or ""), words("" if n else e.verdict,
-                                             "warn" if e.verdict == "worse" else "")])
-    return out
+def _heads(data: ValidatedDataset) -> list[str]:
+    """Return the heads of the columns, units among them."""
+    first = data.errors[0]
+    size = first.position or first.rotation
+    unit = "" if size is None else f", {size.unit}"
+    more = [f"rotation, {first.rotation.unit} rms"] if first.position and first.rotation else []
+    return ["machine", f"error{unit} rms", "95 % point", "largest", *more, "better by", "95 %", ""]
+
+
+def _row(e: PredictedError) -> list[Cell]:
+    """Return a machine's line."""
+    size = e.position or e.rotation or ErrorSize()
+    between = "" if not e.verdict or e.low is None or e.high is None else (
+        f"{sig(e.low, 2)} to {sig(e.high, 2)}")
+    more = [amount(e.rotation.rms)] if e.position and e.rotation else []
+    return [words(e.model), amount(size.rms), amount(size.p95), amount(size.max), *more,
+            amount(e.closer, sig(e.closer, 2) if e.verdict else ""), amount(e.low, between),
+            words(e.verdict, "warn" if e.verdict == "worse" else "")]
 
 
 def picture(data: ValidatedDataset) -> Drawing | None:

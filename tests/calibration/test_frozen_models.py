@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -61,7 +63,7 @@ def test_the_true_machine_misses_by_the_noise(truth, day):
 def test_each_effect_left_out_is_surely_worse(truth, day):
     (found,) = validated(with_and_without(truth), day)
     labels = [e.label for e in found.errors]
-    assert labels == ["model", "without backlash (1)", "without curvature (2)",
+    assert labels == ["model", "without backlash on leg1", "without curvature on leg2",
                       "without all effects"]
     assert [e.sure for e in found.errors] == [0, -1, -1, -1]
     assert all(e.interval[0] < e.closer < e.interval[1] < 0.0 for e in found.errors[1:])
@@ -102,8 +104,6 @@ def test_errors_agree_with_a_fit_of_the_frame_by_other_means(truth, day):
 
 
 def test_zeros_that_moved_between_days_are_demanded(truth, day):
-    from dataclasses import replace
-
     (data,) = day
     shifted = replace(data, q=data.q + np.array([3e-4, -2e-4, 4e-4]))
     (found,) = validated(with_and_without(truth), [shifted])
@@ -114,8 +114,6 @@ def test_zeros_that_moved_between_days_are_demanded(truth, day):
 
 
 def test_a_frame_is_demanded_where_the_file_holds_it_known(truth, day):
-    from dataclasses import replace
-
     (data,) = day
     known = replace(data, frame=replace(data.frame, fitted=False, value=np.zeros(6)),
                     target=replace(data.target, fitted=False, value=np.array([1e-3, 2e-3, 0.0])))
@@ -163,7 +161,7 @@ def test_the_face_judges_against_nominal_and_others(truth, stage, day, tmp_path)
     written = {p.name for p in result.save(tmp_path / "out")}
     assert {"validation.csv", "validation.json", "validation.svg"} <= written
     assert ValidationRecord.read(tmp_path / "out" / "validation.json") == result.record
-    assert "backlash (1) makes it smaller by" in effects_sentence(result.record.datasets[0])
+    assert "made smaller by backlash on leg1 (" in effects_sentence(result.record.datasets[0])
 
 
 def test_a_folder_is_as_good_as_its_model(stage, day, tmp_path):
@@ -190,8 +188,6 @@ def test_a_folder_without_a_model_is_refused(day, tmp_path):
 @pytest.mark.slow
 def test_diagnose_validates_each_session_from_the_others(stage):
     days = [ppmcal.simulate(stage, scenario(11 + i, EFFECTS)).data[0] for i in range(2)]
-    from dataclasses import replace
-
     days = [replace(d, name=f"day{i}") for i, d in enumerate(days)]
     result = ppmcal.diagnose(stage, days, draws=300)
     assert [d.name for d in result.record.validation] == ["day0", "day1"]
@@ -200,3 +196,12 @@ def test_diagnose_validates_each_session_from_the_others(stage):
         assert by["without all effects"].sure < 0 and by["nominal"].sure < 0
         assert found.errors[0].noise == pytest.approx(1.0, abs=0.2)
     assert result.record.confirmed is True
+
+
+def test_a_value_typed_wrong_counts_for_no_machine(truth, day):
+    (data,) = day
+    position = data.position.copy()
+    position[7, 0] *= 10.0
+    (found,) = validated(with_and_without(truth), [replace(data, position=position)])
+    assert found.rows == (79, 80)
+    assert found.errors[0].noise == pytest.approx(1.0, abs=0.1)

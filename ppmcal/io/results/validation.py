@@ -12,7 +12,7 @@ from ppmcal.units import Units
 from ppmcal.wording import number
 
 OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's rotation",
-          "homing": "a common shift of the joints' zeros"}
+          "homing": "the joints' zeros"}
 
 
 class ErrorSize(Part):
@@ -139,15 +139,16 @@ def model_sentence(data: ValidatedDataset) -> str:
 
 
 def effects_sentence(data: ValidatedDataset) -> str:
-    """Return what each effect is worth there, empty where there is none."""
-    parts = []
+    """Return what the effects are worth there, empty where there is none."""
+    parts: dict[str, list[str]] = {"worse": [], "better": [], "same": []}
     for e in data.errors:
         if e.model.startswith("without ") and e.closer is not None:
-            name, size = e.model.removeprefix("without "), f"{number(abs(e.closer), 2)} {e.unit}"
-            parts.append({"worse": f"{name} makes it smaller by {size}",
-                          "better": f"{name} makes it LARGER by {size}"}.get(
-                              e.verdict, f"{name} makes no sure difference"))
-    return f"There {_listed(parts)}." if parts else ""
+            size = "" if e.verdict == "same" else f" ({number(abs(e.closer), 2)} {e.unit})"
+            parts[e.verdict].append(e.model.removeprefix("without ") + size)
+    told = [f"{words} {_listed(names)}" for words, names in (
+        ("made smaller by", parts["worse"]), ("made LARGER by", parts["better"]),
+        ("no sure difference by", parts["same"])) if names]
+    return f"It is {'; '.join(told)}." if told else ""
 
 
 def _listed(names: Sequence[str]) -> str:

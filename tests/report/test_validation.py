@@ -1,0 +1,69 @@
+"""Validations in the report."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from helpers.commands import ppmcal as command
+
+from ppmcal.io.results.validation import (
+    ErrorSize,
+    PredictedError,
+    ValidatedDataset,
+    ValidationRecord,
+    effects_sentence,
+    registered_sentence,
+)
+from ppmcal.report.validation import picture
+
+
+def predicted(model, rms, closer=0.0, low=0.0, high=0.0, verdict=""):
+    return PredictedError(model=model, position=ErrorSize(rms=rms, p95=2 * rms, max=3 * rms,
+                                                          unit="mm"),
+                          closer=closer, low=low, high=high, unit="mm", verdict=verdict)
+
+
+@pytest.fixture
+def day():
+    return ValidatedDataset(name="may", source="may.csv", rows=40, of_rows=41,
+                            fitted=("frame", "homing"), demanded=("homing",), errors=(
+                                predicted("model", 0.02),
+                                predicted("without backlash", 0.05, -0.03, -0.04, -0.02, "worse"),
+                                predicted("nominal", 0.5, -0.48, -0.5, -0.4, "worse")))
+
+
+@pytest.fixture
+def folder(day, tmp_path):
+    out = tmp_path / "validated"
+    out.mkdir()
+    record = ValidationRecord(format=ValidationRecord.FORMAT, name="stage", datasets=(day,),
+                              findings=("look here",))
+    for name, text in record.files().items():
+        (out / name).write_text(text, encoding="utf-8")
+    return out
+
+
+def test_words(day):
+    assert registered_sentence(day) == ("may: 40 of 41 rows; fitted: the frame and the joints' "
+                                        "zeros (the joints' zeros since the data demand it).")
+    assert effects_sentence(day) == "It is made smaller by backlash (0.03 mm)."
+
+
+def test_the_picture_has_a_line_for_each_machine(day):
+    drawn = picture(day)
+    assert drawn is not None
+    svg = drawn.inline()
+    assert all(e.model in svg for e in day.errors)
+    assert picture(day.model_copy(update={"errors": day.errors[:1]})) is None
+
+
+def test_the_report_begins_with_it(folder, tmp_path):
+    done = command("report", folder, "--out", tmp_path / "rep")
+    assert done.code == 0, done.err
+    page = (tmp_path / "rep" / "report.html").read_text(encoding="utf-8")
+    assert "On other measurements" in page and "without backlash" in page
+    record = json.loads((tmp_path / "rep" / "report.json").read_text(encoding="utf-8"))
+    assert record["headline"] == ["may: the model misses by 0.02 mm rms."]
+    assert record["validations"][0]["validation"]["datasets"][0]["demanded"] == ["homing"]
+    assert {"where": str(folder), "what": "look here"} in record["attention"]
