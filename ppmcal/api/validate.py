@@ -85,10 +85,11 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
         BadInput: anything wrong in the files, another machine, or rows that it cannot predict.
     """
     mechanism = model.mechanism if isinstance(model, CalibratedMachine) else load(_file(model))
+    whole = mechanism
     mechanism, datasets = prepared(mechanism, data, "none")
     words = _words(register)
     progress("predicting with and without each effect")
-    others, odd = _others(mechanism, model, against)
+    others, odd = _others(whole, model, against)
     found = validated([*with_and_without(mechanism), *others], datasets, words, seed)
     inputs = [*mechanism.inputs, *(i for o in others for i in o.mechanism.inputs),
               *data_files(datasets)]

@@ -25,6 +25,8 @@ from ppmcal.model.mechanism import Effect, Mechanism
 
 OPEN = ("frame", "target", "rotation", "homing")
 """What a registration may fit, simplest first."""
+OPENED = {"position": ("frame", "target", "homing"), "plane": ("frame",), "distance": ()}
+"""What of it the data of an instrument can demand: of a flat its height and tilt say the rest."""
 DEMANDED = 1e-3
 """More than a file leaves open is fitted where chance would gain as much this rarely,"""
 WORTH = 0.05
@@ -196,8 +198,7 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset) -> tuple[str, ...]:
     It has to lower the error of every machine: what only one of them asks for is its own fault.
     """
     found: list[str] = []
-    possible = [w for w in OPEN if not _is_open(data, w) and (
-        w != "rotation" or data.kind == "pose") and data.kind not in ("plane", "distance")]
+    possible = [w for w in OPENED.get(data.kind, OPEN) if not _is_open(data, w)]
     now: dict[int, Fit] = {}
     while possible:
         gains = {}

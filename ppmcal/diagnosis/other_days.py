@@ -39,7 +39,11 @@ def other_days(final: Fit, options: FitOptions, seed: int) -> tuple[Validated, .
     machine = problem.mechanism.with_values(final.state.g)
     out: list[Validated] = []
     for rest, own in other_sessions(problem.datasets, final.keep):
-        days = [_on_its_own(d) for d in own if len(d) >= FEWEST]
+        # heights and distances of one campaign are no days: neither tells of the other alone
+        days = [_on_its_own(d) for d in own if len(d) >= FEWEST and any(
+            d.kind == r.kind for r in rest)]
+        if not days:
+            continue
         try:
             models = [FrozenModel(m.label, _fitted(m.mechanism, rest, options))
                       for m in with_and_without(machine)]

@@ -205,3 +205,21 @@ def test_a_value_typed_wrong_counts_for_no_machine(truth, day):
     (found,) = validated(with_and_without(truth), [replace(data, position=position)])
     assert found.rows == (79, 80)
     assert found.errors[0].noise == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_bed_that_lies_elsewhere_is_demanded(tmp_path):
+    """Touches of a flat whose height and tilt the file holds known."""
+    printer = ppmcal.load(ppmcal.shipped("delta-linear"))
+    rows = ppmcal.simulate(printer, {
+        "format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+        "poses": {"random": {"center": {"x": 0, "y": 0, "z": 1e3 * printer.home_pose[2]},
+                             "half_range": {"x": 60, "y": 60, "z": 0}, "count": 20}},
+        "instrument": {"kind": "plane", "sigma": {"height": 0.01}}, "frame": "known",
+        "seed": 4}).data[0]
+    assert rows.kind == "plane"
+    lower = replace(rows, value=rows.value - 5e-4)
+    (found,) = validated([FrozenModel("model", printer)], [lower])
+    assert found.demanded == ("frame",)
+    assert found.errors[0].noise == pytest.approx(1.0, abs=0.4)
+    (same,) = validated([FrozenModel("model", printer)], [rows])
+    assert same.demanded == ()
