@@ -48,6 +48,8 @@ CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 MM = 1e-3
 NOISE = {"printer": (0.01 * MM, 0.0), "hexapod": (0.02 * MM, 4e-5), "stage": (0.01 * MM, 2e-5)}
 BOX = {"hexapod": [0.25, 0.25, 0.2, 0.15, 0.15, 0.15], "stage": [0.08, 0.08, 0, 0, 0, 0.2]}
+TRAVEL = {"hexapod": 0.5, "stage": 0.2}
+"""Of a leg, m."""
 POSES = {"hexapod": 60, "stage": 40}
 CHANGES = {
     "printer": ("homing", "bed height", "bed tilt", "one rod"),
@@ -107,11 +109,9 @@ def places(kind: str, mechanism: Mechanism, rng: np.random.Generator) -> Array:
     return np.asarray(mechanism.home_pose + away)
 
 
-def waves(q: Array, size: float) -> Array:
+def waves(q: Array, size: float, travel: float) -> Array:
     """Return an error of the drives (N, k) that no model here knows: a wave over the travel."""
-    scale = np.ptp(q, axis=0)
-    phase = 2.0 * np.arange(q.shape[1])
-    return np.asarray(size * np.sin(9.0 * q / np.where(scale > 0.0, scale, 1.0) + phase))
+    return np.asarray(size * np.sin(9.0 * q / travel + 2.0 * np.arange(q.shape[1])))
 
 
 def measured(kind: str, mechanism: Mechanism, world: World, pose: Array,
@@ -130,7 +130,7 @@ def measured(kind: str, mechanism: Mechanism, world: World, pose: Array,
                        sigma_value=np.full(len(q), noise[0]))
     found = inverse(Model(mechanism), pose_motor(pose))
     q = found.q[found.reached]
-    true = q + world.homing + waves(q, world.waves)
+    true = q + world.homing + waves(q, world.waves, TRAVEL[kind])
     seen = measured_pose(world.registration, forward(model, true).pose)
     seen = seen + rng.normal(size=seen.shape) * np.repeat(noise, 3)
     if kind == "stage":

@@ -21,6 +21,8 @@ SAME = 0.2
 
 SURE = 4.0
 """Residuals are alike where chance would give a correlation of so many standard deviations."""
+MISSED = 5.0
+"""What the model misses may be this many times as large in its own columns as beside them."""
 LEAST_SHARE = 0.05
 """Residuals are noise by this part at least: the same rows in both tell nothing of it."""
 
@@ -32,7 +34,8 @@ class Noise:
     ``degrees``: of freedom that it was estimated from, inf where the stated ones hold; ``share``:
     the part of the residuals' size that is noise, the rest is alike in both; ``same``: whether the
     two measured the same poses; ``pairs``: rows of the old and the new (n,) that are one pose,
-    where both keep theirs as measured, and which may miss alike by ``alike`` times the noise.
+    where both keep theirs as measured; ``alike``: rows of the same poses may miss alike by so many
+    times the noise, 0: they do not.
     """
 
     old: float
@@ -41,7 +44,7 @@ class Noise:
     share: float
     same: bool
     pairs: tuple[Ints, Ints] | None = None
-    alike: float = 1.0
+    alike: float = 0.0
 
 
 def noise_between(old: Posterior, new: Posterior) -> Noise:
@@ -50,6 +53,9 @@ def noise_between(old: Posterior, new: Posterior) -> Noise:
     if one is None or two is None:
         return Noise(old.inflation, new.inflation, np.inf, 1.0, False)
     same, share = _paired(one.sights, two.sights)
+    if not same:
+        # neighbours are alike, but what is fitted to other poses is not
+        share = 1.0
     ratios, degrees = [], 0.0
     for session, posterior in ((one, old), (two, new)):
         ratio = share * session.noise
@@ -60,11 +66,14 @@ def noise_between(old: Posterior, new: Posterior) -> Noise:
         square = session.degrees * ratio**2
         chance = float(min(chdtr(session.degrees, square), chdtrc(session.degrees, square)))
         failed = chance < FAILED_NOISE
-        ratios.append(ratio if failed else 1.0)
+        # what does not come back at the same poses scatters with the poses
+        apart = max(1.0, session.spread / max(session.noise, 1e-300)) if share == 1.0 else 1.0
+        ratios.append(ratio * apart if failed else 1.0)
         degrees += session.degrees * failed
     pairs = _single_rows(one, two) if same and one.single and two.single else None
+    shared = pairs is not None or (same and share < 1.0)
     return Noise(ratios[0], ratios[1], degrees or np.inf, share, same, pairs,
-                 max(old.inflation, new.inflation))
+                 shared * MISSED * max(old.inflation, new.inflation, one.noise, two.noise))
 
 
 def _single_rows(old: SessionKnowledge, new: SessionKnowledge) -> tuple[Ints, Ints] | None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.calibration.common_misfit import Noise
-from ppmcal.calibration.posterior import BENT, Earlier, Posterior
+from ppmcal.calibration.posterior import BENT, SEEN, Earlier, Posterior
 from ppmcal.calibration.session_knowledge import SESSION
-from ppmcal.linalg import Array, range_basis
+from ppmcal.linalg import Array, range_basis, svd, without_range
 from ppmcal.model.mechanism import Mechanism
 
 FAR = 3.0
@@ -74,10 +74,11 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Nois
     right[:given.size] = given
     size = [len(b) for b in blocks]
     ours = slice(size[0], size[0] + size[1])
-    # what the new rows hold beyond all common columns
-    rest = np.zeros((right.size, size[1]))
-    rest[ours] = np.eye(size[1])
-    rest = rest - basis @ basis[ours].T
+    # what the new rows hold of their columns beyond all common ones
+    own = range_basis(here, least=SEEN)
+    rest = np.zeros((right.size, own.shape[1]))
+    rest[ours] = own
+    rest = without_range(rest, basis)
     seen = range_basis(rest, least=FORESEEN)
     return JointRows(seen.T @ (right - basis @ (basis.T @ right)), seen[ours].T @ here, scale,
                names, (_square(blocks[0][:, :free]), _square(here[:, :free]),
@@ -85,17 +86,24 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Nois
 
 
 def _with_common(blocks: list[Array], noise: Noise) -> Array:
-    """Return all rows, with a column for what each pair of rows misses alike."""
+    """Return all rows, with columns for what rows of the same poses miss alike.
+
+    Reduced rows have no pose: there it is what the same combination of columns would miss.
+    """
     matrix = np.concatenate(blocks)
-    if noise.pairs is None:
+    if not noise.alike:
         return matrix
-    first, second = noise.pairs
-    pairs = np.arange(first.size)
-    alike = np.zeros((len(matrix), first.size))
-    alike[first, pairs] = 1.0 / noise.old
-    alike[len(blocks[0]) + second, pairs] = 1.0 / noise.new
-    held = np.zeros((first.size, matrix.shape[1]))
-    return np.block([[matrix, alike], [held, np.eye(first.size) / noise.alike]])
+    if noise.pairs is not None:
+        sides = [np.zeros((len(b), noise.pairs[0].size)) for b in blocks[:2]]
+        for side, rows in zip(sides, noise.pairs, strict=True):
+            side[rows, np.arange(rows.size)] = 1.0
+    else:
+        sides = [u @ vt for u, _, vt in map(svd, blocks[:2])]
+    count = sides[0].shape[1]
+    alike = np.concatenate([sides[0] / noise.old, sides[1] / noise.new,
+                            np.zeros((len(blocks[2]), count))])
+    held = np.zeros((count, matrix.shape[1]))
+    return np.block([[matrix, alike], [held, np.eye(count) / noise.alike]])
 
 
 def _square(matrix: Array) -> Array:

@@ -78,9 +78,10 @@ class SessionKnowledge:
         matrix, right: (k, F + K), (k,), white by the stated noise.
         scale: natural units of the c (K,), SI.
         noise: what no column explains, over the stated noise.
+        spread: the same as estimates scatter by it, pose by pose.
         degrees: its degrees of freedom.
         sights: the same row by row, by data set.
-        single: the rows are the measured ones, in their order: too few to tell noise by.
+        single: the rows are the measured ones, in their order.
     """
 
     names: tuple[str, ...]
@@ -88,6 +89,7 @@ class SessionKnowledge:
     right: Array
     scale: Array
     noise: float
+    spread: float
     degrees: float
     sights: tuple[Sight, ...]
     single: bool = False

@@ -20,6 +20,7 @@ from ppmcal.calibration.problem import Problem, Rows
 from ppmcal.linalg import (
     Array,
     Bools,
+    Ints,
     column_lengths,
     range_basis,
     subsample,
@@ -34,8 +35,10 @@ SHAPES = ("bowl", "saddle", "twist")
 """Curvatures of a flat: x^2 + y^2, x^2 - y^2, 2 x y, each over the machine's reach."""
 SESSION = "session"
 """Homing is the whole session's: ``homing.<joint> of session``."""
-LEAST = 5.0
-"""Rows that leave fewer degrees of freedom are kept as they are."""
+LEAST, NUMBERS = 5.0, 5000
+"""Rows that leave fewer degrees of freedom, or are no more numbers, are kept as they are."""
+LEVERAGE = 0.05
+"""A row counts as if the fit had left it this part of its own error at least."""
 MOST = 600
 """Rows of which the rest is kept, evenly spread."""
 
@@ -62,12 +65,11 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
     u, s, vt = svd(triangle / length)
     seen = s > ROUND_OFF * s.max(initial=1e-300)
     explained = u[:, seen].T @ right
-    step = vt[seen].T @ (explained / s[seen]) / length
     scale, known = np.concatenate([fit.scale[:free], columns.scale]), free + len(columns.names)
     degrees = float(count - int(seen.sum()))
-    few = degrees < LEAST and fit.problem.earlier is None
+    few = fit.problem.earlier is None and (degrees < LEAST or count * known <= NUMBERS)
     if few:
-        # so few rows that they stay as measured: another session's can be laid beside each
+        # so few that they stay as measured: another session's rows can be laid beside them
         block = np.concatenate([b[rows.observed] for rows, b in
                                 _blocks(fit, problem, columns, fit.keep)])
         nuisance = range_basis(unit_columns(block[:, known:-1]), ROUND_OFF)
@@ -77,9 +79,10 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
         matrix, reduced = of_data(triangle, right, known, scale)
     left = max(float(right @ right) - float(explained @ explained), 0.0)
     noise = float(np.sqrt(left / degrees)) if degrees > 0 else 1.0
-    return SessionKnowledge(columns.names, matrix, reduced, columns.scale,
-                            noise if degrees > 0 else 1.0, degrees,
-                            tuple(_sights(fit, problem, columns, step)), few)
+    basis = vt[seen].T / s[seen] / length[:, None]
+    sights, spread = _sights(fit, problem, columns, basis, basis @ explained)
+    return SessionKnowledge(columns.names, matrix, reduced, columns.scale, noise,
+                            float(np.sqrt(spread)) if degrees > 0 else 1.0, degrees, sights, few)
 
 
 def _opened(problem: Problem) -> Problem:
@@ -172,24 +175,60 @@ def _shapes(rows: Rows, reach: float) -> list[Array]:
     return [v[:, None] / reach for v in (x**2 + y**2, x**2 - y**2, 2.0 * x * y)]
 
 
-def _sights(fit: Fit, problem: Problem, columns: _Columns, step: Array) -> Iterator[Sight]:
-    """Yield what is left of some rows, data set by data set, in base axes."""
-    motion = problem.mechanism.motion
+def _sights(fit: Fit, problem: Problem, columns: _Columns, basis: Array, step: Array
+            ) -> tuple[tuple[Sight, ...], float]:
+    """Return what is left of some rows in base axes, and its spread in the columns' space.
+
+    Args:
+        fit: the fit.
+        problem: with everything open.
+        columns: of the blocks.
+        basis: (C, r): white rows (n, C) times it are rows of an orthonormal basis.
+        step: by which all columns explain the residual best (C,).
+
+    What the model misses is alike in all coordinates of a pose, and in poses measured again, so
+    that estimates scatter more than its size says: by the sum over poses of their scores' squares
+    (sandwich; rows' own leverage corrected after Bell and McCaffrey 2002).
+    """
     found: list[list[tuple[Array, Array]]] = [[] for _ in problem.datasets]
-    for rows, block in _blocks(fit, problem, columns, subsample(fit.keep, MOST)):
+    some = subsample(fit.keep, MOST)
+    square = 0.0
+    for rows, block in _blocks(fit, problem, columns, some):
         data = problem.datasets[rows.dataset]
-        rest = block[..., -1] - block[..., :-1] @ step
-        raw = np.where(rows.observed, np.linalg.solve(rows.whitener, rest[..., None])[..., 0], 0.0)
-        if data.kind not in SCALARS:
-            six = np.zeros((len(raw), 6))
-            six[:, list(coordinates(data, motion))] = raw
-            turn = cga.rotation_matrix(fit.state.registrations[rows.dataset].frame)
-            six = (six.reshape(-1, 2, 3) @ turn).reshape(-1, 6)
-            raw = six[:, list(coordinates(data, motion))]
-        found[rows.dataset].append((data.q[rows.index], raw))
+        rest = np.where(rows.observed, block[..., -1] - block[..., :-1] @ step, 0.0)
+        square += _scores(block[..., :-1] @ basis, rest, data.groups[rows.index])
+        found[rows.dataset].append((data.q[rows.index], _raw(fit, rows, data, rest)))
+    share = sum(int(k.sum()) for k in some) / max(1, sum(int(k.sum()) for k in fit.keep))
+    sights = []
     for data, parts in zip(problem.datasets, found, strict=True):
         if parts:
             turns = 0 if data.kind in SCALARS else sum(
-                c >= 3 for c in coordinates(data, motion))
-            yield Sight(data.name, data.kind, np.concatenate([q for q, _ in parts]),
-                        np.concatenate([r for _, r in parts]), turns)
+                c >= 3 for c in coordinates(data, problem.mechanism.motion))
+            sights.append(Sight(data.name, data.kind, np.concatenate([q for q, _ in parts]),
+                                np.concatenate([r for _, r in parts]), turns))
+    return tuple(sights), square / (share * max(1, basis.shape[1]))
+
+
+def _scores(rows: Array, rest: Array, groups: Ints) -> float:
+    """Return the sum of squares of scores by pose, of an orthonormal basis' rows (n, m, r)."""
+    size, turn = np.linalg.eigh(rows @ np.swapaxes(rows, -1, -2))
+    part = np.sqrt(np.maximum(1.0 - size, LEVERAGE))
+    own = (turn @ ((np.swapaxes(turn, -1, -2) @ rest[..., None])[..., 0] / part)[..., None])
+    score = (np.swapaxes(rows, -1, -2) @ own)[..., 0]
+    _, label = np.unique(groups, return_inverse=True)
+    total = np.zeros((label.max() + 1, score.shape[1]))
+    np.add.at(total, label, score)
+    return float(np.sum(total**2))
+
+
+def _raw(fit: Fit, rows: Rows, data: Dataset, rest: Array) -> Array:
+    """Return white residuals (n, m) in m and rad, base axes."""
+    motion = fit.problem.mechanism.motion
+    raw = np.where(rows.observed, np.linalg.solve(rows.whitener, rest[..., None])[..., 0], 0.0)
+    if data.kind in SCALARS:
+        return raw
+    six = np.zeros((len(raw), 6))
+    six[:, list(coordinates(data, motion))] = raw
+    turn = cga.rotation_matrix(fit.state.registrations[rows.dataset].frame)
+    return np.asarray((six.reshape(-1, 2, 3) @ turn).reshape(-1, 6)[:, list(
+        coordinates(data, motion))])

@@ -206,8 +206,8 @@ class SessionInformation(Part):
     """What the data say of parameters and of what was held known, file units.
 
     ``names`` of the latter; |matrix [s, c] - right|^2, white by the stated noise; ``noise`` (over
-    the stated one, of so many ``degrees``) and ``rows``: what is left; ``single``: the rows of
-    the matrix are the measured ones.
+    the stated one, of so many ``degrees``; ``spread`` as estimates scatter by it) and ``rows``:
+    what is left; ``single``: the rows of the matrix are the measured ones.
     """
 
     names: tuple[Text, ...] = ()
@@ -215,6 +215,7 @@ class SessionInformation(Part):
     right: Numbers = ()
     unit_of_columns: Numbers = ()
     noise: Finite | None = None
+    spread: Finite | None = None
     degrees: Finite | None = None
     single: Flag = False
     rows: tuple[SessionRows, ...] = ()
@@ -226,7 +227,7 @@ class SessionInformation(Part):
         f = np.array([column_factor(mechanism, n) for n in (*parameters, *s.names)])
         return cls(names=s.names, matrix=tuple(map(numbers, s.matrix * f)), right=numbers(s.right),
                    unit_of_columns=numbers(s.scale / f[len(parameters):]), noise=s.noise,
-                   degrees=s.degrees, single=s.single,
+                   spread=s.spread, degrees=s.degrees, single=s.single,
                    rows=tuple(SessionRows.of(d, mechanism) for d in s.sights))
 
 

@@ -236,7 +236,8 @@ def _session(entry: SessionInformation | None, mechanism: Mechanism, parameters:
     """Return what the data say beyond the parameters, SI; None in files of older versions."""
     if entry is None:
         return None
-    _part(entry, "names", "matrix", "right", "unit_of_columns", "noise", "degrees")
+    _part(entry, "names", "matrix", "right", "unit_of_columns", "noise", "spread",
+          "degrees")
     known = [f"homing.{a} of {SESSION}" for a in mechanism.actuators]
     if any(n.startswith("homing.") and n not in known for n in entry.names):
         raise _Incomplete
@@ -244,10 +245,10 @@ def _session(entry: SessionInformation | None, mechanism: Mechanism, parameters:
     right = _finite(entry.right, len(entry.right))
     matrix = _matrix(entry.matrix, right.size, len(parameters) + len(entry.names))
     scale = _finite(entry.unit_of_columns, len(entry.names)) * factor[len(parameters):]
-    noise, degrees = entry.noise or 0.0, entry.degrees or 0.0
-    if np.isnan(matrix).any() or np.any(scale <= 0.0) or not noise >= 0.0:
+    noise, spread, degrees = (v or 0.0 for v in (entry.noise, entry.spread, entry.degrees))
+    if np.isnan(matrix).any() or np.any(scale <= 0.0) or min(noise, spread) < 0.0:
         raise _Incomplete
-    return SessionKnowledge(entry.names, matrix / factor, right, scale, noise, degrees,
+    return SessionKnowledge(entry.names, matrix / factor, right, scale, noise, spread, degrees,
                             tuple(_sight(r, mechanism) for r in entry.rows), entry.single)
 
 
