@@ -2,13 +2,13 @@
 
     python benchmarks/compare_study.py [--pairs 60] [--none 60] [--seed 1]
 
-Machines: a delta printer that touches its bed, a hexapod under a tracker, a planar stage. Everything
-is read as it is set up in practice: frame, target and body are stated as known, homing as shared.
-Between the two sessions nothing changes, or the machine is homed anew, the bed is moved, one rod or
-leg is exchanged, the instrument is moved, the measured body is defined anew. Half of the pairs have
-something in both sessions that the model does not know (waves of a bed, of drives), of thrice the
-noise; half of the hexapods and stages are measured at the same poses again. Right: what changed is
-named first, or as likely as the first.
+Machines: a delta printer that touches its bed, a hexapod under a tracker, a planar stage, set up as
+in practice: frame, target and body are stated as known, homing as shared. Between the two sessions
+nothing changes, or the machine is homed anew, the bed is moved, one rod or leg is exchanged, the
+instrument is moved, the measured body is defined anew. Half of the pairs have something in both
+sessions that the model does not know (waves of a bed, of drives), of thrice the noise; half of the
+hexapods and stages are measured at the same poses again. Right: what changed is named first, or as
+likely as the first.
 """
 
 from __future__ import annotations

@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtr
 
-from ppmcal.calibration.common_misfit import Noise, noise_between
+from ppmcal.calibration.common_misfit import DifferenceNoise, noise_between
 from ppmcal.calibration.explanations import (
     CHANGED,
     VISIBLE,
     Explanation,
-    Found,
+    TakenExplanation,
     best_of,
     explanations,
 )
@@ -86,7 +86,7 @@ class Comparison:
     p_value: float
     changes: tuple[Change, ...]
     p_left: float
-    noise: Noise
+    noise: DifferenceNoise
     pose_difference: PoseDifference | None
 
     @property
@@ -173,7 +173,7 @@ def _step(mechanism: Mechanism, place: int, now: float, step: float) -> float:
     return now - mechanism.parameters[place].stepped(now, -step) if step else 0.0
 
 
-def _in_units(mechanism: Mechanism, found: Found, place: Mapping[str, int], scale: Array,
+def _in_units(mechanism: Mechanism, found: TakenExplanation, place: Mapping[str, int], scale: Array,
               new: Posterior) -> Change:
     """Return a change, found in natural units, in SI."""
     parts = []

@@ -28,7 +28,7 @@ LEAST_SHARE = 0.05
 
 
 @dataclass(frozen=True)
-class Noise:
+class DifferenceNoise:
     """Noise of two sessions over their stated ones, as the difference of the two has it.
 
     ``degrees``: of freedom that it was estimated from, inf where the stated ones hold; ``share``:
@@ -47,11 +47,11 @@ class Noise:
     alike: float = 0.0
 
 
-def noise_between(old: Posterior, new: Posterior) -> Noise:
+def noise_between(old: Posterior, new: Posterior) -> DifferenceNoise:
     """Return the noise of two calibrations' data without what both miss alike."""
     one, two = old.session, new.session
     if one is None or two is None:
-        return Noise(old.inflation, new.inflation, np.inf, 1.0, False)
+        return DifferenceNoise(old.inflation, new.inflation, np.inf, 1.0, False)
     same, share = _paired(one.sights, two.sights)
     if not same:
         # neighbours are alike, but what is fitted to other poses is not
@@ -71,8 +71,8 @@ def noise_between(old: Posterior, new: Posterior) -> Noise:
         ratios.append(ratio * apart if failed else 1.0)
         degrees += session.degrees * failed
     pairs = _single_rows(one, two) if same and one.single and two.single else None
-    shared = pairs is not None or (same and share < 1.0)
-    return Noise(ratios[0], ratios[1], degrees or np.inf, share, same, pairs,
+    shared = same and (share < 1.0 or min(one.degrees, two.degrees) < LEAST)
+    return DifferenceNoise(ratios[0], ratios[1], degrees or np.inf, share, same, pairs,
                  shared * MISSED * max(old.inflation, new.inflation, one.noise, two.noise))
 
 

@@ -29,6 +29,8 @@ WHOLE = 0.2
 PARALLEL = 1.0 - 1e-6
 RARE = 0.1
 """Odds of a change of dimensions against one of homing or of where the instrument stands."""
+MANY = 0.03
+"""Odds of all joints homed anew, each by its own amount: where it is so, it is plain to see."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ class Explanation:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class TakenExplanation:
     """An explanation that is taken: values and covariance of its numbers in natural units.
 
     ``p_value``: how often noise would ask for one as much, among all; ``instead``: names of those
@@ -115,7 +117,7 @@ def _homing(mechanism: Mechanism, session: Sequence[str]) -> list[Explanation]:
             out.append(Explanation("homing of all joints alike", (dict.fromkeys(own, 1.0),),
                                    ("all joints",), 1.0))
         out.append(Explanation("homing of every joint", tuple({n: 1.0} for n in own),
-                               tuple(names), 1.0))
+                               tuple(names), MANY))
     return out
 
 
@@ -150,7 +152,8 @@ def _instrument(own: Sequence[str], where: str) -> list[Explanation]:
 
 
 def best_of(candidates: Sequence[Explanation], columns: Sequence[Array], misfit: Array,
-            rows: float, chance: Callable[[float, int], float]) -> tuple[list[Found], Array]:
+            rows: float, chance: Callable[[float, int], float]
+            ) -> tuple[list[TakenExplanation], Array]:
     """Return the likeliest explanations of a misfit, and what they leave of it (d,).
 
     The likeliest is added until none is needed; what is not needed any more is dropped.
@@ -183,9 +186,9 @@ def best_of(candidates: Sequence[Explanation], columns: Sequence[Array], misfit:
                 and trial.rank[i] and trial.score[i] > trial.score[c] - AS_GOOD]
         rest, left = without(columns[c], misfit, [columns[o] for o in others])
         inverse = np.linalg.pinv(rest, rcond=1e-9)
-        found.append(Found(candidates[c], inverse @ left, inverse @ inverse.T, min(1.0, float(
-            chance(trial.gain[c], trial.rank[c]) * len(candidates))),
-            tuple(candidates[i].name for i in tied)))
+        p_value = min(1.0, chance(trial.gain[c], trial.rank[c]) * len(candidates))
+        found.append(TakenExplanation(candidates[c], inverse @ left, inverse @ inverse.T, p_value,
+                                      tuple(candidates[i].name for i in tied)))
     return found, without(columns[0][:, :0], misfit, [columns[c] for c in chosen])[1]
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ppmcal.calibration.common_misfit import Noise
+from ppmcal.calibration.common_misfit import DifferenceNoise
 from ppmcal.calibration.posterior import BENT, SEEN, Earlier, Posterior
 from ppmcal.calibration.session_knowledge import SESSION
-from ppmcal.linalg import Array, range_basis, svd, without_range
+from ppmcal.linalg import Array, column_lengths, range_basis, svd, without_range
 from ppmcal.model.mechanism import Mechanism
 
 FAR = 3.0
@@ -47,7 +47,8 @@ class JointRows:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)) * self.scale[:len(prior)])
 
 
-def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Noise) -> JointRows:
+def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: DifferenceNoise
+               ) -> JointRows:
     """Return what the new data say beyond the old ones and the tolerances."""
     (first, one), (second, two), names, natural = _with_candidates(old, new)
     free = len(new.places)
@@ -81,11 +82,11 @@ def joint_rows(mechanism: Mechanism, old: Posterior, new: Posterior, noise: Nois
     rest = without_range(rest, basis)
     seen = range_basis(rest, least=FORESEEN)
     return JointRows(seen.T @ (right - basis @ (basis.T @ right)), seen[ours].T @ here, scale,
-               names, (_square(blocks[0][:, :free]), _square(here[:, :free]),
-                       np.diag(weight**2)))
+                     names, (_square(blocks[0][:, :free]), _square(here[:, :free]),
+                             np.diag(weight**2)))
 
 
-def _with_common(blocks: list[Array], noise: Noise) -> Array:
+def _with_common(blocks: list[Array], noise: DifferenceNoise) -> Array:
     """Return all rows, with columns for what rows of the same poses miss alike.
 
     Reduced rows have no pose: there it is what the same combination of columns would miss.
@@ -93,14 +94,19 @@ def _with_common(blocks: list[Array], noise: Noise) -> Array:
     matrix = np.concatenate(blocks)
     if not noise.alike:
         return matrix
+    old, new = blocks[:2]
+    # the same miss in rows that are white by another stated noise is as much larger as they are
     if noise.pairs is not None:
-        sides = [np.zeros((len(b), noise.pairs[0].size)) for b in blocks[:2]]
-        for side, rows in zip(sides, noise.pairs, strict=True):
-            side[rows, np.arange(rows.size)] = 1.0
+        first, second = noise.pairs
+        sides = [np.zeros((len(b), first.size)) for b in (old, new)]
+        sides[0][first, np.arange(first.size)] = 1.0
+        sides[1][second, np.arange(first.size)] = (
+            column_lengths(new[second].T) / column_lengths(old[first].T))
     else:
-        sides = [u @ vt for u, _, vt in map(svd, blocks[:2])]
+        sides = [u @ vt for u, _, vt in map(svd, (old, new))]
+        sides[1] *= np.linalg.norm(new) / np.linalg.norm(old)
     count = sides[0].shape[1]
-    alike = np.concatenate([sides[0] / noise.old, sides[1] / noise.new,
+    alike = np.concatenate([sides[0] / noise.old, sides[1] / noise.old,
                             np.zeros((len(blocks[2]), count))])
     held = np.zeros((count, matrix.shape[1]))
     return np.block([[matrix, alike], [held, np.eye(count) / noise.alike]])

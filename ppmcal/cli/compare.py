@@ -19,7 +19,7 @@ from ppmcal.cli.common import (
 from ppmcal.wording import number
 
 if TYPE_CHECKING:
-    from ppmcal.io.results.comparison import ComparisonRecord
+    from ppmcal.io.results.comparison import ComparisonRecord, ParameterDifference
 
 PATH = click.Path(path_type=Path)
 SHOWN = 12
@@ -51,6 +51,13 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     leave(result.comparison.changed or bool(result.findings))
 
 
+def _status(row: ParameterDifference) -> str:
+    """Return what the named changes say of a parameter."""
+    if row.status == "changed":
+        return f"changed {row.explained:+.3g}" if row.explained else row.status
+    return "" if row.status == "unchanged" else row.status
+
+
 def _show(record: ComparisonRecord, console: Console) -> None:
     """Print what a person wants to know."""
     if not console.speaks:
@@ -72,11 +79,10 @@ def _show(record: ComparisonRecord, console: Console) -> None:
             console.say(sentence)
     rows = sorted(record.parameters, key=lambda r: r.p_alone or 0.0)
     console.table(plain_table(
-        ["parameter", "new", "new - old", "+- 95 %", "explained", "unit", ""],
+        ["parameter", "new", "new - old", "+- 95 %", "unit", ""],
         [[r.name, number(r.new, 6), f"{r.difference:+.3g}",
-          number(1.96 * (r.sigma or 0.0), 2), f"{r.explained:+.3g}" if r.explained else "",
-          r.unit, "" if r.status == "unchanged" else r.status] for r in rows[:SHOWN]],
-        (1, 2, 3, 4)))
+          number(1.96 * (r.sigma or 0.0), 2), r.unit, _status(r)] for r in rows[:SHOWN]],
+        (1, 2, 3)))
     if len(rows) > SHOWN:
         console.say(f"The {SHOWN} likeliest to have changed; all {len(rows)} in compare.csv.")
     if moved := platform_sentence(record):

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ppmcal.calibration.change_detection import Change, ChangePart, Comparison
-from ppmcal.calibration.common_misfit import Noise
+from ppmcal.calibration.common_misfit import DifferenceNoise
 from ppmcal.calibration.pose_difference import PoseDifference
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
@@ -88,9 +90,9 @@ class NamedChange(Part):
 
 
 class NoiseOfDifference(Part):
-    """Noise of the old and the new data over the stated ones; ``alike``: what both miss alike.
+    """Noise of the old and the new data over the stated ones, bare.
 
-    Bare; the latter is the part of the residuals' square that comes back at the same poses.
+    ``alike``: which part of the residuals' square comes back at the same poses, bare too.
     """
 
     old: Finite | None = None
@@ -99,7 +101,7 @@ class NoiseOfDifference(Part):
     same_poses: Flag = False
 
     @classmethod
-    def of(cls, n: Noise) -> NoiseOfDifference:
+    def of(cls, n: DifferenceNoise) -> NoiseOfDifference:
         """Return the entry."""
         return cls(old=n.old, new=n.new, alike=1.0 - n.share**2, same_poses=n.same)
 
@@ -214,12 +216,13 @@ def apart_sentence(r: ComparisonRecord) -> str:
     if not r.changes:
         return ""
     odd = [p for p in r.parameters if p.difference is not None and p.sigma
-           and abs(p.difference - (p.explained or 0.0)) > FITS_DIFFER * p.sigma]
+           and (abs(p.difference - (p.explained or 0.0)) > FITS_DIFFER * p.sigma
+                or abs(p.difference - (p.explained or 0.0)) > 0.5 * abs(p.explained or np.inf))]
     if not odd:
         return ""
     names = ", ".join(p.name for p in odd[:SHOWN]) + (" ..." if len(odd) > SHOWN else "")
-    return (f"In the two fits, each by itself, the change is spread over others: they differ "
-            f"otherwise in {names}; the column 'explained' is what all data say together.")
+    return (f"Each fit by itself shares the change out among parameters that act alike: the two "
+            f"differ otherwise in {names}. What changed is what all data say together.")
 
 
 def noise_sentence(r: ComparisonRecord) -> str:

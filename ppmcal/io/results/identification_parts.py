@@ -178,7 +178,10 @@ class DataInformation(Part):
 
 
 class SessionRows(Part):
-    """Rows of a data set: joint values, and by coordinate what no column explains, base axes."""
+    """Rows of a data set: joint values, and by coordinate what no column explains, base axes.
+
+    File units; ``rotations``, how many of the coordinates are rotations, is bare.
+    """
 
     name: Text = ""
     kind: Text = ""
