@@ -29,8 +29,10 @@ WHOLE = 0.2
 PARALLEL = 1.0 - 1e-6
 RARE = 0.1
 """Odds of a change of dimensions against one of homing or of where the instrument stands."""
-MANY = 0.03
-"""Odds of all joints homed anew, each by its own amount: where it is so, it is plain to see."""
+MANY = 0.1
+"""Odds of what takes many numbers: where it is so, it is plain to see."""
+UNTOLD = 1.0
+"""Explanations that take off chi-squared alike, to so much, are not told apart by the data."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,20 +128,22 @@ def _instrument(own: Sequence[str], where: str) -> list[Explanation]:
     by = {n.partition(" of ")[0]: n for n in own}
     out = []
 
-    def take(label: str, parts: Sequence[str], odds: float, least: int = 1) -> None:
+    def take(label: str, parts: Sequence[str], odds: float, least: int = 1, sign: float = 1.0
+             ) -> None:
         there = [p for p in parts if p in by]
         if len(there) >= least:
-            out.append(Explanation(label + where, tuple({by[p]: 1.0} for p in there),
+            out.append(Explanation(label + where, tuple({by[p]: sign} for p in there),
                                    tuple(p.rpartition(".")[2] for p in there), odds))
 
     shift, turn = (tuple(f"frame.{c}" for c in cs) for cs in (("x", "y", "z"), ("rx", "ry", "rz")))
     spin = tuple(f"target_rotation.{c}" for c in ("rx", "ry", "rz"))
     point = tuple(f"target.{c}" for c in "xyz")
     if f"shape.{SHAPES[0]}" in by:
-        take("height of the bed", ("frame.z",), 1.0)
-        take("tilt of the bed", turn, 0.5, 2)
-        take("height and tilt of the bed", ("frame.z", *turn), 1.0, 3)
-        take("shape of the bed", tuple(f"shape.{s}" for s in SHAPES), RARE)
+        # the frame is the machine's in the bed's; the bed moves the other way
+        take("height of the bed", ("frame.z",), 1.0, 1, -1.0)
+        take("tilt of the bed", turn, 0.5, 2, -1.0)
+        take("height and tilt of the bed", ("frame.z", *turn), 0.3, 3, -1.0)
+        take("shape of the bed", tuple(f"shape.{s}" for s in SHAPES), RARE, 3, -1.0)
     else:
         take("instrument shifted", shift, 0.5, 2)
         take("instrument moved", (*shift, *turn), 1.0, 3)
@@ -182,8 +186,8 @@ def best_of(candidates: Sequence[Explanation], columns: Sequence[Array], misfit:
     for c in chosen:
         others = [o for o in chosen if o != c]
         trial = _Trial.of(columns, misfit, others, candidates, rows)
-        tied = [int(i) for i in np.argsort(-trial.score, kind="stable") if i not in chosen
-                and trial.rank[i] and trial.score[i] > trial.score[c] - AS_GOOD]
+        tied = [i for i in np.argsort(-trial.score, kind="stable").tolist()
+                if i not in chosen and trial.tied(i, c)]
         rest, left = without(columns[c], misfit, [columns[o] for o in others])
         inverse = np.linalg.pinv(rest, rcond=1e-9)
         p_value = min(1.0, chance(trial.gain[c], trial.rank[c]) * len(candidates))
@@ -235,6 +239,13 @@ class _Trial:
         odds = np.array([c.odds for c in candidates])
         cost = np.array(rank) * np.log(max(rows, FEWEST))
         return cls(gain, rank, gain - cost + 2.0 * np.log(odds))
+
+    def tied(self, one: int, other: int) -> bool:
+        """Whether an explanation is as likely as another, or the data do not tell the two apart."""
+        near = bool(self.score[one] > self.score[other] - AS_GOOD)
+        same = self.rank[one] == self.rank[other] and bool(
+            abs(self.gain[one] - self.gain[other]) < UNTOLD)
+        return self.rank[one] > 0 and (near or same)
 
 
 def without(columns: Array, misfit: Array, taken: Sequence[Array]) -> tuple[Array, Array]:

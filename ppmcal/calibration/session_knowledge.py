@@ -188,7 +188,7 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, basis: Array, step: A
 
     What the model misses is alike in all coordinates of a pose, and in poses measured again, so
     that estimates scatter more than its size says: by the sum over poses of their scores' squares
-    (sandwich; rows' own leverage corrected after Bell and McCaffrey 2002).
+    (sandwich), each as if the pose had been left out (jackknife; MacKinnon and White 1985).
     """
     found: list[list[tuple[Array, Array]]] = [[] for _ in problem.datasets]
     some = subsample(fit.keep, MOST)
@@ -212,7 +212,7 @@ def _sights(fit: Fit, problem: Problem, columns: _Columns, basis: Array, step: A
 def _scores(rows: Array, rest: Array, groups: Ints) -> float:
     """Return the sum of squares of scores by pose, of an orthonormal basis' rows (n, m, r)."""
     size, turn = np.linalg.eigh(rows @ np.swapaxes(rows, -1, -2))
-    part = np.sqrt(np.maximum(1.0 - size, LEVERAGE))
+    part = np.maximum(1.0 - size, LEVERAGE)
     own = (turn @ ((np.swapaxes(turn, -1, -2) @ rest[..., None])[..., 0] / part)[..., None])
     score = (np.swapaxes(rows, -1, -2) @ own)[..., 0]
     _, label = np.unique(groups, return_inverse=True)
