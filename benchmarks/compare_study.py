@@ -1,14 +1,14 @@
 """Pairs of calibrations with a known change between them: what does `compare` say?
 
-    python benchmarks/compare_study.py [--pairs 60] [--none 60] [--seed 1]
+    python benchmarks/compare_study.py [--pairs 60] [--none 60] [--size 1] [--seed 1]
 
-Machines: a delta printer that touches its bed, a hexapod under a tracker, a planar stage, set up as
-in practice: frame, target and body are stated as known, homing as shared. Between the two sessions
-nothing changes, or the machine is homed anew, the bed is moved, one rod or leg is exchanged, the
-instrument is moved, the measured body is defined anew. Half of the pairs have something in both
-sessions that the model does not know (waves of a bed, of drives), of thrice the noise; half of the
-hexapods and stages are measured at the same poses again. Right: what changed is named first, or as
-likely as the first.
+Machines: a delta printer that touches its bed in 37 places, one that does so in 7 and frees six
+parameters, a hexapod under a tracker, a planar stage; set up as in practice: frame, target and body
+are stated as known, homing as shared. Between the two sessions nothing changes, or the machine is
+homed anew, the bed is moved, one rod or leg is exchanged, the instrument is moved, the measured
+body is defined anew. Half of the pairs have something in both sessions that the model does not know
+(waves of a bed, of drives), of thrice the noise; half of the hexapods and stages are measured at
+the same poses again. Right: what changed is named first, or as likely as the first.
 """
 
 from __future__ import annotations
@@ -46,13 +46,16 @@ from ppmcal.model.registration import Registration
 Array = NDArray[np.float64]
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 MM = 1e-3
-NOISE = {"printer": (0.01 * MM, 0.0), "hexapod": (0.02 * MM, 4e-5), "stage": (0.01 * MM, 2e-5)}
+NOISE = {"printer": (0.01 * MM, 0.0), "7 touches": (0.01 * MM, 0.0),
+         "hexapod": (0.02 * MM, 4e-5), "stage": (0.01 * MM, 2e-5)}
 BOX = {"hexapod": [0.25, 0.25, 0.2, 0.15, 0.15, 0.15], "stage": [0.08, 0.08, 0, 0, 0, 0.2]}
 TRAVEL = {"hexapod": 0.5, "stage": 0.2}
 """Of a leg, m."""
+PRINTERS = ("printer", "7 touches")
 POSES = {"hexapod": 60, "stage": 40}
 CHANGES = {
     "printer": ("homing", "bed height", "bed tilt", "one rod"),
+    "7 touches": ("homing", "bed height", "bed tilt"),
     "hexapod": ("homing", "one leg", "instrument", "body"),
     "stage": ("homing", "one leg", "instrument", "body")}
 ACCEPTED = {
@@ -74,11 +77,11 @@ class World:
     waves: float
 
 
-def printer() -> Mechanism:
-    """Return a delta printer, rods free within 0.3 mm, towers' angles and endstops too."""
+def printer(rods: str) -> Mechanism:
+    """Return a delta printer; ``rods``: ``single``, free within 0.3 mm, or ``fixed``."""
     geometry = {"radius": 135.0, "arms": [300.0] * 3, "angles": [210.0, 330.0, 90.0],
                 "endstops": [330.0] * 3, "stepdists": [0.0125] * 3}
-    tree = yaml.safe_load(mechanism_text(geometry, "single"))
+    tree = yaml.safe_load(mechanism_text(geometry, rods))
     tree["tolerances"] = {"point": 0.5, "angle": 0.3, "length": 0.3, "offset": 0.5}
     path = Path(os.environ.get("TMPDIR", "/tmp")) / f"compare-study-{os.getpid()}.yaml"
     path.write_text(yaml.safe_dump(tree), encoding="utf-8")
@@ -98,8 +101,9 @@ def drawn(mechanism: Mechanism, rng: np.random.Generator) -> Array:
 
 def places(kind: str, mechanism: Mechanism, rng: np.random.Generator) -> Array:
     """Return poses (N, 6) to visit; of a printer its pattern of 37 points."""
-    if kind == "printer":
-        rings = [(0.0, 1), (35.0, 6), (70.0, 12), (105.0, 18)]
+    if kind in PRINTERS:
+        rings = [(0.0, 1), (100.0, 6)] if kind == "7 touches" else [
+            (0.0, 1), (35.0, 6), (70.0, 12), (105.0, 18)]
         spots = [(r * np.cos(a), r * np.sin(a)) for r, n in rings
                  for a in 2.0 * np.pi * np.arange(n) / n]
         pose = np.zeros((len(spots), 6))
@@ -119,7 +123,7 @@ def measured(kind: str, mechanism: Mechanism, world: World, pose: Array,
     """Measure a session: joint values as read, and what the instrument shows."""
     noise = NOISE[kind]
     model = Model(mechanism, world.g)
-    if kind == "printer":
+    if kind in PRINTERS:
         pose = pose + np.array([1, 1, 0, 0, 0, 0]) * rng.uniform(-1.0, 1.0, pose.shape) * MM
         x, y = pose[:, 0], pose[:, 1]
         pose[:, 2] = (world.bed[0] + world.bed[1] * y - world.bed[2] * x
@@ -138,16 +142,16 @@ def measured(kind: str, mechanism: Mechanism, world: World, pose: Array,
     return Dataset.of_poses("poses", q, seen, noise, False)
 
 
-def changed(kind: str, what: str, mechanism: Mechanism, old: World, rng: np.random.Generator
-            ) -> tuple[World, tuple[str, ...]]:
+def changed(kind: str, what: str, mechanism: Mechanism, old: World, rng: np.random.Generator,
+            part: float = 1.0) -> tuple[World, tuple[str, ...]]:
     """Return the second session's world, and the names that are right."""
     def size(low: float, high: float, count: int = 1) -> Array:
-        return np.asarray(rng.uniform(low, high, count) * rng.choice([-1.0, 1.0], count))
+        return np.asarray(part * rng.uniform(low, high, count) * rng.choice([-1.0, 1.0], count))
 
     joints = len(mechanism.actuators)
     one = int(rng.integers(joints))
     if what == "homing":
-        unit = 1.0 / 0.0125 if kind == "printer" else MM  # steps, or SI
+        unit = 1.0 / 0.0125 if kind in PRINTERS else MM  # steps, or SI
         shift = (np.full(joints, size(0.1, 0.3)[0]) if kind == "printer"
                  else size(0.1, 0.3, joints))
         return replace(old, homing=old.homing + unit * shift), ACCEPTED[what]
@@ -178,12 +182,13 @@ def known(mechanism: Mechanism, data: Dataset, label: str) -> Posterior:
 
 
 def pair(kind: str, what: str, mechanism: Mechanism, unmodelled: bool, again: bool,
-         rng: np.random.Generator) -> tuple[Comparison, tuple[str, ...]]:
+         rng: np.random.Generator, part: float) -> tuple[Comparison, tuple[str, ...]]:
     """Return the comparison of two sessions, and the right names."""
     noise = NOISE[kind][0]
     old = World(drawn(mechanism, rng), np.zeros(len(mechanism.actuators)), Registration(),
                 np.zeros(3), 3.0 * noise * unmodelled)
-    new, right = (old, ()) if what == "none" else changed(kind, what, mechanism, old, rng)
+    new, right = (old, ()) if what == "none" else changed(kind, what, mechanism, old, rng,
+                                                              part)
     first = places(kind, mechanism, rng)
     second = first if again else places(kind, mechanism, rng)
     one, two = (known(mechanism, measured(kind, mechanism, w, p, rng), label)
@@ -215,20 +220,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=int, default=60, help="with a change")
     parser.add_argument("--none", type=int, default=60, help="without any")
+    parser.add_argument("--size", type=float, default=1.0, help="of the changes, as a factor")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--quiet", action="store_true")
     given = parser.parse_args()
-    machines = {"printer": printer(), "hexapod": read_mechanism(CONFIGS / "6-UPS.yaml"),
+    machines = {"printer": printer("single"), "7 touches": printer("fixed"),
+                "hexapod": read_mechanism(CONFIGS / "6-UPS.yaml"),
                 "stage": read_mechanism(CONFIGS / "3-RPR.yaml")}
     begun, rows, chi2 = time.time(), [], []
     for n in range(given.pairs + given.none):
         rng = np.random.default_rng([given.seed, n])
-        kind = list(machines)[n % 3]
-        turn = n // 3
+        kind = list(machines)[n % len(machines)]
+        turn = n // len(machines)
         what = "none" if n >= given.pairs else CHANGES[kind][turn % len(CHANGES[kind])]
         unmodelled, again = (bool(b) for b in rng.integers(2, size=2))
-        again |= kind == "printer"
-        found, right = pair(kind, what, machines[kind], unmodelled, again, rng)
+        again |= kind in PRINTERS
+        found, right = pair(kind, what, machines[kind], unmodelled, again, rng, given.size)
         first = [c.name for c in found.changes[:1]]
         tied = {n for c in found.changes[:1] for n in c.instead}
         good = not found.changed if what == "none" else bool(
@@ -239,7 +246,7 @@ def main() -> None:
         if not given.quiet and not good:
             names = "; ".join(c.name + (f" (or {', '.join(c.instead[:3])})" if c.instead else "")
                               for c in found.changes)
-            print(f"{n:4d} {kind:8s}{what:11s}{'unmodelled ' if unmodelled else ''}"
+            print(f"{n:4d} {kind:10s}{what:11s}{'unmodelled ' if unmodelled else ''}"
                   f"{'same poses ' if again else ''}chi2 {found.chi2:.3g} of {found.freedom}, "
                   f"noise {found.noise.old:.2f}, {found.noise.new:.2f}, share "
                   f"{found.noise.share:.2f}: {names or 'nothing named'}")
@@ -259,7 +266,7 @@ def main() -> None:
             for a in (True, False):
                 mine = [c[3] for c in chi2 if c[:3] == (kind, u, a)]
                 if mine:
-                    print(f"{kind:8s} {'unmodelled' if u else '':11s}"
+                    print(f"{kind:9s} {'unmodelled' if u else '':11s}"
                           f"{'same poses' if a else 'other poses':12s} {len(mine):3d}  "
                           f"{np.mean(mine):.2f}")
     print(f"{time.time() - begun:.0f} s")

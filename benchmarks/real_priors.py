@@ -36,6 +36,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.calibration.validation import fresh_state, register_only, residuals
 from ppmcal.io import read_campaign, read_mechanism
+from ppmcal.io.results.units import column_factor, column_unit
 from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
@@ -223,9 +224,8 @@ def repeated(folder: Path) -> None:
 def _shown(change: Change, mechanism: Mechanism) -> str:
     words = []
     for part in change.parts:
-        quantity = (mechanism.parameters[mechanism.names.index(part.column)].quantity
-                    if part.column in mechanism.names else "length")
-        f, unit = (1e-3, "mm") if quantity == "length" else (np.pi / 180.0, "deg")
+        f = column_factor(mechanism, part.column)
+        unit = column_unit(mechanism, part.column) or "steps"
         words.append(f"{part.value / f:+.3f} +- {1.96 * part.sigma / f:.3f} {unit}")
     instead = f" (or {', '.join(change.instead[:3])})" if change.instead else ""
     return f"{change.name} {' '.join(words)}{instead}"
