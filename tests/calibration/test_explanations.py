@@ -145,6 +145,35 @@ def test_an_instrument_that_moved_is_no_change_of_legs() -> None:
     assert by["rz"].value == pytest.approx(6e-4, abs=4.0 * by["rz"].sigma)
 
 
+def test_rods_that_all_grow_and_a_scale(tmp_path: Path) -> None:
+    """All lengths by one amount are one number; so is the scale of distances."""
+    mechanism, rng = printer(tmp_path, ratio=-0.0125), np.random.default_rng(11)
+    g = drawn(mechanism, rng)
+    h = g.copy()
+    h[[i for i, n in enumerate(mechanism.names) if n.endswith(".length")]] += 3e-4
+    angle = 2.0 * np.pi * np.arange(40) / 40
+    pose = np.zeros((40, 6))
+    pose[:, :3] = 0.09 * np.stack([np.cos(angle), np.sin(angle), np.sin(3.0 * angle) + 1.0]).T
+
+    def positions(values: Array) -> Dataset:
+        q = inverse(Model(mechanism, values), pose_motor(pose)).q
+        data = Dataset.of_poses("a", q, pose + 1e-5 * rng.normal(size=pose.shape), (1e-5, 1e-5),
+                                False)
+        return replace(data, kind="position", rotation=np.full((len(q), 3), np.nan))
+
+    found = compared(mechanism, positions(g), positions(h))
+    assert "length of all limbs alike" in tied(found)
+    grown = [e for n, e in zip(found.names, found.explained, strict=True) if n.endswith("length")]
+    if found.changes[0].name == "length of all limbs alike":
+        assert grown == pytest.approx([3e-4] * 3, abs=4.0 * found.changes[0].parts[0].sigma)
+    one = positions(g)
+    two = positions(g)
+    found = compared(mechanism, one, replace(two, position=1.001 * two.position))
+    assert found.changes[0].name == "scale of the measurements"
+    assert found.changes[0].parts[0].value == pytest.approx(
+        1e-3, abs=4.0 * found.changes[0].parts[0].sigma)
+
+
 @pytest.mark.slow
 def test_a_body_defined_anew_is_no_change_of_legs() -> None:
     mechanism, rng = machine("6-UPS"), np.random.default_rng(7)

@@ -142,6 +142,19 @@ def test_many_parameters_are_thinned_and_changed_ones_kept(tmp_path: Path) -> No
     assert bold(parsed(drawing)) == ["p0"] and "Nothing by itself explains it." in text
 
 
+def test_a_change_of_several_numbers_has_a_row_each(tmp_path: Path) -> None:
+    parts = [{"name": n, "value": 0.3, "sigma": 0.01, "unit": "mm"} for n in "xy"]
+    (tmp_path / "comparison.json").write_text(json.dumps({
+        "verdict": "changed", "noise": {"old": 2.0, "new": 2.1, "alike": 0.0},
+        "changes": [{"name": "instrument shifted", "parts": parts, "instead": ["target"],
+                     "p_value": 0.0}]}))
+    html, text = page(tmp_path)
+    rows = cells(html, "The likeliest changes")[1:]
+    assert [r[0] for r in rows] == ["instrument shifted: x", "instrument shifted: y"]
+    assert [r[5] for r in rows] == ["target", ""] and "± 0.020" in rows[0][2]
+    assert "Noise is taken as 2.1 times the stated one" in text
+
+
 def test_csv_alone_is_enough(folders: Path, tmp_path: Path) -> None:
     shutil.copy(folders / "cmp" / "compare.csv", tmp_path)
     html, _ = page(tmp_path)
