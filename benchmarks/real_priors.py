@@ -36,6 +36,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import report
 from ppmcal.calibration.validation import fresh_state, register_only, residuals
 from ppmcal.io import read_campaign, read_mechanism
+from ppmcal.io.results.units import column_factor, column_unit
 from ppmcal.linalg import finite_rows
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
@@ -215,14 +216,19 @@ def repeated(folder: Path) -> None:
             found, _ = between(mechanism, *(posterior_of(f, {str(n): "heights"})
                                             for n, f in enumerate(noisy)), {},
                                np.random.default_rng(0))
-            names = ", ".join(f"{c.name} {_shown(c, mechanism)}" for c in found.changes)
-            print(f"{one['id']:18s} -> {two['id'][:3]}  p = {found.p_value:8.2g}  {names}")
+            names = "; ".join(_shown(c, mechanism) for c in found.changes)
+            print(f"{one['id']:18s} -> {two['id'][:3]}  chi2 {found.chi2:8.3g} of "
+                  f"{found.freedom:2d}, p = {found.p_value:8.2g}  {names}")
 
 
 def _shown(change: Change, mechanism: Mechanism) -> str:
-    quantity = mechanism.parameters[mechanism.names.index(change.name)].quantity
-    f, unit = (1e-3, "mm") if quantity == "length" else (np.pi / 180.0, "deg")
-    return f"{change.value / f:+.3f} +- {1.96 * change.sigma / f:.3f} {unit}"
+    words = []
+    for part in change.parts:
+        f = column_factor(mechanism, part.column)
+        unit = column_unit(mechanism, part.column) or "steps"
+        words.append(f"{part.value / f:+.3f} +- {1.96 * part.sigma / f:.3f} {unit}")
+    instead = f" (or {', '.join(change.instead[:3])})" if change.instead else ""
+    return f"{change.name} {' '.join(words)}{instead}"
 
 
 def rostock_event(path: Path) -> dict[str, Any]:

@@ -1,45 +1,60 @@
 """Two calibrations of one machine: what has changed, and what only looks so.
 
-With the data of the old one as rows |R s - r|^2 (:mod:`posterior`) and the new posterior
-N(s, C), the rows' misfit e = r - R s has covariance I + R C R^T if nothing changed: one
-chi-squared for all parameters together, whatever they trade among each other. A change d of
-parameter j shows as -R (1 - C P) d in e, P being the prior's weight that the new fit holds it
-back with; the smallest set of such changes that explains e is named.
+The data of both as rows of one linear problem: parameters, their tolerances, and what both took
+for known (:mod:`session_knowledge`) are common columns, so that what is off alike in both is no
+change. What is left of the new rows, in the directions that the old ones and the tolerances
+predict, has covariance 1 if nothing changed: one chi-squared for everything together, whatever
+parameters trade among each other. The likeliest explanations of it are named
+(:mod:`explanations`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc, ndtr
+from scipy.special import chdtrc, fdtrc, ndtr
 
+from ppmcal.calibration.common_misfit import DifferenceNoise, noise_between
+from ppmcal.calibration.explanations import (
+    CHANGED,
+    VISIBLE,
+    Explanation,
+    TakenExplanation,
+    best_of,
+    explanations,
+)
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
+from ppmcal.calibration.joint_rows import joint_rows
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.pose_difference import PoseDifference, pose_difference
-from ppmcal.calibration.posterior import BENT, Earlier, Posterior, of_data
+from ppmcal.calibration.posterior import Earlier, Posterior, of_data
+from ppmcal.calibration.session_knowledge import session_knowledge
 from ppmcal.errors import BadInput
-from ppmcal.linalg import Array, range_basis
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
-CHANGED = 0.01
-"""A change is named where chance would show one this rarely among all parameters."""
-AS_GOOD = 4.0
-"""Another parameter explains a change as well if chi-squared is higher by less than this."""
-VISIBLE = 1e-3
-"""A change counts as seen where one tolerance of it makes so many standard deviations."""
 POSES = 400
 
 
 @dataclass(frozen=True)
-class Change:
-    """One parameter that changed, by ``value`` with ``sigma``, SI; ``instead``: or these."""
+class ChangePart:
+    """One number of a change, ``value`` +- ``sigma``, SI; ``column``: a parameter or candidate."""
 
     name: str
+    column: str
     value: float
     sigma: float
+
+
+@dataclass(frozen=True)
+class Change:
+    """Something that changed; ``instead``: or these, which explain it as well."""
+
+    name: str
+    parts: tuple[ChangePart, ...]
     p_value: float
     instead: tuple[str, ...]
 
@@ -53,9 +68,11 @@ class Comparison:
         old, new: their values (F,).
         sigma: of the differences that noise and tolerances alone make (F,).
         alone: how often noise would ask as much for a change of this one alone (F,).
+        explained: how much of each is changed by what is named (F,).
         chi2, freedom, p_value: of all together if nothing had changed.
-        changes: the fewest that explain it; ``p_left``: of what they do not explain.
-        moved: what it means at the platform, None where no pose was had.
+        changes: the likeliest that explain it; ``p_left``: of what they do not explain.
+        noise: of the differences, over the stated ones.
+        pose_difference: what it means at the platform, None where no pose was had.
     """
 
     names: tuple[str, ...]
@@ -63,11 +80,13 @@ class Comparison:
     new: Array
     sigma: Array
     alone: Array
+    explained: Array
     chi2: float
     freedom: int
     p_value: float
     changes: tuple[Change, ...]
     p_left: float
+    noise: DifferenceNoise
     pose_difference: PoseDifference | None
 
     @property
@@ -99,79 +118,77 @@ def between(mechanism: Mechanism, old: Posterior, new: Posterior,
     if only:
         notes.append(f"free in only one of the two, and taken as it is in the newer: "
                      f"{', '.join(sorted(only))}")
-    # a parameter that only the older had free is known exactly now
-    value = mechanism.values[list(old.places)]
-    covariance, unseen = new.covariance()
-    at = [new.places.index(p) for p in common]
-    here = [old.places.index(p) for p in common]
-    value[here] = new.value[at]
-    now = Now(value, np.zeros((value.size, value.size)), np.zeros((value.size, unseen.shape[1])),
-              np.full(value.size, np.inf), old.scale)
-    now.covariance[np.ix_(here, here)] = covariance[np.ix_(at, at)]
-    now.unseen[here] = unseen[at]
-    now.tolerance[here] = new.tolerance[at]
+    found = _compared(mechanism, old, new, common)
     poses = np.stack([rng.uniform(*volume.get(c, (0.0, 0.0)), POSES) for c in POSE_COORDINATES],
                      axis=-1)
     # a machine of fewer actuators than coordinates does not reach poses drawn at random
-    reached = mechanism.equations == len(mechanism.actuators)
-    return compare(mechanism, old.data(), now, poses if reached else None), notes
+    if mechanism.equations == len(mechanism.actuators):
+        value = mechanism.values[list(old.places)]
+        value[[old.places.index(p) for p in common]] = found.new
+        found = replace(found, pose_difference=pose_difference(
+            mechanism, Earlier(old.places, old.matrix, old.right, old.value), value, poses))
+    return found, notes
 
 
-@dataclass(frozen=True, eq=False)
-class Now:
-    """What the new calibration says of the old one's parameters, SI.
+def _compared(mechanism: Mechanism, old: Posterior, new: Posterior, common: list[int]
+              ) -> Comparison:
+    noise = noise_between(old, new)
+    rows = joint_rows(mechanism, old, new, noise)
+    names, scale = [mechanism.names[p] for p in common], rows.scale
+    candidates = explanations(mechanism, names, rows.candidates)
+    place = {n: c for c, n in enumerate([*(mechanism.names[p] for p in new.places),
+                                         *rows.candidates])}
 
-    ``value`` (F,), ``covariance`` (F, F) within what is seen, directions ``unseen`` (F, d) by
-    data and prior, ``tolerance`` (F,) of the prior, natural units ``scale`` (F,).
-    """
+    def block(e: Explanation) -> Array:
+        # columns of one number move by the same amount, whatever their natural units
+        return np.stack([sum((w * scale[place[next(iter(part))]] / scale[place[n]]
+                              * rows.columns[:, place[n]] for n, w in part.items()),
+                             np.zeros(rows.misfit.size)) for part in e.columns], axis=1)
 
-    value: Array
-    covariance: Array
-    unseen: Array
-    tolerance: Array
-    scale: Array
+    def chance(square: float, freedom: int) -> float:
+        return _chance(square, freedom, noise.degrees)
 
-
-def compare(mechanism: Mechanism, old: Earlier, new: Now, volume: Array | None = None
-            ) -> Comparison:
-    """Return what changed between two calibrations.
-
-    Args:
-        mechanism: the machine, parameters as the new one has them.
-        old: what the old data knew.
-        new: what the new calibration says of the same parameters.
-        volume: poses (N, 6) at which the two are compared, base frame.
-    """
-    names = [mechanism.parameters[p].name for p in old.places]
-    g = mechanism.values.copy()
-    g[list(old.places)] = new.value
-    rows, slope = old.rows(mechanism, old.places, g)
-    inverse = np.where(np.isfinite(new.tolerance), 1.0 / new.tolerance**2, 0.0)
-    covariance = np.eye(rows.size) + slope @ new.covariance @ slope.T
-    white = np.linalg.inv(np.linalg.cholesky(covariance))
-    blind = range_basis(white @ slope @ new.unseen, least=BENT)
-    misfit = white @ rows
-    columns = -white @ (slope - slope @ new.covariance * inverse) * new.scale
-    misfit, columns = (v - blind @ (blind.T @ v) for v in (misfit, columns))
-    freedom = rows.size - blind.shape[1]
-    found, left = _changes(names, columns, misfit, freedom)
-    changes = tuple(_in_units(mechanism, old, new, c) for c in found)
-    chi2 = float(misfit @ misfit)
+    count = rows.misfit.size + (0.0 if new.session is None else new.session.degrees)
+    found, left = best_of(candidates, [block(e) for e in candidates], rows.misfit, count, chance)
+    here = [new.places.index(p) for p in common]
+    value, explained = new.value[here], np.zeros(len(common))
+    for f in found:
+        for part, step in zip(f.explanation.columns, f.value.tolist(), strict=True):
+            step *= scale[place[next(iter(part))]]
+            explained += [step * part.get(n, 0.0) for n in names]
+    size, chi2 = rows.misfit.size, float(rows.misfit @ rows.misfit)
+    used = sum(f.value.size for f in found)
     return Comparison(
-        tuple(names), old.value, np.asarray(new.value),
-        _difference(old, new.covariance, inverse, slope, new.scale), _alone(columns, misfit),
-        chi2, freedom, _chance(chi2, freedom), changes,
-        _chance(float(left @ left), freedom - len(changes)),
-        None if volume is None else pose_difference(mechanism, old, new.value, volume))
+        tuple(names), old.value[[old.places.index(p) for p in common]], value,
+        rows.difference()[here], _alone(rows.columns[:, here], rows.misfit),
+        np.array([_step(mechanism, p, v, s) for p, v, s in zip(
+            common, value.tolist(), explained.tolist(), strict=True)]),
+        chi2, size, chance(chi2, size), tuple(
+            _in_units(mechanism, f, place, scale, new) for f in found),
+        chance(float(left @ left), size - used), noise, None)
 
 
-def _in_units(mechanism: Mechanism, old: Earlier, new: Now, change: Change) -> Change:
-    """Return a change, found in natural units, in SI; of reciprocals through their steps."""
-    c = next(i for i, p in enumerate(old.places) if mechanism.names[p] == change.name)
-    step, now = change.value * float(new.scale[c]), float(new.value[c])
-    value = now - mechanism.parameters[old.places[c]].stepped(now, -step)
-    sigma = change.sigma * float(new.scale[c]) * (value / step if step else 1.0)
-    return replace(change, value=value, sigma=sigma)
+def _step(mechanism: Mechanism, place: int, now: float, step: float) -> float:
+    """Return a change of a parameter up to ``now``, SI, of a step; reciprocals have others."""
+    return now - mechanism.parameters[place].stepped(now, -step) if step else 0.0
+
+
+def _in_units(mechanism: Mechanism, found: TakenExplanation, place: Mapping[str, int], scale: Array,
+              new: Posterior) -> Change:
+    """Return a change, found in natural units, in SI."""
+    parts = []
+    for i, (name, column) in enumerate(zip(found.explanation.parts, found.explanation.columns,
+                                           strict=True)):
+        first = next(iter(column))
+        at = place[first]
+        step = float(found.value[i] * scale[at])
+        sigma = float(np.sqrt(found.covariance[i, i])) * float(scale[at])
+        value = step
+        if at < len(new.places):
+            value = _step(mechanism, new.places[at], float(new.value[at]), step)
+            sigma *= value / step if step else 1.0
+        parts.append(ChangePart(name, first, value, sigma))
+    return Change(found.explanation.name, tuple(parts), found.p_value, found.instead)
 
 
 def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior:
@@ -182,7 +199,7 @@ def posterior_of(fit: Fit, inputs: Mapping[str, str] | None = None) -> Posterior
     with np.errstate(divide="ignore"):
         tolerance = 1.0 / fit.prior[:count]
     return Posterior(fit.problem.free, fit.state.g[free], matrix * fit.noise, right * fit.noise,
-                     tolerance, scale, fit.noise, inputs or {}, "")
+                     tolerance, scale, fit.noise, inputs or {}, "", session_knowledge(fit))
 
 
 def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
@@ -197,25 +214,17 @@ def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
     found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
     if not found.changed:
         return []
-    names = ", ".join(c.name for c in found.changes) or "no single parameter explains it"
+    names = ", ".join(c.name for c in found.changes) or "nothing by itself explains it"
     return [f"the machine has changed since the calibration in {before.source} (p = "
             f"{found.p_value:.2g}; {names}): the two do not belong in one fit, see ppmcal compare"]
 
 
-def _chance(chi2: float, freedom: int) -> float:
-    return float(chdtrc(freedom, chi2)) if freedom > 0 else 1.0
-
-
-def _difference(old: Earlier, covariance: Array, inverse: Array, slope: Array, scale: Array
-                ) -> Array:
-    """Return the standard deviation of new minus old values if nothing changed (F,).
-
-    Of two posteriors C1, C2 with the same prior P: C1 + C2 - C1 P C2 - C2 P C1.
-    """
-    information = (slope.T @ slope + np.diag(inverse)) * np.outer(scale, scale)
-    first = np.linalg.pinv(information, rcond=1e-14, hermitian=True) * np.outer(scale, scale)
-    both = first + covariance - (first * inverse) @ covariance - (covariance * inverse) @ first
-    return np.asarray(np.sqrt(np.maximum(np.diagonal(both), 0.0)))
+def _chance(square: float, freedom: int, degrees: float) -> float:
+    """Return how often noise makes as large a sum of squares; ``degrees``: that it is known by."""
+    if freedom <= 0:
+        return 1.0
+    return float(chdtrc(freedom, square) if np.isinf(degrees)
+                 else fdtrc(freedom, degrees, square / freedom))
 
 
 def _alone(columns: Array, misfit: Array) -> Array:
@@ -224,48 +233,3 @@ def _alone(columns: Array, misfit: Array) -> Array:
     seen = length > VISIBLE
     z = np.where(seen, columns.T @ misfit / np.where(seen, length, 1.0), 0.0)
     return np.asarray(2.0 * ndtr(-np.abs(z)))
-
-
-def _changes(names: Sequence[str], columns: Array, misfit: Array, freedom: int
-             ) -> tuple[list[Change], Array]:
-    """Add the change that explains most until none is needed; drop what is not needed any more."""
-    chosen: list[int] = []
-    while len(chosen) < freedom - 1:
-        rest, left = _without(columns, misfit, chosen)
-        alone = _alone(rest, left)
-        best = int(np.argmin(np.where(np.isin(np.arange(alone.size), chosen), 1.0, alone)))
-        if alone[best] * alone.size > CHANGED:
-            break
-        chosen.append(best)
-    for j in list(chosen):
-        rest, left = _without(columns, misfit, [c for c in chosen if c != j])
-        if len(names) * float(_alone(rest[:, [j]], left)[0]) > CHANGED:
-            chosen.remove(j)
-    out = []
-    for j in chosen:
-        rest, left = _without(columns, misfit, [c for c in chosen if c != j])
-        square = float(rest[:, j] @ rest[:, j])
-        gain = _gains(rest, left)
-        rivals = tuple(names[k] for k in np.argsort(-gain, kind="stable")
-                       if k not in chosen and gain[k] > gain[j] - AS_GOOD)
-        out.append(Change(names[j], float(rest[:, j] @ left) / square, float(square**-0.5),
-                          len(names) * float(_alone(rest[:, [j]], left)[0]), rivals))
-    return out, _without(columns, misfit, chosen)[1]
-
-
-def _gains(columns: Array, misfit: Array) -> Array:
-    """Return by how much each column alone lowers chi-squared (F,)."""
-    square = np.sum(columns**2, axis=0)
-    seen = square > VISIBLE**2
-    return np.asarray(np.where(seen, (columns.T @ misfit) ** 2 / np.where(seen, square, 1.0), 0.0))
-
-
-def _without(columns: Array, misfit: Array, chosen: Sequence[int]) -> tuple[Array, Array]:
-    """Return columns and misfit with what the chosen columns explain taken out."""
-    if not chosen:
-        return columns, misfit
-    q = np.linalg.qr(columns[:, list(chosen)])[0]
-    rest = columns - q @ (q.T @ columns)
-    length = np.linalg.norm(columns, axis=0)
-    gone = np.linalg.norm(rest, axis=0) < 1e-6 * np.maximum(length, 1e-300)
-    return np.where(gone, 0.0, rest), misfit - q @ (q.T @ misfit)

@@ -55,6 +55,47 @@ class Earlier:
 
 
 @dataclass(frozen=True, eq=False)
+class Sight:
+    """What no column explains of a data set's rows, SI.
+
+    ``q`` (n, k) joint values, unit of q; ``rest`` (n, m) by measured coordinate, in base axes, 0
+    where not measured; ``rotations``: how many of the m, the last ones, are rotations.
+    """
+
+    name: str
+    kind: str
+    q: Array
+    rest: Array
+    rotations: int
+
+
+@dataclass(frozen=True, eq=False)
+class SessionKnowledge:
+    """Rows |matrix [s, c] - right|^2 of steps s of the parameters and c of what was held known.
+
+    Attributes:
+        names: of the c (K,): ``frame.x of NAME``, ``homing.a of session``, ``scale of NAME`` ...
+        matrix, right: (k, F + K), (k,), white by the stated noise.
+        scale: natural units of the c (K,), SI.
+        noise: what no column explains, over the stated noise.
+        spread: the same as estimates scatter by it, pose by pose.
+        degrees: its degrees of freedom.
+        sights: the same row by row, by data set.
+        single: the rows are the measured ones, in their order.
+    """
+
+    names: tuple[str, ...]
+    matrix: Array
+    right: Array
+    scale: Array
+    noise: float
+    spread: float
+    degrees: float
+    sights: tuple[Sight, ...]
+    single: bool = False
+
+
+@dataclass(frozen=True, eq=False)
 class Posterior:
     """What an identification ended with, SI.
 
@@ -69,6 +110,7 @@ class Posterior:
             stand as they are.
         inputs: content hash -> name of the measurement tables behind it.
         source: the file.
+        session: what the data say beyond its parameters; None where a file does not hold it.
     """
 
     places: tuple[int, ...]
@@ -80,6 +122,7 @@ class Posterior:
     inflation: float
     inputs: Mapping[str, str]
     source: str
+    session: SessionKnowledge | None = None
 
     def data(self) -> Earlier:
         """Return the data's part, without the prior."""

@@ -19,7 +19,7 @@ from ppmcal.cli.common import (
 from ppmcal.wording import number
 
 if TYPE_CHECKING:
-    from ppmcal.io.results.comparison import ComparisonRecord
+    from ppmcal.io.results.comparison import ComparisonRecord, ParameterDifference
 
 PATH = click.Path(path_type=Path)
 SHOWN = 12
@@ -35,8 +35,9 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     """Tell what changed between two calibrations OLD and NEW of one machine.
 
     Both are folders that identify wrote (or the identified.yaml in them), from different
-    measurements. All parameters are judged together, with the covariance of both calibrations;
-    the fewest that explain a change are named. Writes compare.csv and comparison.json.
+    measurements. All parameters are judged together, with what was taken for known: homing, where
+    bed, instrument and measured body were. The likeliest explanations of a change are named, and
+    those that are as likely. Writes compare.csv and comparison.json.
     """
     from ppmcal.api.compare import compare
 
@@ -50,11 +51,21 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     leave(result.comparison.changed or bool(result.findings))
 
 
+def _status(row: ParameterDifference) -> str:
+    """Return what the named changes say of a parameter."""
+    if row.status == "changed":
+        return f"changed {row.explained:+.3g}" if row.explained else row.status
+    return "" if row.status == "unchanged" else row.status
+
+
 def _show(record: ComparisonRecord, console: Console) -> None:
     """Print what a person wants to know."""
     if not console.speaks:
         return
     from ppmcal.io.results.comparison import (
+        apart_sentence,
+        change_sentence,
+        noise_sentence,
         platform_sentence,
         remainder_sentence,
         verdict_sentence,
@@ -62,17 +73,15 @@ def _show(record: ComparisonRecord, console: Console) -> None:
 
     console.say(verdict_sentence(record))
     for c in record.changes:
-        instead = f"; it could as well be {', '.join(c.instead[:4])}" if c.instead else ""
-        console.say(f"{c.name} changed by {c.value:+.4g} +- {1.96 * (c.sigma or 0.0):.2g} "
-                    f"{c.unit} (95 %){instead}.")
-    if left := remainder_sentence(record):
-        console.say(left)
+        console.say(change_sentence(c))
+    for sentence in (remainder_sentence(record), apart_sentence(record), noise_sentence(record)):
+        if sentence:
+            console.say(sentence)
     rows = sorted(record.parameters, key=lambda r: r.p_alone or 0.0)
     console.table(plain_table(
         ["parameter", "new", "new - old", "+- 95 %", "unit", ""],
         [[r.name, number(r.new, 6), f"{r.difference:+.3g}",
-          number(1.96 * (r.sigma or 0.0), 2), r.unit,
-          "" if r.status == "unchanged" else r.status] for r in rows[:SHOWN]],
+          number(1.96 * (r.sigma or 0.0), 2), r.unit, _status(r)] for r in rows[:SHOWN]],
         (1, 2, 3)))
     if len(rows) > SHOWN:
         console.say(f"The {SHOWN} likeliest to have changed; all {len(rows)} in compare.csv.")

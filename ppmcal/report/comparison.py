@@ -10,6 +10,8 @@ import numpy as np
 from ppmcal.io.results.comparison import (
     ComparisonRecord,
     ParameterDifference,
+    apart_sentence,
+    noise_sentence,
     platform_sentence,
     remainder_sentence,
     verdict_sentence,
@@ -48,27 +50,30 @@ def attention(r: ComparisonRecord) -> list[str]:
         return []
     names = [c.name or "?" for c in r.changes]
     return ["the machine has changed between the two calibrations: "
-            + (listed(names) if names else "no single parameter explains it")]
+            + (listed(names) if names else "nothing by itself explains it")]
 
 
 def _changes(r: ComparisonRecord) -> str:
     """Return the changes that are named, and whether they explain all of it."""
     rows = []
     for c in r.changes:
-        wide = None if c.sigma is None else Z95 * c.sigma
-        rows.append([dotted(c.name), amount(c.value, to_sigma(c.value, c.sigma)),
-                     amount(wide, f"± {sig(wide, 2)}"), words(c.unit),
-                     amount(c.p_value, probability(c.p_value) or "–"),
-                     words(listed(c.instead) or "nothing else", "wrap")])
-    return table("The fewest parameters that explain the change",
-                 ["parameter", "changed by", "95 %", "unit", "chance of noise alone",
-                  "it could as well be"], rows) + paragraph(typeset(remainder_sentence(r)))
+        for i, n in enumerate(c.numbers):
+            wide = None if n.sigma is None else Z95 * n.sigma
+            name = f"{c.name}: {n.name}" if n.name else c.name
+            rows.append([dotted(name), amount(n.value, to_sigma(n.value, n.sigma)),
+                         amount(wide, f"± {sig(wide, 2)}"), words(n.unit),
+                         amount(c.p_value, probability(c.p_value) or "–"),
+                         words("" if i else listed(c.instead) or "nothing else", "wrap")])
+    said = [remainder_sentence(r), apart_sentence(r), noise_sentence(r)]
+    return table("The likeliest changes that explain it",
+                 ["what", "changed by", "95 %", "unit", "chance of noise alone",
+                  "as likely"], rows) + "".join(paragraph(typeset(s)) for s in said if s)
 
 
 def _likeliest(rows: Sequence[ParameterDifference]) -> str:
     """Return the parameters likeliest to have changed, the others folded away."""
     heads = ["parameter", "old", "new", "new − old", "95 %", "unit", "chance of noise alone",
-             "status"]
+             "explained", "status"]
     first = sorted(rows, key=lambda p: 2.0 if p.p_alone is None else p.p_alone)
     body = [_row(p) for p in first]
     note = ("Chance: how often noise would ask as much for a change of this parameter, if it were "
@@ -90,6 +95,7 @@ def _row(p: ParameterDifference) -> list[Cell]:
             amount(p.difference, to_sigma(p.difference, p.sigma)),
             amount(wide, f"± {sig(wide, 2)}"), words(p.unit),
             amount(p.p_alone, probability(p.p_alone) or "–"),
+            amount(p.explained, to_sigma(p.explained, p.sigma) if p.explained else ""),
             words("" if p.status == "unchanged" else p.status,
                   "warn" if p.status == "changed" else "")]
 

@@ -87,7 +87,7 @@ def test_comparison(folders: Path) -> None:
     (change,) = found["changes"]
     assert "parameters; the machine has changed (χ² " in text
     assert f"of {found['degrees']} degrees of freedom" in text
-    (row,) = cells(html, "The fewest parameters")[1:]
+    (row,) = cells(html, "The likeliest changes")[1:]
     assert row[:4] == [change["name"], to_sigma(change["value"], change["sigma"]),
                        f"± {sig(1.96 * change['sigma'], 2)}", "mm"]
     assert row[5] == (", ".join(change["instead"]) or "nothing else")
@@ -99,7 +99,7 @@ def test_comparison(folders: Path) -> None:
     best = min(found["parameters"], key=lambda p: p["p_alone"])
     assert rows[1][0] == best["name"]
     assert rows[1][3] == to_sigma(best["difference"], best["sigma"]) and rows[1][5] == "mm"
-    assert {r[7] for r in rows[1:]} <= {"", "changed", "possible"}
+    assert {r[8] for r in rows[1:]} <= {"", "changed", "possible"}
     assert "the machine has changed between the two calibrations: " + change["name"] in text
     assert "ppmcal compare" in text
 
@@ -139,7 +139,20 @@ def test_many_parameters_are_thinned_and_changed_ones_kept(tmp_path: Path) -> No
     html, text = page(tmp_path)
     assert "The 40 largest of 60." in text and "48 further parameters" in text
     drawing = next(d for d in re.findall(r"<svg.*?</svg>", html) if "in units of sigma" in d)
-    assert bold(parsed(drawing)) == ["p0"] and "No single parameter explains it." in text
+    assert bold(parsed(drawing)) == ["p0"] and "Nothing by itself explains it." in text
+
+
+def test_a_change_of_several_numbers_has_a_row_each(tmp_path: Path) -> None:
+    parts = [{"name": n, "value": 0.3, "sigma": 0.01, "unit": "mm"} for n in "xy"]
+    (tmp_path / "comparison.json").write_text(json.dumps({
+        "verdict": "changed", "noise": {"old": 2.0, "new": 2.1, "alike": 0.0},
+        "changes": [{"name": "instrument shifted", "parts": parts, "instead": ["target"],
+                     "p_value": 0.0}]}))
+    html, text = page(tmp_path)
+    rows = cells(html, "The likeliest changes")[1:]
+    assert [r[0] for r in rows] == ["instrument shifted: x", "instrument shifted: y"]
+    assert [r[5] for r in rows] == ["target", ""] and "± 0.020" in rows[0][2]
+    assert "Noise is taken as 2.1 times the stated one" in text
 
 
 def test_csv_alone_is_enough(folders: Path, tmp_path: Path) -> None:

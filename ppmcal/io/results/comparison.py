@@ -5,21 +5,33 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from ppmcal.calibration.change_detection import Change, Comparison
+import numpy as np
+
+from ppmcal.calibration.change_detection import Change, ChangePart, Comparison
+from ppmcal.calibration.common_misfit import DifferenceNoise
 from ppmcal.calibration.pose_difference import PoseDifference
 from ppmcal.io import csv_text
-from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, Whole
-from ppmcal.io.results.units import column_factor, parameter_unit
+from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Text, Whole
+from ppmcal.io.results.units import column_factor, column_unit, parameter_unit
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 from ppmcal.wording import counted
 
+SHOWN = 4
+FITS_DIFFER = 2.5
+"""Two fits differ otherwise than a change says where they do by so many standard deviations."""
+ALIKE, HIDING = 0.3, 1.3
+"""Misfit that is alike, and noise over the stated one, are told from so much on."""
 LEFT = 0.01
 """What is left is told where chance would leave as much this rarely."""
 
 
 class ParameterDifference(Part):
-    """One parameter in both calibrations, in ``unit``; ``p_alone`` is bare."""
+    """One parameter in both calibrations, in ``unit``; ``p_alone`` is bare.
+
+    ``difference`` is that of the two fits, in which parameters stand in for each other;
+    ``explained`` is what the named changes say of it.
+    """
 
     name: Text = ""
     old: Finite | None = None
@@ -29,12 +41,29 @@ class ParameterDifference(Part):
     unit: Text = ""
     p_alone: Finite | None = None
     status: Text = ""
+    explained: Finite | None = None
+
+
+class PartOfChange(Part):
+    """One number of a change, in ``unit``."""
+
+    name: Text = ""
+    value: Finite | None = None
+    sigma: Finite | None = None
+    unit: Text = ""
+
+    @classmethod
+    def of(cls, p: ChangePart, mechanism: Mechanism) -> PartOfChange:
+        """Return the number in file units."""
+        f = column_factor(mechanism, p.column)
+        return cls(name=p.name, value=p.value / f, sigma=p.sigma / f,
+                   unit=column_unit(mechanism, p.column))
 
 
 class NamedChange(Part):
-    """One change that the data name, in ``unit``; ``instead``: parameters that explain it as well.
+    """One change that the data name, in ``unit``; ``instead``: what explains it as well.
 
-    ``p_value`` is bare.
+    ``p_value`` is bare. A change of several numbers has them in ``parts``, and none itself.
     """
 
     name: Text = ""
@@ -43,13 +72,38 @@ class NamedChange(Part):
     unit: Text = ""
     p_value: Finite | None = None
     instead: tuple[Text, ...] = ()
+    parts: tuple[PartOfChange, ...] = ()
 
     @classmethod
     def of(cls, c: Change, mechanism: Mechanism) -> NamedChange:
         """Return a change in file units."""
-        f = column_factor(mechanism, c.name)
-        return cls(name=c.name, value=c.value / f, sigma=c.sigma / f,
-                   unit=parameter_unit(mechanism, c.name), p_value=c.p_value, instead=c.instead)
+        parts = [PartOfChange.of(p, mechanism) for p in c.parts]
+        if len(parts) == 1:
+            return cls(name=c.name, value=parts[0].value, sigma=parts[0].sigma,
+                       unit=parts[0].unit, p_value=c.p_value, instead=c.instead)
+        return cls(name=c.name, p_value=c.p_value, instead=c.instead, parts=tuple(parts))
+
+    @property
+    def numbers(self) -> tuple[PartOfChange, ...]:
+        """The numbers of the change, of one number without a name."""
+        return self.parts or (PartOfChange(value=self.value, sigma=self.sigma, unit=self.unit),)
+
+
+class NoiseOfDifference(Part):
+    """Noise of the old and the new data over the stated ones, bare.
+
+    ``alike``: which part of the residuals' square comes back at the same poses, bare too.
+    """
+
+    old: Finite | None = None
+    new: Finite | None = None
+    alike: Finite | None = None
+    same_poses: Flag = False
+
+    @classmethod
+    def of(cls, n: DifferenceNoise) -> NoiseOfDifference:
+        """Return the entry."""
+        return cls(old=n.old, new=n.new, alike=1.0 - n.share**2, same_poses=n.same)
 
 
 class Extent(Part):
@@ -94,6 +148,7 @@ class ComparisonRecord(Record):
     changes: tuple[NamedChange, ...] = ()
     p_left: Finite | None = None
     platform: PlatformDifference | None = None
+    noise: NoiseOfDifference | None = None
     parameters: tuple[ParameterDifference, ...] = ()
     findings: tuple[Text, ...] = ()
     provenance: Provenance = Provenance()
@@ -110,6 +165,7 @@ class ComparisonRecord(Record):
                    p_left=found.p_left,
                    platform=None if moved is None else PlatformDifference.of(moved,
                                                                              mechanism.units),
+                   noise=NoiseOfDifference.of(found.noise),
                    parameters=tuple(_parameters(found, mechanism)), findings=tuple(notes),
                    provenance=Provenance.model_validate(provenance))
 
@@ -136,10 +192,54 @@ def verdict_sentence(r: ComparisonRecord) -> str:
 def remainder_sentence(r: ComparisonRecord) -> str:
     """Return what the named changes do not explain, empty where they explain all."""
     if r.verdict == "changed" and not r.changes:
-        return "No single parameter explains it."
+        return "Nothing by itself explains it."
     if r.changes and r.p_left is not None and r.p_left < LEFT:
         return f"That does not explain all of it (p = {r.p_left:.2g} of the rest)."
     return ""
+
+
+def change_sentence(c: NamedChange) -> str:
+    """Return what changed, by how much, and what explains it as well."""
+    numbers = ", ".join(f"{n.name} {n.value or 0.0:+.4g} +- {1.96 * (n.sigma or 0.0):.2g} {n.unit}"
+                        .strip() for n in c.numbers)
+    about = f"{c.name}: {numbers} (95 %)" if c.parts else f"{c.name} changed by {numbers} (95 %)"
+    more = " or others" if len(c.instead) > SHOWN else ""
+    return about + (f"; as likely: {', '.join(c.instead[:SHOWN])}{more}." if c.instead else ".")
+
+
+def apart_sentence(r: ComparisonRecord) -> str:
+    """Return where the two fits differ otherwise than the named changes say, empty if nowhere.
+
+    Parameters that trade with each other share a change among them in each fit as noise and
+    tolerances would have it, so that a changed one can differ little, and others more.
+    """
+    if not r.changes:
+        return ""
+    odd = [p for p in r.parameters if p.difference is not None and p.sigma
+           and (abs(p.difference - (p.explained or 0.0)) > FITS_DIFFER * p.sigma
+                or abs(p.difference - (p.explained or 0.0)) > 0.5 * abs(p.explained or np.inf))]
+    if not odd:
+        return ""
+    names = ", ".join(p.name for p in odd[:SHOWN]) + (" ..." if len(odd) > SHOWN else "")
+    return (f"Each fit by itself shares the change out among parameters that act alike: the two "
+            f"differ otherwise in {names}. What changed is what all data say together.")
+
+
+def noise_sentence(r: ComparisonRecord) -> str:
+    """Return what hides changes: misfit beyond the noise, and whether it is alike in both."""
+    n = r.noise
+    if n is None or n.old is None or n.new is None or n.alike is None:
+        return ""
+    most = max(n.old, n.new)
+    parts = []
+    if n.alike > ALIKE:
+        parts.append(f"{100.0 * n.alike:.0f} % of what the model misses is alike in both, and is "
+                     "no change.")
+    if most > HIDING:
+        parts.append(f"Noise is taken as {most:.3g} times the stated one"
+                     + ("." if n.same_poses else ", as the model misses more than that; at the "
+                        "same poses in both calibrations smaller changes would show."))
+    return " ".join(parts)
 
 
 def platform_sentence(r: ComparisonRecord) -> str:
@@ -156,7 +256,7 @@ def platform_sentence(r: ComparisonRecord) -> str:
 
 
 def _parameters(found: Comparison, mechanism: Mechanism) -> list[ParameterDifference]:
-    changed = {c.name for c in found.changes}
+    changed = {n for n, e in zip(found.names, found.explained, strict=True) if e}
     instead = {n for c in found.changes for n in c.instead}
     out = []
     for i, name in enumerate(found.names):
@@ -165,6 +265,7 @@ def _parameters(found: Comparison, mechanism: Mechanism) -> list[ParameterDiffer
             name=name, old=float(found.old[i]) / f, new=float(found.new[i]) / f,
             difference=float(found.new[i] - found.old[i]) / f, sigma=float(found.sigma[i]) / f,
             unit=parameter_unit(mechanism, name), p_alone=float(found.alone[i]),
+            explained=float(found.explained[i]) / f,
             status="changed" if name in changed else
             "possible" if name in instead else "unchanged"))
     return out

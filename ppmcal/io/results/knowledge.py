@@ -11,7 +11,8 @@ import numpy as np
 
 from ppmcal.calibration.compensation import Knowledge
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
-from ppmcal.calibration.posterior import Posterior
+from ppmcal.calibration.posterior import Posterior, SessionKnowledge, Sight
+from ppmcal.calibration.session_knowledge import SESSION
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_parts import (
@@ -20,6 +21,9 @@ from ppmcal.io.results.identification_parts import (
     FittedDataset,
     Numbers,
     ResidualSummary,
+    SessionInformation,
+    SessionRows,
+    rest_factors,
 )
 from ppmcal.io.results.record import Part
 from ppmcal.io.results.units import column_factor
@@ -89,6 +93,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
         known = _information(covariance, len(names))
         value = _values(record, names)
         inputs = _inputs(record)
+        session = _session(covariance.session, mechanism, names)
     except _Incomplete as error:
         raise _no_such(path, AGAIN) from error
     of_machine(names, mechanism, path)
@@ -99,7 +104,7 @@ def read_posterior(path: Path, mechanism: Mechanism) -> Posterior:
     factor = np.array([column_factor(mechanism, n) for n in names])
     return Posterior(tuple(mechanism.names.index(n) for n in names), value * factor,
                      known.matrix / factor, known.right, known.tolerance * factor,
-                     known.scale * factor, known.inflation, inputs, str(path))
+                     known.scale * factor, known.inflation, inputs, str(path), session)
 
 
 def refuse_twice(before: Posterior, source: Mapping[str, Any]) -> None:
@@ -224,6 +229,38 @@ def _information(entry: CovarianceEntry, count: int) -> _Information:
                                       and inflation >= 1.0):
         raise _Incomplete
     return _Information(matrix, right, tolerance, scale, inflation)
+
+
+def _session(entry: SessionInformation | None, mechanism: Mechanism, parameters: Sequence[str]
+             ) -> SessionKnowledge | None:
+    """Return what the data say beyond the parameters, SI; None in files of older versions."""
+    if entry is None:
+        return None
+    _part(entry, "names", "matrix", "right", "unit_of_columns", "noise", "spread",
+          "degrees")
+    known = [f"homing.{a} of {SESSION}" for a in mechanism.actuators]
+    if any(n.startswith("homing.") and n not in known for n in entry.names):
+        raise _Incomplete
+    factor = np.array([column_factor(mechanism, n) for n in (*parameters, *entry.names)])
+    right = _finite(entry.right, len(entry.right))
+    matrix = _matrix(entry.matrix, right.size, len(parameters) + len(entry.names))
+    scale = _finite(entry.unit_of_columns, len(entry.names)) * factor[len(parameters):]
+    noise, spread, degrees = (v or 0.0 for v in (entry.noise, entry.spread, entry.degrees))
+    if np.isnan(matrix).any() or np.any(scale <= 0.0) or min(noise, spread) < 0.0:
+        raise _Incomplete
+    return SessionKnowledge(entry.names, matrix / factor, right, scale, noise, spread, degrees,
+                            tuple(_sight(r, mechanism) for r in entry.rows), entry.single)
+
+
+def _sight(rows: SessionRows, mechanism: Mechanism) -> Sight:
+    """Return a data set's rows, SI."""
+    count, width = len(rows.joints), len(rows.rest[0]) if rows.rest else 0
+    q = _matrix(rows.joints, count, len(mechanism.actuators))
+    rest = _matrix(rows.rest, count, width)
+    if np.isnan(rest).any() or not 0 <= rows.rotations <= width:
+        raise _Incomplete
+    return Sight(rows.name, rows.kind, q * [f for f, _ in mechanism.joint_units],
+                 rest * rest_factors(width, rows.rotations, mechanism.units), rows.rotations)
 
 
 def _values(record: IdentificationRecord, names: Sequence[str]) -> Array:

@@ -13,7 +13,21 @@ def column_factor(mechanism: Mechanism, name: str) -> float:
     head = name.split(" of ")[0]
     if head.startswith("homing."):
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
+    if head == "scale":
+        return 1e-6
     return mechanism.units.factor("angle" if head.split(".")[-1].startswith("r") else "length")
+
+
+def column_unit(mechanism: Mechanism, name: str) -> str:
+    """Return the unit of a parameter or of an open quantity, in file units."""
+    if name in mechanism.names:
+        return parameter_unit(mechanism, name)
+    head = name.split(" of ")[0]
+    if head.startswith("homing."):
+        return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][1]
+    if head == "scale":
+        return "ppm"
+    return mechanism.units.name("angle" if head.split(".")[-1].startswith("r") else "length")
 
 
 def parameter_unit(mechanism: Mechanism, name: str) -> str:
