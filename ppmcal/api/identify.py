@@ -27,7 +27,7 @@ from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import refuse_misread, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Readings
-from ppmcal.calibration.noise import noise_check, with_estimated_noise
+from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
@@ -140,7 +140,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         holdout: part of the poses to hold out, or other measurements to test on.
         leave_out: ``session``: each session (file, or label of a column `session`) is predicted
             by a fit of the others, in place of held-out poses.
-        sigma: ``stated``, or ``estimated``: the noise of each file as its residuals show it.
+        sigma: ``stated``: as the files say; ``estimated``: the noise of each file as its
+            residuals show it, whatever they say.
         start: folder or identified.yaml of an earlier calibration to start from.
         keep: carry on that calibration (or the machine's own): what its data knew stays known.
         keep_outliers: use every row as it is.
@@ -235,10 +236,10 @@ def _fit(problem: Problem, options: FitOptions, sigma: str, progress: Callable[[
         progress(f"iteration {i}, chi-squared {c:.6g}")
 
     odd, told = list[str](), list[str]()
-    if sigma == "estimated":
-        fit, factor = with_estimated_noise(problem, options, watch)
-        told = [f"{d.name}: noise {f:.3g} times the stated one."
-                for d, f in zip(problem.datasets, factor.tolist(), strict=True)]
+    which = [sigma == "estimated" or d.estimated for d in problem.datasets]
+    if any(which) and options.method != "damped":
+        fit, factor = with_estimated_noise(problem, options, watch, which)
+        told = noise_sentences(problem, factor, which)
     else:
         fit = fitted(problem, options, watch)
         if problem.earlier is not None and noise_check(fit).failed:

@@ -32,6 +32,8 @@ from ppmcal.linalg import Array, Bools, finite_rows
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
 """Beyond so many rows a fit to so few of them comes first."""
+UNEVEN = 2.0
+"""Files whose rows are off by so many times more than another's are weighed first."""
 STIFFEST = 1e3
 """While approaching, the prior is no weaker than the best known direction over this."""
 STAGE, STAGE_ITERATIONS = 30.0, 4
@@ -78,7 +80,7 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
         state = _near(problem, state, keep, prior, options, progress, near)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)
     if options.robust:
-        fit = _without_outliers(fit, suspects, unused, options, progress)
+        fit = _left_out_by_files(fit, suspects, unused, options, progress)
     if options.method == "gcv":
         # gross errors would pass for a machine that is farther off than it is
         fit = _cross_validated(fit, options, progress)
@@ -240,6 +242,29 @@ def _without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array
     return _readmit(fit, keep, reasons, dropped, factor, options, progress)
 
 
+def _left_out_by_files(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
+                       options: FitOptions, progress: Progress | None) -> Fit:
+    """Leave out rows that do not belong; see :func:`_without_outliers`.
+
+    Where one file is off as a whole (calipers of a part that shrank), rows of another that it
+    has pulled at are not to blame: who belongs is judged with every file as noisy as its own
+    rows are, the fit is then made with the noise as stated.
+    """
+    problem = fit.problem
+    factor = distances(problem, fit.state, prediction_covariance(fit), fit.keep).factors(fit.keep)
+    if factor.max() < UNEVEN * factor.min():
+        return _without_outliers(fit, suspects, poses, options, progress)
+    weighed = replace(problem, datasets=tuple(
+        d.noisier(f) for d, f in zip(problem.datasets, factor.tolist(), strict=True)))
+    judged = _fit(weighed, fit.state, fit.keep, fit.reasons, fit.prior, options, progress,
+                  fit.prior_scale)
+    judged = _without_outliers(judged, suspects, poses, options, progress)
+    final = _fit(problem, judged.state, judged.keep, judged.reasons, fit.prior, options, progress,
+                 fit.prior_scale)
+    found = distances(problem, final.state, prediction_covariance(final), final.keep)
+    return replace(final, noise_factor=found.factor(final.keep), times=judged.times)
+
+
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:
     """Return the fit's state with the poses of the suspects, where they have one."""
     there = replace(fit.state, poses=tuple(np.where(s[:, None], p, np.nan) for s, p in
@@ -253,6 +278,7 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
              dropped: set[tuple[int, int]], factor: float, options: FitOptions,
              progress: Progress | None) -> Fit:
     """Take back rows that the final fit explains; write down why the others are out."""
+    times: list[dict[int, float]] = [{} for _ in keep]
     if dropped:
         found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
         total = sum(int(k.sum()) for k in keep) + len(dropped)
@@ -263,12 +289,13 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
             keep[i][n] = True
         for i, n in sorted(dropped - set(back)):
             away = np.sqrt(found.square[i][n] / max(found.size[i][n], 1.0)) / factor
+            times[i][n] = float(away)
             reasons[i][n] = (f"{OUTLIER}: {away:.1f} times the noise" if solved[i][n]
                              else "no pose at these joint values")
         if back:
             fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options, progress,
                        fit.prior_scale)
-    return replace(fit, noise_factor=factor, reasons=tuple(reasons))
+    return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times))
 
 
 def _cross_validated(fit: Fit, options: FitOptions, progress: Progress | None) -> Fit:

@@ -36,6 +36,11 @@ class Distances:
         """Return the robust scale of the residuals over the stated noise, at least 1."""
         return max(1.0, self.times(keep))
 
+    def factors(self, keep: Sequence[Bools]) -> Array:
+        """Return each data set's own robust scale (D,), at least 1."""
+        return np.array([Distances((d,), (m,)).factor([k])
+                         for d, m, k in zip(self.square, self.size, keep, strict=True)])
+
     def times(self, keep: Sequence[Bools]) -> float:
         """Return the median distance of the rows in use over that of noise, 0 without rows."""
         ratios = np.concatenate([
@@ -119,7 +124,7 @@ class GrossError:
         dataset, row: its data set and its number in the CSV.
         coordinate: index among x, y, z, rx, ry, rz (a height is z, a distance x) that is
             farthest off, measured over noise; ``value``, ``predicted``: there, SI.
-        times: how far, in standard deviations.
+        times: how far, in standard deviations of the noise that the rows show.
         number: what an instrument of one number calls it.
     """
 
@@ -169,7 +174,13 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(registration, pose)[0, places[c]])
             yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted,
-                          float(abs(rows.residual[n, c])), NUMBERS.get(data.kind, ""))
+                          _times(fit, rows.dataset, index, float(abs(rows.residual[n, c]))),
+                          NUMBERS.get(data.kind, ""))
+
+
+def _times(fit: Fit, dataset: int, row: int, plain: float) -> float:
+    """Return how many times the noise a row was judged to be off, ``plain`` where nobody did."""
+    return fit.times[dataset].get(row, plain) if fit.times else plain
 
 
 def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:

@@ -18,6 +18,7 @@ from ppmcal.io.pose_fields import OF_FRAME, pose_from_map
 from ppmcal.io.reading import ReadFile
 from ppmcal.io.schema import (
     LARGEST,
+    Flag,
     Label,
     Positive,
     Strict,
@@ -67,6 +68,8 @@ class SigmaFile(Strict):
     """Of a distance (kind distance)."""
     actuator: Annotated[Any, BeforeValidator(_sigma_actuator)] = 0.0
     """Of the joint values: one number, or one by actuator."""
+    estimated: Flag = False
+    """Whether these only begin an estimate by the residuals, as which they count a few rows."""
 
 
 class InstrumentFile(Strict):

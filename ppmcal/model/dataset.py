@@ -156,6 +156,13 @@ class Dataset:
             whole=self if self.whole is None else self.whole,
             place=np.arange(len(self))[keep] if self.place is None else self.place[keep])
 
+    def noisier(self, factor: float) -> Dataset:
+        """Return the data set with its standard deviations times ``factor``."""
+        return replace(
+            self, sigma_position=factor * self.sigma_position,
+            sigma_rotation=factor * self.sigma_rotation, sigma_value=factor * self.sigma_value,
+            sigma_actuator=factor * self.sigma_actuator)
+
     def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
         """Return the data set with ``rows`` (N,) marked unusable, unless they are already."""
         old = self.unusable or ("",) * len(self)
