@@ -18,9 +18,9 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import Progress, Result, silent
+from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.misread import Misread, misreading_sentence
 from ppmcal.calibration.misreading import refuse_misread
-from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.noise import with_own_noise
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
