@@ -54,10 +54,11 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     geometry = read_geometry(config)
     nominal = read_nominal(config, geometry, rods)
     a, b, c = (read_step(config, f"stepper_{t}") for t in TOWERS)
-    heights = [row for kind in ("height", "manual_height")
+    heights = [_travelled(row, (a, b, c)) for kind in ("height", "manual_height")
                for row in read_rows(config, kind, ("pos",))]
-    distances = read_rows(config, "distance", ("pos1", "pos2"))
-    beds = tuple(_mesh(config, geometry, (a, b, c), name) for name in meshes)
+    distances = [_travelled(row, (a, b, c))
+                 for row in read_rows(config, "distance", ("pos1", "pos2"))]
+    beds = tuple(_mesh(config, geometry, name) for name in meshes)
     findings = [f"[include {name}] is not followed: what stands there is not known"
                 for name in config.includes]
     if not heights and not beds:
@@ -85,7 +86,12 @@ def _mesh_names(config: Config) -> list[str]:
             if name.startswith("bed_mesh ")]
 
 
-def _mesh(config: Config, geometry: DeltaGeometry, step: Triple, name: str) -> Mesh:
+def _travelled(row: tuple[float, ...], step: Triple) -> tuple[float, ...]:
+    """Return a value and microsteps of a, b, c, once or twice, with these as mm."""
+    return row[0], *(s * step[i % len(step)] for i, s in enumerate(row[1:]))
+
+
+def _mesh(config: Config, geometry: DeltaGeometry, name: str) -> Mesh:
     """Return a saved mesh, or the touches of a log, as carriages of the printer."""
     log = Path(name).is_file()
     point, way, label = _logged(Path(name)) if log else (*_grid(config, name), name)
@@ -93,7 +99,7 @@ def _mesh(config: Config, geometry: DeltaGeometry, step: Triple, name: str) -> M
     if not log:
         point = point - np.array([*_off(config, name), -offset])
     with np.errstate(invalid="ignore"):
-        down = travel(geometry, MM * point) / (MM * np.array(step))
+        down = travel(geometry, MM * point) / MM
     good = np.isfinite(down).all(axis=1)
     told = [] if good.all() else [f"mesh {label}: {int((~good).sum())} points are out of the rods' "
                                   "reach, and left out"]
@@ -133,21 +139,14 @@ def _grid(config: Config, name: str) -> tuple[Array, Array]:
 
 
 def in_rows(point: Array, touched: Array) -> tuple[Array, Array]:
-    """Return touched points of a grid (Y, X, 3) to and fro, row by row, and the ways (N,)."""
+    """Return touched points of a grid (Y, X, 3) to and fro, row by row, and the ways (N,).
+
+    The way along x, +1 or -1, is the row's, at its first point as well.
+    """
     backward = np.arange(len(point)) % 2 == 1
     order = np.where(backward[:, None, None], point[:, ::-1], point).reshape(-1, 3)
     keep = np.where(backward[:, None], touched[:, ::-1], touched).reshape(-1)
-    row = np.repeat(np.where(backward, -1.0, 1.0), point.shape[1])
-    return order[keep], ways(order[keep], row[keep])
-
-
-def ways(point: Array, row: Array) -> Array:
-    """Return the direction along x in which each point (N, 3) was come to (N,), +1 or -1.
-
-    That of the move from the point before; ``row`` (N,), its row's own, where that goes along y.
-    """
-    moved = np.diff(point[:, 0], prepend=point[:1, 0])
-    return np.asarray(np.where(np.abs(moved) > FLAT_ROW, np.sign(moved), row))
+    return order[keep], np.repeat(np.where(backward, -1.0, 1.0), point.shape[1])[keep]
 
 
 def _off(config: Config, name: str) -> Array:
@@ -176,7 +175,7 @@ def _logged(path: Path) -> tuple[Array, Array, str]:
         raise BadInput(f"{len(found)} lines such as `probe at 0.000,0.000 is z=1.234` stand here",
                        str(path), "Give a log of the console or klippy.log with a bed's touches")
     point = np.array(found)
-    way = ways(point, np.ones(len(point)))
-    still = np.abs(np.diff(point[:, 0], prepend=point[:1, 0])) <= FLAT_ROW
-    last = np.maximum.accumulate(np.where(still, 0, np.arange(len(point))))
-    return point, way[last], path.stem
+    moved = np.diff(point[:, 0], prepend=point[:1, 0])
+    # repeats of a touch, and steps along y, go on as the move before
+    last = np.maximum.accumulate(np.where(np.abs(moved) <= FLAT_ROW, 0, np.arange(len(point))))
+    return point, np.where(moved[last] < 0.0, -1.0, 1.0), path.stem

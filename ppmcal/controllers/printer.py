@@ -40,8 +40,8 @@ class Mesh:
 
     Attributes:
         name: of the mesh, which its files are called by.
-        rows: true height of the nozzle at the trigger (mm), carriages a, b, c, and the direction
-            of travel along x before the descent, +1 or -1; (N, 5).
+        rows: true height of the nozzle at the trigger and carriages a, b, c below their endstops,
+            mm, and the direction of travel along x before the descent, +1 or -1; (N, 5).
         findings: what the user must look at.
     """
 
@@ -56,14 +56,13 @@ class Printer:
 
     Attributes:
         source: the file; geometry: what it prints with now.
-        step: travel per unit in which carriages are counted, mm.
+        step: travel per microstep, mm; nan where carriages are not counted in them.
         nominal: what it was meant to be.
         saved: whether ``geometry`` holds numbers of a calibration that it saved itself.
-        heights: true z (mm) and microsteps of a, b, c at each touch, (N, 4).
-        distances: measured mm and microsteps at both ends, (M, 7).
+        heights: true z and carriages a, b, c below their endstops at each touch, mm, (N, 4).
+        distances: measured, and carriages at both ends, mm, (M, 7).
         meshes: beds that were probed with ``geometry``.
         findings: what the user must look at.
-        unit: what carriages are counted in.
     """
 
     source: str
@@ -75,7 +74,6 @@ class Printer:
     distances: tuple[tuple[float, ...], ...] = ()
     meshes: tuple[Mesh, ...] = ()
     findings: tuple[str, ...] = field(default=())
-    unit: str = "microstep"
 
     @property
     def calibrated(self) -> bool:

@@ -86,7 +86,7 @@ target: known
 def machine_yaml(printer: Printer, rods: str) -> str:
     """Return the printer as it was meant to be, a commented mechanism file.
 
-    A carriage is at u = offset - steps x step distance, offset = position_endstop +
+    A carriage is at u = offset - travel, offset = position_endstop +
     sqrt(arm_length^2 - delta_radius^2), and the machine closes where the arm from there ends.
     """
     nominal = printer.nominal
@@ -150,7 +150,7 @@ def _tower(printer: Printer, i: int, rods: str) -> str:
     platform:
       point: {{value: [0, 0, 0], fixed: true}}
     length: {{value: {arm!r}{end}}}
-    ratio: {-printer.step[i]!r}    # mm per {printer.unit}, counted down from the endstop
+    ratio: -1    # q is travel down from the endstop in mm, whatever the microsteps
     offset: {offsets(g)[i]!r}    # position_endstop + sqrt(arm_length^2 - delta_radius^2)
     branch: 1
 """

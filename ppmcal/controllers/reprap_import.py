@@ -77,8 +77,8 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
         findings.append("the file holds no touches: give the map that G29 wrote with --mesh "
                         "heightmap.csv")
     findings += [f for bed in beds for f in bed.findings]
-    return Printer(str(path), now, (1.0, 1.0, 1.0), nominal, active != delta, meshes=beds,
-                   findings=tuple(findings), unit="mm")
+    return Printer(str(path), now, (np.nan, np.nan, np.nan), nominal, active != delta, meshes=beds,
+                   findings=tuple(findings))
 
 
 def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[str]]:
