@@ -24,7 +24,7 @@ from ppmcal.calibration.least_squares import (
     qr_factor,
 )
 from ppmcal.calibration.observation import coordinates, shown
-from ppmcal.calibration.outliers import REJECT, distances, huber_weights, worst
+from ppmcal.calibration.outliers import REJECT, distances, huber_weights, unchecked, worst
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.regularization import damped, gcv_scale
 from ppmcal.errors import BadInput, NoResult
@@ -32,8 +32,6 @@ from ppmcal.linalg import Array, Bools, finite_rows
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
 """Beyond so many rows a fit to so few of them comes first."""
-UNEVEN = 2.0
-"""Files whose rows are off by so many times more than another's are weighed first."""
 STIFFEST = 1e3
 """While approaching, the prior is no weaker than the best known direction over this."""
 STAGE, STAGE_ITERATIONS = 30.0, 4
@@ -246,23 +244,45 @@ def _left_out_by_files(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Arra
                        options: FitOptions, progress: Progress | None) -> Fit:
     """Leave out rows that do not belong; see :func:`_without_outliers`.
 
-    Where one file is off as a whole (calipers of a part that shrank), rows of another that it
-    has pulled at are not to blame: who belongs is judged with every file as noisy as its own
-    rows are, the fit is then made with the noise as stated.
+    Of several files one may be off as a whole (calipers of a part that shrank) and pull at the
+    others' rows. A row that agrees with its own file, in a fit of that alone in which an error
+    would show, is not the one that is wrong: it stays.
     """
-    problem = fit.problem
-    factor = distances(problem, fit.state, prediction_covariance(fit), fit.keep).factors(fit.keep)
-    if factor.max() < UNEVEN * factor.min():
-        return _without_outliers(fit, suspects, poses, options, progress)
-    weighed = replace(problem, datasets=tuple(
-        d.noisier(f) for d, f in zip(problem.datasets, factor.tolist(), strict=True)))
-    judged = _fit(weighed, fit.state, fit.keep, fit.reasons, fit.prior, options, progress,
-                  fit.prior_scale)
-    judged = _without_outliers(judged, suspects, poses, options, progress)
-    final = _fit(problem, judged.state, judged.keep, judged.reasons, fit.prior, options, progress,
-                 fit.prior_scale)
-    found = distances(problem, final.state, prediction_covariance(final), final.keep)
-    return replace(final, noise_factor=found.factor(final.keep), times=judged.times)
+    found = _without_outliers(fit, suspects, poses, options, progress)
+    if len(fit.problem.datasets) < 2 or not any(o.any() for o in found.outliers):
+        return found
+    pardoned = [_agreeing(found, i, poses[i], options, progress) if o.any() else o
+                for i, o in enumerate(found.outliers)]
+    if not any(p.any() for p in pardoned):
+        return found
+    keep = [k | p for k, p in zip(found.keep, pardoned, strict=True)]
+    reasons = [{n: v for n, v in each.items() if not p[n]}
+               for each, p in zip(found.reasons, pardoned, strict=True)]
+    times = [{n: v for n, v in each.items() if not p[n]}
+             for each, p in zip(found.times, pardoned, strict=True)]
+    state = _found_again(found, pardoned, poses)
+    back = _fit(found.problem, state, keep, reasons, found.prior, options, progress,
+                found.prior_scale)
+    return replace(back, noise_factor=found.noise_factor, times=tuple(times))
+
+
+def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions,
+              progress: Progress | None) -> Bools:
+    """Return which rows (N,) that were left out of a data set agree with a fit of it alone."""
+    out = found.outliers[index]
+    data = found.problem.datasets[index]
+    if data.frame.same_as is not None or found.problem.earlier is not None:
+        return np.zeros_like(out)
+    alone = replace(found.problem, pivots=None, given=found.problem.environments[index:index + 1],
+                    datasets=(replace(data, homing="shared" if data.homing == "shared" or not index
+                                      else "alone"),))
+    pose = np.where(out[:, None], poses, found.state.poses[index])
+    state = alone.solve(State(found.state.g, (found.state.registrations[index],), (pose,)))
+    keep = [(found.keep[index] | out) & finite_rows(state.poses[0])]
+    own = _fit(alone, state, keep, [{}], prior_weights(alone, options.method), options, progress)
+    own = _without_outliers(own, [np.zeros_like(out)], state.poses, options, progress)
+    hidden = [row for _, rows in unchecked(own, prediction_covariance(own)) for row in rows]
+    return np.asarray(out & own.keep[0] & ~np.isin(data.rows, hidden))
 
 
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:

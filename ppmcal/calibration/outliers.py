@@ -36,11 +36,6 @@ class Distances:
         """Return the robust scale of the residuals over the stated noise, at least 1."""
         return max(1.0, self.times(keep))
 
-    def factors(self, keep: Sequence[Bools]) -> Array:
-        """Return each data set's own robust scale (D,), at least 1."""
-        return np.array([Distances((d,), (m,)).factor([k])
-                         for d, m, k in zip(self.square, self.size, keep, strict=True)])
-
     def times(self, keep: Sequence[Bools]) -> float:
         """Return the median distance of the rows in use over that of noise, 0 without rows."""
         ratios = np.concatenate([
@@ -156,7 +151,7 @@ def find_gross_errors(fit: Fit) -> GrossErrors:
     covariance = prediction_covariance(fit)
     rows = tuple(_left_out(fit))
     return GrossErrors(rows, _would(fit, covariance) if rows else {},
-                    tuple(_unchecked(fit, covariance)), tuple(homing_shifts(fit)))
+                    tuple(unchecked(fit, covariance)), tuple(homing_shifts(fit)))
 
 
 def _left_out(fit: Fit) -> Iterator[GrossError]:
@@ -203,7 +198,7 @@ def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
     return out
 
 
-def _unchecked(fit: Fit, covariance: Array) -> Iterator[tuple[str, tuple[int, ...]]]:
+def unchecked(fit: Fit, covariance: Array) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Yield rows of one-number instruments whose own error would hardly show."""
     found: dict[str, list[int]] = {}
     keep = [k & (d.kind in SCALARS) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
