@@ -9,6 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ppmcal.api.inputs import (
     Machine,
     Measurements,
@@ -50,7 +52,7 @@ class IdentificationResult(Result):
     Attributes:
         identification: everything, SI: the fit, its residuals, noise and findings.
         method: ``prior``, ``flat``, ``gcv`` or ``damped``.
-        notes: sentences on the noise of each file, where it was estimated.
+        notes: sentences on noise and scale of each file, where they were estimated.
     """
 
     COMMAND: ClassVar[str] = "identify"
@@ -186,8 +188,20 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
             refuse_other_machine(found.fit)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
+    told += scale_sentences(found)
     found = replace(found, findings=(*notes, *units, *found.findings), earlier=before)
     return IdentificationResult(source, tuple(found.findings), found, chosen, tuple(told))
+
+
+def scale_sentences(found: Identification) -> Iterator[str]:
+    """Yield what each data set shows of true lengths, where that was fitted, with 95 %."""
+    fit, names = found.fit, list(found.columns)
+    for data, registration in zip(fit.problem.datasets, fit.state.registrations, strict=True):
+        if data.scale.fitted:
+            place = names.index(f"scale of {data.name}")
+            sigma = float(np.sqrt(found.covariance[place, place]))
+            yield (f"{data.name}: shows {registration.scale:.5f} +- {1.96 * sigma:.2g} of true "
+                   "lengths (95 %).")
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:

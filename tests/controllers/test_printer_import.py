@@ -165,7 +165,8 @@ def test_calipers_that_are_all_off_take_no_touch_with_them(tmp_path: Path) -> No
     written(tmp_path, config(REAL, pairs=0.9975, noise=0.01))
     ppmcal("import", "klipper", "printer.cfg", "--rods", "300", "--rods", "fixed", cwd=tmp_path)
     args = ["imported/machine.yaml", "imported/heights.csv", "imported/distances.csv"]
-    ppmcal("identify", *args, "--holdout", "0", cwd=tmp_path)
+    run = ppmcal("identify", *args, "--holdout", "0", cwd=tmp_path)
+    assert "distances: shows 0.997" in " ".join((run.out + run.err).split())
     used = {r["dataset"]: r["used"] for r in rows(tmp_path / "identified" / "residuals.csv")}
     assert set(used) == {"heights", "distances"}
     tree = yaml.safe_load((tmp_path / "identified" / "identified.yaml").read_text())
