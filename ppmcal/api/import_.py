@@ -36,7 +36,7 @@ class ImportResult(Result):
     """
 
     COMMAND: ClassVar[str] = "import"
-    TABLE: ClassVar[str] = "machine.yaml"
+    TABLE: ClassVar[str] = "heights.csv"
 
     file: str
     printer: Printer

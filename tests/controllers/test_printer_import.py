@@ -285,6 +285,11 @@ def test_a_height_map_becomes_touches(tmp_path: Path) -> None:
     assert table[:, 4].tolist() == [1.0, -1.0, -1.0, -1.0, 1.0] and (table[:, 0] == 2.5).all()
     machine = read_mechanism(tmp_path / "imported" / "machine.yaml")
     assert machine.values[machine.names.index("delta_radius")] == pytest.approx(0.14)
+    # without heights of its own a result shows the touches
+    shown = import_config("reprap", tmp_path / "config.g", mesh=tmp_path / "heightmap.csv")
+    assert "dir_x" in shown._repr_html_() and len(shown.to_frame()["dir_x"]) == 5
+    bare = import_config("reprap", tmp_path / "config.g")
+    assert "import" in bare._repr_html_() and any("--mesh" in f for f in bare.findings)
 
 
 def test_what_reprapfirmware_saved_is_a_result(tmp_path: Path) -> None:
