@@ -209,11 +209,16 @@ def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:
         return Registration(), ""
     if frame is None:
         if len(names) == 1:
-            return mechanism.registrations[names[0]], names[0]
+            return true_lengths(mechanism.registrations[names[0]]), names[0]
         what = f"the model knows {len(names)} measuring frames" if names else (
             "the model knows no measuring frame: it was not identified")
         raise BadInput(what, f"{mechanism.source}: measurement.datasets",
                        f"Choose with --frame: {', '.join([*names, 'base'])}")
     if frame not in names:
         raise unknown("data set", frame, [*names, "base"], "--frame")
-    return mechanism.registrations[frame], frame
+    return true_lengths(mechanism.registrations[frame]), frame
+
+
+def true_lengths(registration: Registration) -> Registration:
+    """Return where an instrument stands, without its scale: wanted lengths are true ones."""
+    return replace(registration, scale=1.0)

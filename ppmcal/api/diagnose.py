@@ -18,9 +18,11 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import Progress, Result, silent
+from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.misread import Misread, misreading_sentence
 from ppmcal.calibration.misreading import refuse_misread
 from ppmcal.calibration.model_averaging import Readings
+from ppmcal.calibration.noise import with_own_noise
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import one_session, session_masks
@@ -131,9 +133,12 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
+        problem, told = with_own_noise(problem, FitOptions())
         found = diagnosed(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)), progress)
+    for sentence in told:
+        progress(sentence)
     found = replace(found, findings=(*units, *found.findings))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
     return DiagnosisResult(source, tuple(found.findings), found, png)

@@ -9,6 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ppmcal.api.inputs import (
     Machine,
     Measurements,
@@ -27,7 +29,7 @@ from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.misreading import refuse_misread, refuse_small_misreading
 from ppmcal.calibration.model_averaging import Readings
-from ppmcal.calibration.noise import noise_check, with_estimated_noise
+from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimated_noise
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
@@ -50,7 +52,7 @@ class IdentificationResult(Result):
     Attributes:
         identification: everything, SI: the fit, its residuals, noise and findings.
         method: ``prior``, ``flat``, ``gcv`` or ``damped``.
-        notes: sentences on the noise of each file, where it was estimated.
+        notes: sentences on noise and scale of each file, where they were estimated.
     """
 
     COMMAND: ClassVar[str] = "identify"
@@ -140,7 +142,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         holdout: part of the poses to hold out, or other measurements to test on.
         leave_out: ``session``: each session (file, or label of a column `session`) is predicted
             by a fit of the others, in place of held-out poses.
-        sigma: ``stated``, or ``estimated``: the noise of each file as its residuals show it.
+        sigma: ``stated``: as the files say; ``estimated``: the noise of each file as its
+            residuals show it, whatever they say.
         start: folder or identified.yaml of an earlier calibration to start from.
         keep: carry on that calibration (or the machine's own): what its data knew stays known.
         keep_outliers: use every row as it is.
@@ -185,8 +188,20 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
             refuse_other_machine(found.fit)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
+    told += scale_sentences(found)
     found = replace(found, findings=(*notes, *units, *found.findings), earlier=before)
     return IdentificationResult(source, tuple(found.findings), found, chosen, tuple(told))
+
+
+def scale_sentences(found: Identification) -> Iterator[str]:
+    """Yield what each data set shows of true lengths, where that was fitted, with 95 %."""
+    fit, names = found.fit, list(found.columns)
+    for data, registration in zip(fit.problem.datasets, fit.state.registrations, strict=True):
+        if data.scale.fitted:
+            place = names.index(f"scale of {data.name}")
+            sigma = float(np.sqrt(found.covariance[place, place]))
+            yield (f"{data.name}: shows {registration.scale:.5f} +- {1.96 * sigma:.2g} of true "
+                   "lengths (95 %).")
 
 
 def refuse_mixtures(method: str, prior: str, sigma: str, keep: bool) -> None:
@@ -235,10 +250,10 @@ def _fit(problem: Problem, options: FitOptions, sigma: str, progress: Callable[[
         progress(f"iteration {i}, chi-squared {c:.6g}")
 
     odd, told = list[str](), list[str]()
-    if sigma == "estimated":
-        fit, factor = with_estimated_noise(problem, options, watch)
-        told = [f"{d.name}: noise {f:.3g} times the stated one."
-                for d, f in zip(problem.datasets, factor.tolist(), strict=True)]
+    which = [sigma == "estimated" or d.estimated for d in problem.datasets]
+    if any(which) and options.method != "damped":
+        fit, factor = with_estimated_noise(problem, options, watch, which)
+        told = noise_sentences(problem, factor, which)
     else:
         fit = fitted(problem, options, watch)
         if problem.earlier is not None and noise_check(fit).failed:

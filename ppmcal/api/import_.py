@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 from ppmcal.api.inputs import Path_, source_of
 from ppmcal.api.result import Result
-from ppmcal.controllers.klipper_config import Printer, find_format, read_printer
-from ppmcal.controllers.klipper_export import files, rods_of
+from ppmcal.controllers import klipper_import, reprap_import
+from ppmcal.controllers.klipper_export import keys
+from ppmcal.controllers.klipper_refit import differences, refit, sentence
+from ppmcal.controllers.printer import Printer
+from ppmcal.controllers.printer_files import RODS, files, rods_of, scale_of
+from ppmcal.errors import BadInput, unknown
 from ppmcal.wording import counted
+
+FORMATS = {"klipper": klipper_import.read_printer, "reprap": reprap_import.read_printer}
+LONGEST = 1e5
+"""No rod is longer, mm."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -20,8 +29,10 @@ class ImportResult(Result):
 
     Attributes:
         file: the controller's file.
-        printer: what it says, SI.
+        printer: what it says, mm and degrees.
         rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
+        scale: of measured distances: ``known``, or ``unknown``.
+        off: saved number -> by how much it is not what the printer's own fit gives, mm and degrees.
     """
 
     COMMAND: ClassVar[str] = "import"
@@ -30,33 +41,89 @@ class ImportResult(Result):
     file: str
     printer: Printer
     rods: str
+    scale: str
+    off: Mapping[str, float]
 
     def files(self) -> Mapping[str, str | bytes]:
-        """Return machine.yaml, heights.csv and .yaml, and distances.csv and .yaml if any."""
-        return dict(files(self.printer, self.rods))
+        """Return machine.yaml, saved.yaml, and heights, distances and meshes with sidecars."""
+        return dict(files(self.printer, self.rods, self.scale))
 
     def headline(self) -> str:
         """Return what the file holds."""
+        beds = "".join(f"; {len(m.rows)} touches of mesh {m.name}"
+                       for m in self.printer.meshes)
         return (f"{self.file}: a delta printer with "
                 f"{counted(len(self.printer.heights), 'height')} and "
-                f"{counted(len(self.printer.distances), 'distance')}; rods {self.rods}.")
+                f"{counted(len(self.printer.distances), 'distance')}{beds}; rods {self.rods}.")
+
+    def summary(self) -> dict[str, object]:
+        """Return what the command prints as JSON, but for the files written; mm and degrees."""
+        nominal = self.printer.nominal
+        return {"format": "ppmcal/import/1", "heights": len(self.printer.heights),
+                "distances": len(self.printer.distances),
+                "meshes": {m.name: len(m.rows) for m in self.printer.meshes},
+                "rods": self.rods, "scale": self.scale if self.printer.distances else None,
+                "nominal": keys(nominal.geometry), "nominal_from": nominal.origin,
+                "saved": keys(self.printer.geometry) if self.printer.calibrated else None,
+                "saved_off": dict(self.off), "findings": list(self.findings),
+                "provenance": self.provenance}
 
 
-def import_config(form: str, file: Path_, *, rods: str | None = None) -> ImportResult:
+def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | float] = (),
+                  mesh: Path_ | Sequence[Path_] = (), scale: str | None = None) -> ImportResult:
     """Turn a controller's configuration into a machine and its measurements.
 
+    What the printer saved of an earlier calibration is a result: the machine has the numbers in
+    the body of the file, also where they are commented out.
+
     Args:
-        form: ``klipper``: printer.cfg of a linear delta, with what DELTA_CALIBRATE saved in it.
+        form: ``klipper``: printer.cfg of a linear delta, with what DELTA_CALIBRATE saved in it;
+            ``reprap``: config.g of RepRapFirmware.
         file: the configuration.
-        rods: ``fixed`` as they stand there, one length for all (``shared``), or one for each
-            tower (``single``)  [default: fixed without measured distances, else shared, or
-            single where they differ].
+        rods: their length in mm as you know it; and ``fixed`` as they stand there, one length for
+            all (``shared``), or one for each tower (``single``)  [default: fixed without measured
+            distances, else shared, or single where they differ]. One of each may be given.
+        mesh: names of meshes that Klipper saved, logs of its touches, or RepRapFirmware's
+            ``heightmap.csv``.
+        scale: ``known`` or ``unknown``: whether measured distances are true or, as on a printed
+            part, all too small or large by one factor  [default: unknown where the rods are
+            known].
 
     Raises:
-        BadInput: another format, or anything wrong in the file.
+        BadInput: another format, or anything wrong in the files.
     """
-    find_format(form)
-    printer = read_printer(Path(file))
-    chosen = rods_of(printer, rods)
-    return ImportResult(source_of("import_config", [file], None), tuple(printer.findings),
-                        str(file), printer, chosen)
+    name = form.lower()
+    if name not in FORMATS:
+        raise unknown("format", form, tuple(FORMATS))
+    length, chosen = _rods(rods)
+    meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
+    printer = FORMATS[name](Path(file), length, meshes)
+    found = refit(printer) if name == "klipper" and printer.calibrated else None
+    off = differences(printer.geometry, found) if found is not None else {}
+    scale = scale_of(printer, scale)
+    findings = [*printer.findings, *([sentence(off)] if off else [])]
+    if printer.distances and scale == "known" and not printer.nominal.rods_known:
+        findings.append("the distances alone hold the size: where the part that they were "
+                        "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm short")
+    inputs = [file, *(m for m in meshes if Path(m).is_file())]
+    return ImportResult(source_of("import_config", inputs, None), tuple(findings), str(file),
+                        printer, rods_of(printer, chosen), scale, off)
+
+
+def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:
+    """Return the length of the rods, mm, and how they are fitted."""
+    each = [given] if isinstance(given, str | int | float) else list(given)
+    length: float | None = None
+    word: str | None = None
+    for one in each:
+        if one in RODS:
+            word = str(one)
+            continue
+        try:
+            length = float(one)
+        except ValueError:
+            raise unknown("way to take rods", one, RODS, "--rods") from None
+        if not 0.0 < length < LONGEST:
+            raise BadInput(f"{one} is no length of a rod, mm", "--rods",
+                           "Give it from bearing to bearing, such as --rods 345")
+    return length, word

@@ -88,10 +88,15 @@ class Result:
             A pandas data frame, or, where pandas is not installed, a dict from column to (N,)
             values.
         """
-        name, tables = file or self.TABLE, self.tables()
+        tables = self.tables()
+        name = file or self._main(tables)
         if name not in tables:
             raise unknown("table", name, tables)
         return framed(tables[name])
+
+    def _main(self, tables: Mapping[str, str | bytes]) -> str:
+        """Return the table that stands for the result, the first where that one is not there."""
+        return self.TABLE if self.TABLE in tables else next(iter(tables), self.TABLE)
 
     def tables(self) -> Mapping[str, str | bytes]:
         """Return those of the files that are tables."""
@@ -106,7 +111,8 @@ class Result:
         """Return the headline, findings and the first rows of the main table for a notebook."""
         from ppmcal.report.html import bullets, given, paragraph, table
 
-        header, *rows = _rows(self.tables()[self.TABLE])
+        tables = self.tables()
+        header, *rows = _rows(tables.get(self._main(tables), "")) or [[]]
         more = f"{len(rows) - SHOWN} more rows" if len(rows) > SHOWN else ""
         return (paragraph(f"ppmcal {self.COMMAND}: {self.headline()}") + bullets(self.findings)
                 + table("", header, [[given(c) for c in row] for row in rows[:SHOWN]])

@@ -46,6 +46,7 @@ class Fit:
         scale: one tolerance, or a unit of comparable effect, per column (C,).
         keep: rows used, by data set.
         iterations, converged: of the loop.
+        times: by how many times the noise each row that was left out is off, by data set.
         noise_factor: robust scale of the residuals over the stated noise, at least 1.
         prior_scale: factor on the tolerances that generalised cross-validation chose.
         stopped: where a fit was ended on purpose before it had converged, in words.
@@ -62,6 +63,7 @@ class Fit:
     iterations: int
     converged: bool
     noise_factor: float = 1.0
+    times: tuple[dict[int, float], ...] = ()
     prior_scale: float = 1.0
     stopped: str = ""
     noise: float = 1.0

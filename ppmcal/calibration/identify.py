@@ -24,7 +24,7 @@ from ppmcal.calibration.least_squares import (
     qr_factor,
 )
 from ppmcal.calibration.observation import coordinates, shown
-from ppmcal.calibration.outliers import REJECT, distances, huber_weights, worst
+from ppmcal.calibration.outliers import REJECT, distances, huber_weights, unchecked, worst
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.regularization import damped, gcv_scale
 from ppmcal.errors import BadInput, NoResult
@@ -78,7 +78,7 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
         state = _near(problem, state, keep, prior, options, progress, near)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)
     if options.robust:
-        fit = _without_outliers(fit, suspects, unused, options, progress)
+        fit = _left_out_by_files(fit, suspects, unused, options, progress)
     if options.method == "gcv":
         # gross errors would pass for a machine that is farther off than it is
         fit = _cross_validated(fit, options, progress)
@@ -240,6 +240,51 @@ def _without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array
     return _readmit(fit, keep, reasons, dropped, factor, options, progress)
 
 
+def _left_out_by_files(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
+                       options: FitOptions, progress: Progress | None) -> Fit:
+    """Leave out rows that do not belong; see :func:`_without_outliers`.
+
+    Of several files one may be off as a whole (calipers of a part that shrank) and pull at the
+    others' rows. A row that agrees with its own file, in a fit of that alone in which an error
+    would show, is not the one that is wrong: it stays.
+    """
+    found = _without_outliers(fit, suspects, poses, options, progress)
+    if len(fit.problem.datasets) < 2 or not any(o.any() for o in found.outliers):
+        return found
+    pardoned = [_agreeing(found, i, poses[i], options, progress) if o.any() else o
+                for i, o in enumerate(found.outliers)]
+    if not any(p.any() for p in pardoned):
+        return found
+    keep = [k | p for k, p in zip(found.keep, pardoned, strict=True)]
+    reasons = [{n: v for n, v in each.items() if not p[n]}
+               for each, p in zip(found.reasons, pardoned, strict=True)]
+    times = [{n: v for n, v in each.items() if not p[n]}
+             for each, p in zip(found.times, pardoned, strict=True)]
+    state = _found_again(found, pardoned, poses)
+    back = _fit(found.problem, state, keep, reasons, found.prior, options, progress,
+                found.prior_scale)
+    return replace(back, noise_factor=found.noise_factor, times=tuple(times))
+
+
+def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions,
+              progress: Progress | None) -> Bools:
+    """Return which rows (N,) that were left out of a data set agree with a fit of it alone."""
+    out = found.outliers[index]
+    data = found.problem.datasets[index]
+    if data.frame.same_as is not None or found.problem.earlier is not None:
+        return np.zeros_like(out)
+    alone = replace(found.problem, pivots=None, given=found.problem.environments[index:index + 1],
+                    datasets=(replace(data, homing="shared" if data.homing == "shared" or not index
+                                      else "alone"),))
+    pose = np.where(out[:, None], poses, found.state.poses[index])
+    state = alone.solve(State(found.state.g, (found.state.registrations[index],), (pose,)))
+    keep = [(found.keep[index] | out) & finite_rows(state.poses[0])]
+    own = _fit(alone, state, keep, [{}], prior_weights(alone, options.method), options, progress)
+    own = _without_outliers(own, [np.zeros_like(out)], state.poses, options, progress)
+    hidden = [row for _, rows in unchecked(own, prediction_covariance(own)) for row in rows]
+    return np.asarray(out & own.keep[0] & ~np.isin(data.rows, hidden))
+
+
 def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) -> State:
     """Return the fit's state with the poses of the suspects, where they have one."""
     there = replace(fit.state, poses=tuple(np.where(s[:, None], p, np.nan) for s, p in
@@ -253,6 +298,7 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
              dropped: set[tuple[int, int]], factor: float, options: FitOptions,
              progress: Progress | None) -> Fit:
     """Take back rows that the final fit explains; write down why the others are out."""
+    times: list[dict[int, float]] = [{} for _ in keep]
     if dropped:
         found = distances(fit.problem, fit.state, prediction_covariance(fit), keep)
         total = sum(int(k.sum()) for k in keep) + len(dropped)
@@ -263,12 +309,13 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
             keep[i][n] = True
         for i, n in sorted(dropped - set(back)):
             away = np.sqrt(found.square[i][n] / max(found.size[i][n], 1.0)) / factor
+            times[i][n] = float(away)
             reasons[i][n] = (f"{OUTLIER}: {away:.1f} times the noise" if solved[i][n]
                              else "no pose at these joint values")
         if back:
             fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options, progress,
                        fit.prior_scale)
-    return replace(fit, noise_factor=factor, reasons=tuple(reasons))
+    return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times))
 
 
 def _cross_validated(fit: Fit, options: FitOptions, progress: Progress | None) -> Fit:

@@ -12,12 +12,14 @@ from scipy.special import chdtr, chdtrc
 from ppmcal.calibration.fit import Fit, FitOptions, directions, prediction_covariance
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import Progress, least_squares, prior_square, qr_factor
+from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
 
 LEAST = 5.0
-"""A data set of less redundancy keeps its stated noise."""
+"""A data set of less redundancy keeps its stated noise; where that is only where an estimate
+starts, it counts as so many redundant values more."""
 ROUNDS, SETTLED = 30, 0.005
 
 
@@ -26,6 +28,21 @@ def noise_ratios(fit: Fit) -> tuple[Array, Array]:
 
     nan where the redundancy is below :data:`LEAST`.
     """
+    square, freedom = _squares(fit)
+    enough = freedom >= LEAST
+    return np.where(enough, np.sqrt(square / np.where(enough, freedom, 1.0)), np.nan), freedom
+
+
+def _steps(fit: Fit, factor: Array) -> Array:
+    """Return by what to multiply each noise, ``factor`` times the stated, now (D,)."""
+    square, freedom = _squares(fit)
+    began = np.array([d.estimated for d in fit.problem.datasets])
+    own = np.sqrt((square + LEAST / factor**2) / (np.maximum(freedom, 0.0) + LEAST))
+    return np.where(began, own, noise_ratios(fit)[0])
+
+
+def _squares(fit: Fit) -> tuple[Array, Array]:
+    """Return each data set's sum of squared white residuals and its redundancy (D,)."""
     count = len(fit.problem.datasets)
     square, freedom = np.zeros(count), np.zeros(count)
     covariance = prediction_covariance(fit)
@@ -33,18 +50,22 @@ def noise_ratios(fit: Fit) -> tuple[Array, Array]:
         taken = float(np.sum((rows.jacobian @ covariance) * rows.jacobian))
         square[rows.dataset] += float(np.sum(rows.residual**2))
         freedom[rows.dataset] += float(rows.observed.sum()) - taken
-    enough = freedom >= LEAST
-    return np.where(enough, np.sqrt(square / np.where(enough, freedom, 1.0)), np.nan), freedom
+    return square, freedom
 
 
-def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progress | None = None
-                         ) -> tuple[Fit, Array]:
+def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progress | None = None,
+                         which: Sequence[bool] | None = None) -> tuple[Fit, Array]:
     """Fit with the noise of each data set as its residuals show it.
+
+    Data sets that say so themselves begin with what they state, which counts as :data:`LEAST`
+    redundant values: a handful of touches then weighs its own noise without running off. That
+    is the mode of an inverse gamma distribution of the variance.
 
     Args:
         problem: machine and data with stated noise.
         options: of the fits.
         progress: as for :func:`ppmcal.calibration.identify.identify`.
+        which: data sets whose noise is estimated (D,)  [default: all].
 
     Returns:
         The fit, and by what the stated noise of each data set was multiplied (D,).
@@ -53,16 +74,47 @@ def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progre
         BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
     """
     factor = np.ones(len(problem.datasets))
+    chosen = np.ones(factor.size, dtype=bool) if which is None else np.array(which)
     fit = identify(problem, options, progress)
     for _ in range(ROUNDS):
-        ratio, _ = noise_ratios(fit)
-        ratio = np.where(np.isfinite(ratio) & (ratio > 0.0), ratio, 1.0)
+        ratio = _steps(fit, factor)
+        ratio = np.where(chosen & np.isfinite(ratio) & (ratio > 0.0), ratio, 1.0)
         if np.max(np.abs(np.log(ratio))) < SETTLED:
             break
         factor = factor * ratio
         scaled = replace(problem, datasets=_scaled(problem.datasets, factor))
         fit = identify(scaled, options, progress, fit.state, near=True)
     return fit, factor
+
+
+def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> list[str]:
+    """Return what the estimated noise of data sets (D,) is, in their own units."""
+    out = []
+    for data, f, wanted in zip(problem.datasets, factor.tolist(), which, strict=True):
+        if wanted and not data.estimated:
+            out.append(f"{data.name}: noise {f:.3g} times the stated one.")
+        elif wanted:
+            first = data.sigma_value if data.kind in SCALARS else data.sigma_position
+            began = float(np.nanmedian(first)) / data.units.factor("length")
+            out.append(f"{data.name}: noise {began * f:.3g} {data.units.length}, estimated from "
+                       f"its residuals; the {began:g} {data.units.length} of its sidecar count as "
+                       f"{LEAST:.0f} of them.")
+    return out
+
+
+def with_own_noise(problem: Problem, options: FitOptions, progress: Progress | None = None
+                   ) -> tuple[Problem, list[str]]:
+    """Return the problem with the noise of the data sets that want it estimated, and what it is.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
+    """
+    which = [d.estimated for d in problem.datasets]
+    if not any(which):
+        return problem, []
+    _, factor = with_estimated_noise(problem, options, progress, which)
+    return (replace(problem, datasets=_scaled(problem.datasets, factor)),
+            noise_sentences(problem, factor, which))
 
 
 def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
@@ -90,10 +142,7 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
 
 
 def _scaled(datasets: Sequence[Dataset], factor: Array) -> tuple[Dataset, ...]:
-    return tuple(replace(
-        d, sigma_position=f * d.sigma_position, sigma_rotation=f * d.sigma_rotation,
-        sigma_value=f * d.sigma_value, sigma_actuator=f * d.sigma_actuator)
-        for d, f in zip(datasets, factor.tolist(), strict=True))
+    return tuple(d.noisier(f) for d, f in zip(datasets, factor.tolist(), strict=True))
 
 
 ENOUGH_REPEATS = 30

@@ -28,6 +28,7 @@ class NuisanceColumns:
     target: slice
     target_rotation: slice
     homing: slice
+    scale: slice
     frame_parts: tuple[int, ...]
     target_parts: tuple[int, ...]
     turn_parts: tuple[int, ...]
@@ -47,6 +48,8 @@ class NuisanceColumns:
             moved = replace(moved, frame=turned_about(moved.frame, frame, self.about))
         if self.homing.stop > self.homing.start:
             moved = replace(moved, homing=moved.homing + step[..., self.homing])
+        if self.scale.stop > self.scale.start:
+            moved = replace(moved, scale=moved.scale + float(step[self.scale.start]))
         return moved
 
 
@@ -109,7 +112,8 @@ def lay_out(mechanism: Mechanism, datasets: Sequence[Dataset], free: Sequence[in
         turn = take(turns, [f"target_rotation.{PARTS[3 + p]}" for p in turn_parts])
         homing = take((i > 0 and data.homing == "per-file") or data.homing == "alone",
                       [f"homing.{a}" for a in mechanism.actuators])
-        opens[i] = NuisanceColumns(frame, target, turn, homing, parts, points, turn_parts,
+        scale = take(data.scale.fitted, ["scale"])
+        opens[i] = NuisanceColumns(frame, target, turn, homing, scale, parts, points, turn_parts,
                         np.where(np.isfinite(about), about, 0.0))
         by_name[data.name] = opens[i]
     return tuple(opens[i] for i in range(len(opens))), tuple(names)

@@ -38,7 +38,8 @@ class ResidualJacobian:
         by_frame: d prediction / d(frame displacement, turn about the pivot), (n, m, 6).
         by_target: d prediction / d target (n, m, 3).
         by_target_rotation: d prediction / d target rotation vector (n, m, 3).
-        by_points: d prediction / d(point as shown) (n, m, 3), of each pose.
+        by_points: d prediction / d(point before the file's scale) (n, m, 3), of each pose.
+        by_scale: d prediction / d(scale of the file) (n, m).
         points: where the measured point truly is, measuring frame (n, 3), of each pose.
     """
 
@@ -50,6 +51,7 @@ class ResidualJacobian:
     by_target_rotation: Array
     by_points: tuple[Array, ...]
     points: tuple[Array, ...]
+    by_scale: Array
 
 
 def coordinates(data: Dataset, motion: str) -> tuple[int, ...]:
@@ -104,9 +106,10 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
         about: the frame's pivot (3,), m in the measuring frame.
         stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
     """
+    stretch = in_scale(stretch, registration.scale)
     sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
     if data.kind == "distance":
-        return _distance(data, sights)
+        return _distance(data, sights, registration.scale)
     pick = list(coordinates(data, motion))
     s = sights[0]
     point = s.point
@@ -117,7 +120,8 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
     observed = np.isfinite(residual)
     return ResidualJacobian(np.where(observed, residual, 0.0), observed, (s.by_pose[:, pick],),
                 s.by_frame[:, pick], s.by_target[:, pick], s.by_rotation[:, pick],
-                (np.tile(np.eye(6, 3)[pick], (len(data), 1, 1)),), (point,))
+                (np.tile(registration.scale * np.eye(6, 3)[pick], (len(data), 1, 1)),), (point,),
+                (np.pad(s.seen, ((0, 0), (0, 3))) / registration.scale)[:, pick])
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,7 @@ def _six_coordinates(data: Dataset, registration: Registration, pose: Array, mot
     return _SixCoordinates(residual, by_pose, by_frame, by_target, by_rotation, point, seen)
 
 
-def _distance(data: Dataset, sights: Sequence[_SixCoordinates]) -> ResidualJacobian:
+def _distance(data: Dataset, sights: Sequence[_SixCoordinates], scale: float) -> ResidualJacobian:
     """Distances from the frame's origin, or between two positions: their rows along the line."""
     first = sights[0]
     apart = first.seen if len(sights) == 1 else first.seen - sights[1].seen
@@ -189,9 +193,18 @@ def _distance(data: Dataset, sights: Sequence[_SixCoordinates]) -> ResidualJacob
         by_frame,
         by_target,
         nothing,
-        tuple(sign * along for sign in signs),
+        tuple(sign * scale * along for sign in signs),
         tuple(s.point for s in sights),
+        (length / scale)[:, None],
     )
+
+
+def in_scale(stretch: Array | None, scale: float) -> Array | None:
+    """Return the stretch of an instrument whose file has a scale of its own as well."""
+    if scale == 1.0:
+        return stretch
+    own = np.zeros((1, 3, 3)) if stretch is None else stretch
+    return np.asarray((scale - 1.0) * np.eye(3) + scale * own)
 
 
 def stretched(point: Array, stretch: Array | None) -> Array:

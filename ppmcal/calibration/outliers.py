@@ -119,7 +119,7 @@ class GrossError:
         dataset, row: its data set and its number in the CSV.
         coordinate: index among x, y, z, rx, ry, rz (a height is z, a distance x) that is
             farthest off, measured over noise; ``value``, ``predicted``: there, SI.
-        times: how far, in standard deviations.
+        times: how far, in standard deviations of the noise that the rows show.
         number: what an instrument of one number calls it.
     """
 
@@ -151,7 +151,7 @@ def find_gross_errors(fit: Fit) -> GrossErrors:
     covariance = prediction_covariance(fit)
     rows = tuple(_left_out(fit))
     return GrossErrors(rows, _would(fit, covariance) if rows else {},
-                    tuple(_unchecked(fit, covariance)), tuple(homing_shifts(fit)))
+                    tuple(unchecked(fit, covariance)), tuple(homing_shifts(fit)))
 
 
 def _left_out(fit: Fit) -> Iterator[GrossError]:
@@ -169,7 +169,13 @@ def _left_out(fit: Fit) -> Iterator[GrossError]:
                 pose = fit.state.poses[rows.dataset][index][None]
                 predicted = float(measured_pose(registration, pose)[0, places[c]])
             yield GrossError(data.name, int(data.rows[index]), places[c], value, predicted,
-                          float(abs(rows.residual[n, c])), NUMBERS.get(data.kind, ""))
+                          _times(fit, rows.dataset, index, float(abs(rows.residual[n, c]))),
+                          NUMBERS.get(data.kind, ""))
+
+
+def _times(fit: Fit, dataset: int, row: int, plain: float) -> float:
+    """Return how many times the noise a row was judged to be off, ``plain`` where nobody did."""
+    return fit.times[dataset].get(row, plain) if fit.times else plain
 
 
 def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
@@ -192,7 +198,7 @@ def _would(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
     return out
 
 
-def _unchecked(fit: Fit, covariance: Array) -> Iterator[tuple[str, tuple[int, ...]]]:
+def unchecked(fit: Fit, covariance: Array) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Yield rows of one-number instruments whose own error would hardly show."""
     found: dict[str, list[int]] = {}
     keep = [k & (d.kind in SCALARS) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]

@@ -22,7 +22,7 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.nuisance_columns import NuisanceColumns, lay_out
 from ppmcal.calibration.observation import ResidualJacobian, noise, view, whitener
 from ppmcal.calibration.posterior import Earlier
-from ppmcal.calibration.registration import no_pose, start_registration
+from ppmcal.calibration.registration import no_pose, start_registration, unscaled
 from ppmcal.calibration.response import Response
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
@@ -110,13 +110,15 @@ class Problem:
     def open_scale(self) -> Array:
         """Return one natural unit per open column (C - F,): 1e-3 of the reach, 1e-3 rad.
 
-        Homing is counted in 1e-3 of the largest range of a joint.
+        Homing is counted in 1e-3 of the largest range of a joint, a scale in 1e-3.
         """
         ends = [d.q[finite_rows(d.q)] for d in self.datasets if finite_rows(d.q).any()]
         joint = max((float(np.ptp(q, axis=0).max()) for q in ends), default=1.0) or 1.0
 
         def unit(column: str) -> float:
-            what, part = column.split(" of ")[0].split(".", 1)
+            what, _, part = column.split(" of ")[0].partition(".")
+            if what == "scale":
+                return 1.0
             if what == "homing":
                 return joint
             return 1.0 if part.startswith("r") else self.mechanism.reach
@@ -134,7 +136,8 @@ class Problem:
         for d, pose in zip(self.datasets, poses, strict=True):
             if not finite_rows(pose).any():
                 raise no_pose(self.mechanism, d)
-        registrations = [start_registration(d, pose, self.mechanism.motion)
+        registrations = [replace(start_registration(unscaled(d), pose, self.mechanism.motion),
+                                 scale=float(d.scale.value[0]))
                          for d, pose in zip(self.datasets, poses, strict=True)]
         for i, d in enumerate(self.datasets):
             if d.frame.same_as:
@@ -268,7 +271,7 @@ class Problem:
             out[..., homing] += by_joint
 
     def _registrations(self, i: int, out: Array, seen: ResidualJacobian) -> None:
-        """Fill the columns of frame, target and target rotation."""
+        """Fill the columns of frame, target, target rotation and scale."""
         open_ = self.opens[i]
         for columns, parts, source in (
                 (open_.frame, open_.frame_parts, seen.by_frame),
@@ -276,3 +279,5 @@ class Problem:
                 (open_.target_rotation, open_.turn_parts, seen.by_target_rotation)):
             if columns.stop > columns.start:
                 out[..., columns] = source[..., list(parts)]
+        if open_.scale.stop > open_.scale.start:
+            out[..., open_.scale] = seen.by_scale[..., None]

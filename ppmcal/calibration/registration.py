@@ -86,6 +86,13 @@ def _origin(point: Array, distance: Array, motion: str) -> Array:
     return out
 
 
+def unscaled(data: Dataset) -> Dataset:
+    """Return measurements with the file's known scale, or the one to start from, taken out."""
+    scale = float(data.scale.value[0])
+    return data if scale == 1.0 else replace(data, position=data.position / scale,
+                                             value=data.value / scale)
+
+
 SUSPECT, BLUNDER = 5.0, 10.0
 """A row that misses by so many medians makes the start a robust one; one that then misses by so
 many does not decide where a fit starts."""

@@ -195,7 +195,7 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
     """Return frame and target of every data set, SI."""
     out = {}
     for data, s in zip(problem.datasets, state.registrations, strict=True):
-        out[data.name] = Registration(s.frame, s.target, s.target_rotation)
+        out[data.name] = Registration(s.frame, s.target, s.target_rotation, scale=s.scale)
     return out
 
 

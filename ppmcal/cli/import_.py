@@ -21,23 +21,32 @@ from ppmcal.cli.common import (
 @click.argument("form", metavar="FORMAT")
 @click.argument("file", type=FILE)
 @out_option("imported")
-@click.option("--rods", type=click.Choice(["fixed", "shared", "single"]), default=None,
-              help="Rods as drawn, one length for all, or one for each tower  [default: fixed "
-              "without measured distances, else shared, or single where they differ].")
+@click.option("--rods", multiple=True, metavar="MM|fixed|shared|single",
+              help="Length of the rods as you know it, mm; and rods as drawn, one length for all, "
+              "or one for each tower  [default: fixed without measured distances, else shared, or "
+              "single where they differ]. Repeat to give both.")
+@click.option("--mesh", multiple=True, metavar="NAME|FILE",
+              help="A probed bed, as touches with their direction of travel: the name of a mesh "
+              "that Klipper saved, a log of its touches, or RepRapFirmware's heightmap.csv. "
+              "Repeatable.")
+@click.option("--scale", type=click.Choice(["known", "unknown"]), default=None,
+              help="Whether distances may be off all together, as on a printed part that shrank "
+              " [default: unknown where the rods are known].")
 @quiet_option
 @json_option
-def command(form: str, file: Path, out: Path, rods: str | None, quiet: bool, as_json: bool
-            ) -> None:
+def command(form: str, file: Path, out: Path, rods: tuple[str, ...], mesh: tuple[str, ...],
+            scale: str | None, quiet: bool, as_json: bool) -> None:
     """Turn a controller's configuration FILE into a machine and its measurements.
 
     FORMAT klipper: printer.cfg of a delta printer, with the heights and distances that
-    DELTA_CALIBRATE saved in it. Writes machine.yaml, heights.csv and .yaml, and distances.csv and
-    .yaml where there are any.
+    DELTA_CALIBRATE saved in it, and its meshes. FORMAT reprap: config.g of RepRapFirmware.
+    Writes machine.yaml (the printer as it was meant to be), saved.yaml (as a calibration left
+    it), and heights, distances and mesh_NAME as .csv and .yaml where there are any.
     """
     from ppmcal.api.import_ import import_config
 
     console = Console(quiet, as_json)
-    result = import_config(form, file, rods=rods)
+    result = import_config(form, file, rods=rods, mesh=mesh, scale=scale)
     written = result.save(out)
     tables = [p for p in written if p.suffix == ".csv"]
     console.say(result.headline())
@@ -45,9 +54,5 @@ def command(form: str, file: Path, out: Path, rods: str | None, quiet: bool, as_
     finish(out, [p.name for p in written], console)
     if tables:
         console.say_command("Next:", ["ppmcal", "identify", out / "machine.yaml", *tables])
-    printer = result.printer
-    console.summary({"format": "ppmcal/import/1", "heights": len(printer.heights),
-                     "distances": len(printer.distances), "rods": result.rods,
-                     "written": [p.name for p in written], "findings": list(result.findings),
-                     "provenance": result.provenance})
+    console.summary({**result.summary(), "written": [p.name for p in written]})
     leave(bool(result.findings))

@@ -11,10 +11,10 @@ import math
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput
 from ppmcal.io.yaml import read_bytes
 
 TOWERS = ("a", "b", "c")
@@ -38,11 +38,15 @@ class ConfigEntry:
 
 @dataclass(frozen=True)
 class Config:
-    """A configuration file: section -> key -> entry; ``includes`` are not followed."""
+    """A configuration file: section -> key -> entry; ``includes`` are not followed.
+
+    ``text``: the whole file.
+    """
 
     source: str
     sections: Mapping[str, Mapping[str, ConfigEntry]]
     includes: tuple[str, ...] = ()
+    text: str = ""
 
     def section(self, name: str) -> Mapping[str, ConfigEntry]:
         """Return a section.
@@ -112,26 +116,6 @@ class DeltaGeometry:
                         cut(self.endstops))
 
 
-@dataclass(frozen=True)
-class Printer:
-    """A delta printer.
-
-    Attributes:
-        source: the file; geometry: what it prints with.
-        step: travel per microstep, mm.
-        heights: true z (mm) and microsteps of a, b, c at each touch, (N, 4).
-        distances: measured mm and microsteps at both ends, (M, 7).
-        findings: what the user must look at.
-    """
-
-    source: str
-    geometry: DeltaGeometry
-    step: Triple
-    heights: tuple[tuple[float, ...], ...] = ()
-    distances: tuple[tuple[float, ...], ...] = ()
-    findings: tuple[str, ...] = field(default=())
-
-
 def read_config(path: str | os.PathLike[str]) -> Config:
     """Return a configuration file as sections of text.
 
@@ -172,7 +156,7 @@ def parse_config(text: str, source: str) -> Config:
             key, value = _pair(line, here, f"{source}: line {n}")
             if key:
                 sections[here][key] = ConfigEntry(value, n, late)
-    return Config(source, sections, tuple(includes))
+    return Config(source, sections, tuple(includes), text)
 
 
 def _bare(line: str) -> str:
@@ -217,28 +201,7 @@ def read_geometry(config: Config) -> DeltaGeometry:
                     (ends[0], ends[1], ends[2]))
 
 
-def read_printer(path: str | os.PathLike[str]) -> Printer:
-    """Return the printer of a ``printer.cfg`` with what its calibration measured."""
-    config = read_config(path)
-    if "kinematics" not in config.section("printer"):
-        raise BadInput("is missing", config.at("printer", "kinematics"),
-                       "Only linear delta printers are read: `kinematics: delta`")
-    geometry = read_geometry(config)
-    steps = [_step(config, f"stepper_{t}") for t in TOWERS]
-    heights = [*_rows(config, "height", ("pos",)), *_rows(config, "manual_height", ("pos",))]
-    distances = _rows(config, "distance", ("pos1", "pos2"))
-    findings = [f"[include {name}] is not followed: what stands there is not known"
-                for name in config.includes]
-    if not heights:
-        findings.append("the file holds no measured heights: run DELTA_CALIBRATE and SAVE_CONFIG "
-                        "on the printer, then import again")
-    elif len(heights) < len(TOWERS) + 3 and not distances:
-        findings.append(f"{len(heights)} heights cannot tell 6 parameters apart: measure more")
-    return Printer(str(path), geometry, (steps[0], steps[1], steps[2]), tuple(heights),
-                   tuple(distances), tuple(findings))
-
-
-def _step(config: Config, name: str) -> float:
+def read_step(config: Config, name: str) -> float:
     """Return the travel per microstep, mm."""
     if "rotation_distance" not in config.section(name) and "step_distance" in config.section(name):
         return config.number(name, "step_distance", positive=True)
@@ -258,7 +221,7 @@ def _step(config: Config, name: str) -> float:
     return turn / steps
 
 
-def _rows(config: Config, what: str, ends: tuple[str, ...]) -> list[tuple[float, ...]]:
+def read_rows(config: Config, what: str, ends: tuple[str, ...]) -> list[tuple[float, ...]]:
     """Return measured value and carriage positions of ``height0``, ``height0_pos``, ..."""
     section = "delta_calibrate"
     keys = config.sections.get(section, {})
@@ -288,10 +251,3 @@ def format_geometry(geometry: DeltaGeometry, comment: str = "") -> str:
                   f"arm_length: {geometry.arms[i]:.{DIGITS}f}",
                   f"position_endstop: {geometry.endstops[i]:.{DIGITS}f}"]
     return "\n".join(lines) + "\n"
-
-
-def find_format(name: str) -> str:
-    """Return the controller format called ``name``, whatever its case."""
-    if name.lower() != "klipper":
-        raise unknown("format", name, ("klipper",))
-    return "klipper"

@@ -26,6 +26,7 @@ from ppmcal.io.sidecar import (
     point_of,
     read_sidecar,
     rotation_of,
+    scale_of,
     sidecar_path,
 )
 from ppmcal.io.yaml import number_text
@@ -87,7 +88,9 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         columns=extra_columns, sessions=_sessions(table),
         frame=frame_of(file.frame, mechanism.motion, units, side),
         target=point_of(file.target, mechanism.motion, units, side),
-        target_rotation=rotation_of(file.target_rotation, units, side), homing=file.homing,
+        target_rotation=rotation_of(file.target_rotation, units, side),
+        scale=scale_of(file.scale, file.instrument.kind, side),
+        estimated=file.instrument.sigma.estimated, homing=file.homing,
         approach=approach, findings=tuple(findings + list(seen.findings) + more),
         extra=_fixed_point(file, to_q, mechanism, units, side), units=units,
         convention=convention, read=file.read.model_dump(exclude_unset=True),

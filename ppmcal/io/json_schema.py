@@ -104,6 +104,7 @@ def _dataset() -> Schema:
     out["properties"]["frame"]["anyOf"].append(
         {"type": "object", "properties": {"same_as": {"type": "string"}},
          "required": ["same_as"], "additionalProperties": False})
+    out["properties"]["scale"] |= {"anyOf": [{"enum": ["known", "unknown"]}, NUMBER]}
     instrument = out["$defs"]["InstrumentFile"]["properties"]
     instrument["point"] |= {"anyOf": [VECTOR, {"enum": ["known", "unknown"]}]}
     out["$defs"]["SigmaFile"]["properties"]["actuator"] |= _one_or_each()

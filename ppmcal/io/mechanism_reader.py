@@ -250,7 +250,7 @@ def _registrations(file: MechanismFile, units: Units, source: str) -> dict[str, 
             entry.frame, OF_FRAME[file.motion], units, source, where)
         target = np.array([*(entry.target or [0.0, 0.0, 0.0]), 0.0][:3]) * units.factor("length")
         turn = np.array(entry.target_rotation or [0.0, 0.0, 0.0]) * units.factor("angle")
-        out[name] = Registration.of_pose(frame, target, turn)
+        out[name] = Registration.of_pose(frame, target, turn, entry.scale)
     return out
 
 

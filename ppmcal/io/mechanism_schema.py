@@ -149,6 +149,8 @@ class RegistrationFile(Strict):
     """The measured point in platform axes."""
     target_rotation: Annotated[list[float], vector(3)] | None = None
     """Rotation vector of the measured body in platform axes."""
+    scale: Positive = 1.0
+    """Lengths that the instrument shows over true ones."""
 
 
 class MeasurementFile(Strict):

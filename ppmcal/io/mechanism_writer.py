@@ -242,4 +242,5 @@ def _registrations(mechanism: Mechanism) -> Mapping[str, Any]:
         "frame": pose_to_map(r.frame_pose, OF_FRAME[mechanism.motion], units),
         "target": [to_file(float(v), units.factor("length")) for v in r.target],
         "target_rotation": [to_file(float(v), units.factor("angle")) for v in r.target_rotation],
+        **({} if r.scale == 1.0 else {"scale": r.scale}),
     } for name, r in mechanism.registrations.items()}

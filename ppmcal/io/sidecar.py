@@ -18,6 +18,7 @@ from ppmcal.io.pose_fields import OF_FRAME, pose_from_map
 from ppmcal.io.reading import ReadFile
 from ppmcal.io.schema import (
     LARGEST,
+    Flag,
     Label,
     Positive,
     Strict,
@@ -35,6 +36,8 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
 FORMAT = "ppmcal/dataset/1"
+NEAR_ONE = (0.5, 2.0)
+"""A scale beyond is rather a wrong unit."""
 EXAMPLE = """format: ppmcal/dataset/1
 units: {length: mm, angle: deg}
 instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}
@@ -65,6 +68,8 @@ class SigmaFile(Strict):
     """Of a distance (kind distance)."""
     actuator: Annotated[Any, BeforeValidator(_sigma_actuator)] = 0.0
     """Of the joint values: one number, or one by actuator."""
+    estimated: Flag = False
+    """Whether these only begin an estimate by the residuals, as which they count a few rows."""
 
 
 class InstrumentFile(Strict):
@@ -104,6 +109,8 @@ class SidecarFile(Strict):
     """Name of the data set  [default: the file's]."""
     target_rotation: Any = "known"
     """Rotation vector of the measured body: known (none), unknown or a vector."""
+    scale: Any = "known"
+    """Measured lengths over true ones: known (1), unknown, or a number."""
     approach: Annotated[str, choice("approach", "columns", "sequence", "unknown")] | None = None
     """Directions of approach: dir_ columns, the order of rows, or unknown."""
     homing: Annotated[str, choice("homing", "shared", "per-file")] = "shared"
@@ -201,6 +208,24 @@ def rotation_of(raw: object, units: Units, source: str, where: str = "target_rot
     if numbers is None:
         raise _neither(raw, f"{source}: {where}", "a rotation vector [rx, ry, rz]")
     return Unknown(False, np.array(numbers) * units.factor("angle"))
+
+
+def scale_of(raw: object, kind: str, source: str, where: str = "scale") -> Unknown:
+    """Return what measured lengths are times the true ones (1,): known (1), unknown, or given.
+
+    A printed part that shrank, a caliper or a tracker in another scale: all rows of the file are
+    off together.
+    """
+    if kind == "plane" and raw not in ("known", 1, 1.0):
+        raise BadInput("heights of a flat have no scale of their own", f"{source}: {where}",
+                       "Take it out; a scale goes with pose, position or distance")
+    if raw in ("unknown", "known"):
+        return Unknown(raw == "unknown", np.ones(1))
+    if isinstance(raw, bool) or not isinstance(raw, int | float) or not NEAR_ONE[0] <= raw <= (
+            NEAR_ONE[1]):
+        raise _neither(raw, f"{source}: {where}",
+                       f"a number from {NEAR_ONE[0]:g} to {NEAR_ONE[1]:g}, such as 0.997")
+    return Unknown(False, np.array([float(raw)]))
 
 
 def actuator_noise(raw: object, mechanism: Mechanism, factors: Array, source: str) -> Array:

@@ -206,6 +206,7 @@ def _within_reason(mechanism: Mechanism, registration: Registration, wanted: Arr
 def carried_back(mechanism: Mechanism, registration: Registration, wanted: Array) -> Array:
     """frame^-1 o wanted o target^-1; in a translational machine the rotation stays."""
     filled = np.where(np.isnan(wanted), 0.0, wanted)
+    filled[..., :3] /= registration.scale
     body = cga.motor_from_rotation_vector(registration.target_rotation, registration.target)
     back = cga.reverse(registration.frame)
     if mechanism.motion == "translational":

@@ -17,7 +17,8 @@ def predict(registration: Registration, pose: Array) -> tuple[Array, Array]:
     """Return what is seen of platform motors (n, 8): frame o pose o target.
 
     Returns:
-        Positions (n, 3), m, and rotation matrices (n, 3, 3) in the measuring frame.
+        Positions (n, 3), m, and rotation matrices (n, 3, 3) in the measuring frame, before the
+        instrument's scale.
     """
     seen = cga.compose(registration.frame, pose)
     body = cga.rotation_matrix(cga.motor_from_rotation_vector(registration.target_rotation,
@@ -92,7 +93,7 @@ def after_events(registration: Registration, shift: Shift) -> Registration:
         target = cga.move_point(moved, target)
         turn = cga.rotation_vector(cga.compose(moved, cga.motor_from_rotation_vector(
             turn, np.zeros(3))))
-    return Registration(frame, target, turn, registration.homing)
+    return Registration(frame, target, turn, registration.homing, registration.scale)
 
 
 def _motor(displacement: Array) -> Array:
@@ -102,8 +103,8 @@ def _motor(displacement: Array) -> Array:
 def measured_pose(registration: Registration, pose: Array) -> Array:
     """Return what is seen of platform motors (n, 8): position and rotation vector (n, 6).
 
-    Measuring frame, m and rad.
+    Measuring frame, m and rad, in the instrument's scale.
     """
     point, turn = predict(registration, pose)
-    return np.concatenate([point, cga.rotation_vector(
+    return np.concatenate([registration.scale * point, cga.rotation_vector(
         cga.motor_from_matrix(turn, np.zeros(3)))], axis=-1)

@@ -54,6 +54,8 @@ class Dataset:
             ``temperature``, ``payload``, ``time``, ``fx`` ...; (N,) each, nan = missing.
         sessions: label per row, or None.
         frame, target, target_rotation: known or to be fitted; (6,), (3,), (3,).
+        scale: what the file's lengths are times the true ones (1,), known or to be fitted.
+        estimated: whether the stated noise is only where its estimate starts.
         homing: ``shared`` or ``per-file``; inside the program also ``alone``: open even in the
             first file.
         approach: ``columns``, ``sequence`` or ``unknown``.
@@ -93,6 +95,8 @@ class Dataset:
     frame: Unknown
     target: Unknown
     target_rotation: Unknown
+    scale: Unknown = Unknown(False, np.ones(1))
+    estimated: bool = False
     homing: str = "shared"
     approach: str = "unknown"
     visited: Array | None = None
@@ -151,6 +155,13 @@ class Dataset:
             visited=None if visited is None else visited[keep], unusable=unusable,
             whole=self if self.whole is None else self.whole,
             place=np.arange(len(self))[keep] if self.place is None else self.place[keep])
+
+    def noisier(self, factor: float) -> Dataset:
+        """Return the data set with its standard deviations times ``factor``."""
+        return replace(
+            self, sigma_position=factor * self.sigma_position,
+            sigma_rotation=factor * self.sigma_rotation, sigma_value=factor * self.sigma_value,
+            sigma_actuator=factor * self.sigma_actuator)
 
     def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
         """Return the data set with ``rows`` (N,) marked unusable, unless they are already."""

@@ -21,6 +21,7 @@ class Registration:
         target_rotation: rotation vector of the measured body against the platform (3,).
         homing: shift of the joint values of this file (k,), unit of q; 0 () where there is none.
             Of one session, so that model files do not keep it.
+        scale: lengths that the instrument shows over true ones.
 
     Several machines that are registered together have frames (M, 8) and targets (M, 3).
     """
@@ -29,14 +30,15 @@ class Registration:
     target: Array = field(default_factory=lambda: np.zeros(3))
     target_rotation: Array = field(default_factory=lambda: np.zeros(3))
     homing: Array = field(default_factory=lambda: np.zeros(()))
+    scale: float = 1.0
 
     @classmethod
     def of_pose(cls, frame: Array, target: Array | None = None,
-                target_rotation: Array | None = None) -> Registration:
+                target_rotation: Array | None = None, scale: float = 1.0) -> Registration:
         """Return the registration of a frame as files have it: x, y, z, rotation vector (6,)."""
         made = cls(cga.motor_from_rotation_vector(frame[3:], frame[:3]),
                    np.zeros(3) if target is None else target,
-                   np.zeros(3) if target_rotation is None else target_rotation)
+                   np.zeros(3) if target_rotation is None else target_rotation, scale=scale)
         # kept, so that a file that is read and written again is equal to the last bit
         made.__dict__["frame_pose"] = frame
         return made

@@ -21,9 +21,9 @@ from ppmcal.controllers.klipper_config import (
     format_geometry,
     parse_config,
     read_geometry,
-    read_printer,
 )
 from ppmcal.controllers.klipper_fit import project
+from ppmcal.controllers.klipper_import import read_printer
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_mechanism
 

@@ -138,11 +138,15 @@ class ExcludedRow(Part):
 
 
 class RegistrationEntry(Part):
-    """Frame (6: length, then angle), target (3, length), rotation (3, angle), in file units."""
+    """Frame (6: length, then angle), target (3, length), rotation (3, angle), in file units.
+
+    ``scale``: lengths that the instrument shows over true ones.
+    """
 
     frame: Numbers = ()
     target: Numbers = ()
     target_rotation: Numbers = ()
+    scale: Finite = 1.0
 
     @classmethod
     def of(cls, r: Registration, units: Units) -> RegistrationEntry:
@@ -151,7 +155,7 @@ class RegistrationEntry(Part):
         return cls(frame=numbers(r.frame_pose[:3] / length)
                    + numbers(r.frame_pose[3:] / angle),
                    target=numbers(r.target / length),
-                   target_rotation=numbers(r.target_rotation / angle))
+                   target_rotation=numbers(r.target_rotation / angle), scale=r.scale)
 
 
 class FittedDataset(Part):

@@ -202,7 +202,7 @@ def _registration(data: FittedDataset, units: Units) -> Registration:
     entry = _part(entry, "frame", "target", "target_rotation")
     return Registration.of_pose(_finite(entry.frame, 6) * np.array([length] * 3 + [angle] * 3),
                                 _finite(entry.target, 3) * length,
-                                _finite(entry.target_rotation, 3) * angle)
+                                _finite(entry.target_rotation, 3) * angle, entry.scale)
 
 
 @dataclass(frozen=True, eq=False)

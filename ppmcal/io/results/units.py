@@ -11,6 +11,8 @@ def column_factor(mechanism: Mechanism, name: str) -> float:
         if p.name == name:
             return mechanism.units.factor(p.quantity)
     head = name.split(" of ")[0]
+    if head == "scale":
+        return 1.0
     if head.startswith("homing."):
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
     if head == "scale":

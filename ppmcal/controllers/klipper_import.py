@@ -1,0 +1,181 @@
+"""``import klipper``: a ``printer.cfg`` as a printer with what it measured."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ppmcal.controllers.klipper import MM, travel
+from ppmcal.controllers.klipper_config import (
+    TOWERS,
+    Config,
+    DeltaGeometry,
+    Triple,
+    read_config,
+    read_geometry,
+    read_rows,
+    read_step,
+)
+from ppmcal.controllers.klipper_nominal import read_nominal
+from ppmcal.controllers.printer import Mesh, Printer
+from ppmcal.errors import BadInput, unknown
+from ppmcal.io.yaml import read_bytes
+from ppmcal.linalg import Array
+
+PROBES = ("probe", "bltouch", "smart_effector")
+"""Sections that hold a probe's offsets."""
+FLAT_ROW = 0.05
+"""Touches whose x differ by less, mm, do not tell a direction of travel."""
+_NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_VALUE = r"([-+]?\d+\.?\d*)"
+_TOUCH = re.compile(rf"probe at {_VALUE}\s*,\s*{_VALUE} is z={_VALUE}", re.ASCII)
+
+
+def read_printer(path: str | os.PathLike[str], rods: float | None = None,
+                 meshes: Sequence[str] = ()) -> Printer:
+    """Return the printer of a ``printer.cfg`` with what its calibration measured.
+
+    Args:
+        path: the file.
+        rods: length of the rods as the user knows it, mm.
+        meshes: names of saved bed meshes, or logs with lines ``probe at x,y is z=...``.
+
+    Raises:
+        BadInput: anything wrong in the file, or a mesh that is not there.
+    """
+    config = read_config(path)
+    if "kinematics" not in config.section("printer"):
+        raise BadInput("is missing", config.at("printer", "kinematics"),
+                       "Only linear delta printers are read: `kinematics: delta`")
+    geometry = read_geometry(config)
+    nominal = read_nominal(config, geometry, rods)
+    a, b, c = (read_step(config, f"stepper_{t}") for t in TOWERS)
+    heights = [_travelled(row, (a, b, c)) for kind in ("height", "manual_height")
+               for row in read_rows(config, kind, ("pos",))]
+    distances = [_travelled(row, (a, b, c))
+                 for row in read_rows(config, "distance", ("pos1", "pos2"))]
+    beds = tuple(_mesh(config, geometry, name) for name in meshes)
+    findings = [f"[include {name}] is not followed: what stands there is not known"
+                for name in config.includes]
+    if not heights and not beds:
+        held = ", ".join(_mesh_names(config))
+        findings.append("the file holds no measured heights: run DELTA_CALIBRATE and SAVE_CONFIG "
+                        "on the printer, then import again"
+                        + (f"; or import a mesh with --mesh: {held}" if held else ""))
+    elif len(heights) < len(TOWERS) + 3 and not distances and not beds:
+        findings.append(f"{len(heights)} heights cannot tell 6 parameters apart: measure more")
+    findings += [*nominal.findings, *(f for bed in beds for f in bed.findings)]
+    return Printer(str(path), geometry, (a, b, c), nominal, _saved(config), tuple(heights),
+                   tuple(distances), beds, tuple(findings))
+
+
+def _saved(config: Config) -> bool:
+    """Return whether the printer saved numbers of its geometry itself."""
+    keys = {"delta_radius", "angle", "arm_length", "position_endstop"}
+    names = ("printer", *(f"stepper_{t}" for t in TOWERS))
+    return any(entry.saved for name in names
+               for key, entry in config.sections.get(name, {}).items() if key in keys)
+
+
+def _mesh_names(config: Config) -> list[str]:
+    return [name.removeprefix("bed_mesh ") for name in config.sections
+            if name.startswith("bed_mesh ")]
+
+
+def _travelled(row: tuple[float, ...], step: Triple) -> tuple[float, ...]:
+    """Return a value and microsteps of a, b, c, once or twice, with these as mm."""
+    return row[0], *(s * step[i % len(step)] for i, s in enumerate(row[1:]))
+
+
+def _mesh(config: Config, geometry: DeltaGeometry, name: str) -> Mesh:
+    """Return a saved mesh, or the touches of a log, as carriages of the printer."""
+    log = Path(name).is_file()
+    point, way, label = _logged(Path(name)) if log else (*_grid(config, name), name)
+    offset = _probe(config, "z_offset")
+    if not log:
+        point = point - np.array([*_off(config, name), -offset])
+    with np.errstate(invalid="ignore"):
+        down = travel(geometry, MM * point) / MM
+    good = np.isfinite(down).all(axis=1)
+    told = [] if good.all() else [f"mesh {label}: {int((~good).sum())} points are out of the rods' "
+                                  "reach, and left out"]
+    rows = np.column_stack([np.full(len(down), offset), down, way])[good]
+    return Mesh(re.sub(r"[^A-Za-z0-9_-]", "_", label), tuple(map(tuple, rows.tolist())),
+                tuple(told))
+
+
+def _grid(config: Config, name: str) -> tuple[Array, Array]:
+    """Return the touches of a saved mesh (N, 3), mm, in their order, and the way along x (N,).
+
+    Rows go up along y, the first from left to right, the next back. Points of a round mesh that
+    are outside its radius were never touched: the file holds their neighbours there (bed_mesh.py
+    of Klipper: ``generate_points``, ``probe_finalize``).
+    """
+    section = f"bed_mesh {name}"
+    if section not in config.sections:
+        raise unknown("mesh", name, _mesh_names(config), config.source)
+    nx, ny = (int(config.number(section, key, positive=True)) for key in ("x_count", "y_count"))
+    low, high = (np.array([config.number(section, f"{end}_{c}") for c in "xy"])
+                 for end in ("min", "max"))
+    entry = config.sections[section].get("points")
+    values = [] if entry is None else [float(v) for v in _NUMBERS.findall(entry.text)]
+    if len(values) != nx * ny or nx < 2 or ny < 2:
+        raise BadInput(f"{len(values)} heights stand here, and x_count times y_count is {nx * ny}",
+                       config.at(section, "points"), "Take the block as the printer saved it")
+    x, y = np.linspace(low[0], high[0], nx), np.linspace(low[1], high[1], ny)
+    point = np.stack([*np.meshgrid(x, y), np.reshape(values, (ny, nx))], axis=-1)
+    own = config.sections.get("bed_mesh", {})
+    middle = np.zeros(2)
+    reach = np.inf
+    if "mesh_radius" in own:
+        reach = np.floor(10.0 * config.number("bed_mesh", "mesh_radius", positive=True)) / 10.0
+        if "mesh_origin" in own:
+            middle = np.array(config.numbers("bed_mesh", "mesh_origin", 2))
+    return in_rows(point, reach + 1e-3 >= np.hypot(*(point[..., :2] - middle).T).T)
+
+
+def in_rows(point: Array, touched: Array) -> tuple[Array, Array]:
+    """Return touched points of a grid (Y, X, 3) to and fro, row by row, and the ways (N,).
+
+    The way along x, +1 or -1, is the row's, at its first point as well.
+    """
+    backward = np.arange(len(point)) % 2 == 1
+    order = np.where(backward[:, None, None], point[:, ::-1], point).reshape(-1, 3)
+    keep = np.where(backward[:, None], touched[:, ::-1], touched).reshape(-1)
+    return order[keep], np.repeat(np.where(backward, -1.0, 1.0), point.shape[1])[keep]
+
+
+def _off(config: Config, name: str) -> Array:
+    """Return how far the points of a mesh are from the nozzle at its touches (2,), mm.
+
+    Points are where the probe was; meshes that keep offsets of their own hold the nozzle's.
+    """
+    if "x_offset" in config.sections[f"bed_mesh {name}"]:
+        return np.zeros(2)
+    return np.array([_probe(config, "x_offset"), _probe(config, "y_offset")])
+
+
+def _probe(config: Config, key: str) -> float:
+    """Return an offset of the probe, mm, 0 without one."""
+    for name in config.sections:
+        if name in PROBES or name.startswith("probe_"):
+            return config.number(name, key, 0.0)
+    return 0.0
+
+
+def _logged(path: Path) -> tuple[Array, Array, str]:
+    """Return nozzle positions (N, 3), mm, of the touches in a log, the ways (N,), and a name."""
+    text = read_bytes(path).decode("utf-8", errors="replace")
+    found = [tuple(map(float, m.groups())) for m in _TOUCH.finditer(text)]
+    if len(found) < 3:
+        raise BadInput(f"{len(found)} lines such as `probe at 0.000,0.000 is z=1.234` stand here",
+                       str(path), "Give a log of the console or klippy.log with a bed's touches")
+    point = np.array(found)
+    moved = np.diff(point[:, 0], prepend=point[:1, 0])
+    # repeats of a touch, and steps along y, go on as the move before
+    last = np.maximum.accumulate(np.where(np.abs(moved) <= FLAT_ROW, 0, np.arange(len(point))))
+    return point, np.where(moved[last] < 0.0, -1.0, 1.0), path.stem

@@ -1,0 +1,160 @@
+"""What a Klipper printer was meant to be: the body of its ``printer.cfg``, comments included.
+
+``SAVE_CONFIG`` writes what a calibration found into ``#*#`` lines at the end and comments the
+earlier value out where it stands. The saved numbers are a result of the very touches that are to
+be fitted; taken as nominal and prior they would be believed twice.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from ppmcal.controllers.klipper_config import (
+    ANGLES,
+    SAVED,
+    TOWERS,
+    Config,
+    DeltaGeometry,
+    Triple,
+)
+from ppmcal.controllers.printer import (
+    LEAST_OFFSET,
+    LEAST_RADIUS,
+    LEAST_RODS,
+    WIDE_RODS,
+    Nominal,
+    offsets,
+    tolerance,
+)
+from ppmcal.errors import BadInput
+
+FAR = 5.0
+"""A radius or endstop that the printer is farther from than this, mm, was a placeholder."""
+SKEW = 5.0
+"""So was an angle, degrees."""
+_LINE = re.compile(r"(?P<out>[#;]*)\s*(?P<key>[A-Za-z_]+)\s*[:=]\s*"
+                   r"(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:[#;].*)?$", re.ASCII)
+_HEADER = re.compile(r"\[([^]]*)\]")
+_COMMENT, _BODY, _SAVED, _OWNER = "a comment", "the file", "the saved calibration", "--rods"
+
+
+def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = None) -> Nominal:
+    """Return the nominal geometry of a printer that prints with ``active``.
+
+    Args:
+        config: its file.
+        active: its numbers, saved ones first.
+        rods: the rods' length as the user knows it, mm.
+
+    Raises:
+        BadInput: ``rods`` do not reach the middle.
+    """
+    body, told = _body(config)
+    findings = list(told)
+    radius, radius_from = _one(config, body, "printer", "delta_radius", active.radius)
+    if abs(radius - active.radius) > FAR:
+        findings.append(_placeholder("delta_radius", radius, active.radius))
+        radius, radius_from = active.radius, _SAVED
+    arms, arms_from, known = _rods(config, body, active, rods, findings)
+    if min(arms) <= radius:
+        raise BadInput(f"rods of {min(arms):g} mm do not reach the middle: the radius is "
+                       f"{radius:g} mm", config.source, "Check both lengths")
+    ends, ends_from = _towers(config, body, "position_endstop", active.endstops)
+    if max(abs(e - own) for e, own in zip(ends, active.endstops, strict=True)) > FAR:
+        findings.append(_placeholder("position_endstop", ends[0], active.endstops[0]))
+        ends, ends_from = active.endstops, _SAVED
+    angles = _angles(body, active)
+    geometry = DeltaGeometry(radius, angles, arms, ends)
+    apart = float(np.max(np.abs(np.subtract(offsets(geometry), offsets(active)))))
+    return Nominal(
+        geometry, {"delta_radius": radius_from, "rods": arms_from, "endstops": ends_from},
+        np.inf if radius_from == _SAVED else tolerance(LEAST_RADIUS, abs(radius - active.radius)),
+        np.inf if ends_from == _SAVED else tolerance(LEAST_OFFSET, apart),
+        LEAST_RODS if known else WIDE_RODS, known, tuple(findings))
+
+
+def _placeholder(key: str, value: float, now: float) -> str:
+    return (f"{key} {value:g} stands in the body of the file, the printer saved {now:g} mm: the "
+            "former was never this printer's, and neither is a prior")
+
+
+_Body = dict[tuple[str, str], tuple[float, bool]]
+
+
+def _body(config: Config) -> tuple[_Body, list[str]]:
+    """Return (section, key) -> (value, whether it is commented out), and what is ambiguous."""
+    out: _Body = {}
+    several: dict[str, list[float]] = {}
+    section = ""
+    for line in config.text.splitlines():
+        if line.startswith(SAVED):
+            continue
+        header = _HEADER.match(line)
+        if header:
+            section = header[1].strip()
+            continue
+        found = _LINE.match(line.strip())
+        if found is None:
+            continue
+        place = section, found["key"].lower()
+        value, quiet = float(found["value"]), bool(found["out"])
+        if quiet and place in out and not out[place][1]:
+            continue
+        if quiet and place in out and out[place][0] != value:
+            several.setdefault(f"[{section}] {place[1]}", [out[place][0]]).append(value)
+        out[place] = value, quiet
+    keys = ("delta_radius", "arm_length", "position_endstop", "angle")
+    return out, [f"{name}: {', '.join(f'{v:g}' for v in values)} are commented out: the last is "
+                 "taken as nominal" for name, values in several.items() if name.endswith(keys)]
+
+
+def _one(config: Config, body: _Body, section: str, key: str, active: float) -> tuple[float, str]:
+    """Return a value and where it is from, the saved one only where nothing else stands."""
+    if (section, key) in body:
+        value, quiet = body[section, key]
+        return value, _COMMENT if quiet else _BODY
+    entry = config.sections.get(section, {}).get(key)
+    return active, _SAVED if entry is not None and entry.saved else _BODY
+
+
+def _towers(config: Config, body: _Body, key: str, active: Triple) -> tuple[Triple, str]:
+    """Return a value of each tower, those of b and c a's where they have none of their own."""
+    values: list[float] = []
+    origins: list[str] = []
+    for i, tower in enumerate(TOWERS):
+        value, origin = _one(config, body, f"stepper_{tower}", key, active[i])
+        alone = (f"stepper_{tower}", key) not in body
+        if i and alone and origins[0] != _SAVED:
+            value, origin = values[0], origins[0]
+        values.append(value)
+        origins.append(origin)
+    worst = _SAVED if _SAVED in origins else _COMMENT if _COMMENT in origins else _BODY
+    return (values[0], values[1], values[2]), worst
+
+
+def _rods(config: Config, body: _Body, active: DeltaGeometry, given: float | None,
+          findings: list[str]) -> tuple[Triple, str, bool]:
+    """Return the rods, where they are from, and whether that is more than a saved result."""
+    if given is not None:
+        return (given, given, given), _OWNER, True
+    arms, origin = _towers(config, body, "arm_length", active.arms)
+    if origin != _SAVED:
+        return arms, origin, True
+    mean = float(np.mean(active.arms))
+    findings.append(
+        f"the rods' nominal length is not known: all that the file holds is what a calibration "
+        f"saved ({', '.join(f'{a:g}' for a in active.arms)} mm). Their mean {mean:.3f} mm is taken "
+        f"with a tolerance of {WIDE_RODS:g} mm; measure a rod from bearing to bearing, or look at "
+        "its drawing, and give --rods LENGTH")
+    return (mean, mean, mean), _SAVED, False
+
+
+def _angles(body: _Body, active: DeltaGeometry) -> Triple:
+    """Return the towers' angles as drawn, those of the firmware where the file says nothing."""
+    out = []
+    for tower, usual, own in zip(TOWERS, ANGLES, active.angles, strict=True):
+        value = body.get((f"stepper_{tower}", "angle"), (usual, True))[0]
+        out.append(value if abs(value - own) <= SKEW else own)
+    return out[0], out[1], out[2]

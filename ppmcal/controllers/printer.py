@@ -1,0 +1,93 @@
+"""A delta printer that a firmware's configuration describes, and what it has measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from ppmcal.controllers.klipper_config import DeltaGeometry, Triple
+
+LEAST_RADIUS, LEAST_OFFSET, LEAST_RODS = 1.0, 1.0, 0.3
+"""Tolerances, mm: how far a radius, an endstop and a rod are from what their owner wrote."""
+WIDE_RODS = 2.0
+"""Tolerance of rods of which only a saved calibration says anything, mm."""
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What a printer was meant to be, before it was calibrated: the prior.
+
+    Attributes:
+        geometry: mm and degrees.
+        origin: where radius, angles, rods and endstops are from, in words.
+        radius, offset, rods: tolerances, mm; inf where nothing is known.
+        rods_known: whether the rods are from another source than a saved calibration.
+        findings: what the user must look at.
+    """
+
+    geometry: DeltaGeometry
+    origin: dict[str, str]
+    radius: float = LEAST_RADIUS
+    offset: float = LEAST_OFFSET
+    rods: float = LEAST_RODS
+    rods_known: bool = True
+    findings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A probed bed as touches in the order in which they were made.
+
+    Attributes:
+        name: of the mesh, which its files are called by.
+        rows: true height of the nozzle at the trigger and carriages a, b, c below their endstops,
+            mm, and the direction of travel along x before the descent, +1 or -1; (N, 5).
+        findings: what the user must look at.
+    """
+
+    name: str
+    rows: tuple[tuple[float, ...], ...]
+    findings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Printer:
+    """A delta printer.
+
+    Attributes:
+        source: the file; geometry: what it prints with now.
+        step: travel per microstep, mm; nan where carriages are not counted in them.
+        nominal: what it was meant to be.
+        saved: whether ``geometry`` holds numbers of a calibration that it saved itself.
+        heights: true z and carriages a, b, c below their endstops at each touch, mm, (N, 4).
+        distances: measured, and carriages at both ends, mm, (M, 7).
+        meshes: beds that were probed with ``geometry``.
+        findings: what the user must look at.
+    """
+
+    source: str
+    geometry: DeltaGeometry
+    step: Triple
+    nominal: Nominal
+    saved: bool = False
+    heights: tuple[tuple[float, ...], ...] = ()
+    distances: tuple[tuple[float, ...], ...] = ()
+    meshes: tuple[Mesh, ...] = ()
+    findings: tuple[str, ...] = field(default=())
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether it saved numbers that are not those it was meant to have."""
+        return self.saved and self.geometry != self.nominal.geometry
+
+
+def offsets(geometry: DeltaGeometry) -> Triple:
+    """Return the carriages' heights at the endstops, mm: endstop + sqrt(rod^2 - radius^2)."""
+    a, b, c = (e + math.sqrt(rod**2 - geometry.radius**2)
+               for e, rod in zip(geometry.endstops, geometry.arms, strict=True))
+    return a, b, c
+
+
+def tolerance(least: float, apart: float) -> float:
+    """Return a tolerance in which a printer's own answer is no surprise, mm, in 0.1 mm."""
+    return max(least, math.ceil(20.0 * apart) / 10.0)

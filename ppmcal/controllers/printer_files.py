@@ -1,0 +1,156 @@
+"""A delta printer as a mechanism file and measurement files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
+from ppmcal.controllers.printer import Printer, offsets
+from ppmcal.io import csv_text
+from ppmcal.model.limbs.spatial import PUS
+
+HEIGHT_SIGMA = 0.02
+DISTANCE_SIGMA = 0.05
+RODS = ("fixed", "shared", "single")
+SAVED = "saved.yaml"
+
+
+def rods_of(printer: Printer, wanted: str | None) -> str:
+    """Return how rods are fitted: ``wanted``, or what the measurements allow."""
+    if wanted is not None:
+        return wanted
+    arms = printer.nominal.geometry.arms
+    if not printer.distances and printer.nominal.rods_known:
+        return "fixed"
+    return "shared" if len(set(arms)) == 1 else "single"
+
+
+def scale_of(printer: Printer, wanted: str | None) -> str:
+    """Return whether distances may be off all together: ``wanted``, or what leaves a size.
+
+    A printed part shrinks. Where the rods are known, they hold the machine's size; where not,
+    the part has to.
+    """
+    return wanted or ("unknown" if printer.nominal.rods_known else "known")
+
+
+def files(printer: Printer, rods: str, scale: str = "known") -> dict[str, str]:
+    """Return file name -> text of everything that the import writes."""
+    out = {"machine.yaml": machine_yaml(printer, rods)}
+    if printer.calibrated:
+        out[SAVED] = saved_yaml(printer, rods)
+    q = [f"q_{t}" for t in TOWERS]
+    if printer.heights:
+        out["heights.csv"] = _table(["height", *q], printer.heights)
+        out["heights.yaml"] = _sidecar("heights", "plane", "height", HEIGHT_SIGMA, (
+            "# Touches: the nozzle's true height above the bed, and where the carriages were."))
+    if printer.distances:
+        out["distances.csv"] = _table(["distance", *q, *(f"to_{c}" for c in q)], printer.distances)
+        out["distances.yaml"] = _sidecar("distances", "distance", "distance", DISTANCE_SIGMA, (
+            "# Distances on a printed part between two nozzle positions.")) + (
+            f"scale: {scale}    # of all these distances: the part shrinks, 0.2 to 0.8 %\n")
+    for mesh in printer.meshes:
+        name = f"mesh_{mesh.name}"
+        out[f"{name}.csv"] = _table(["height", *q, "dir_x"], mesh.rows)
+        out[f"{name}.yaml"] = _sidecar(name, "plane", "height", HEIGHT_SIGMA, (
+            "# Touches of a bed in their order; how high it lies and how it is tilted is not known."
+            "\n# Carriages are where the numbers in the configuration put them: it has to hold "
+            "those\n# that the bed was probed with."), "unknown")
+    return out
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[float]]) -> str:
+    return csv_text(header, list(np.array(rows, dtype=float).T))
+
+
+def _sidecar(name: str, kind: str, column: str, sigma: float, comment: str,
+             frame: str = "known") -> str:
+    return f"""{comment}
+# sigma: how far one reading scatters, estimated from what is left; {sigma} mm begins it.
+# Where you know it, put it in and take `estimated` out.
+format: ppmcal/dataset/1
+name: {name}
+units: {{length: mm, angle: deg}}
+instrument: {{kind: {kind}, sigma: {{{column}: {sigma}, estimated: true}}}}
+frame: {frame}
+target: known
+"""
+
+
+def machine_yaml(printer: Printer, rods: str) -> str:
+    """Return the printer as it was meant to be, a commented mechanism file.
+
+    A carriage is at u = offset - travel, offset = position_endstop +
+    sqrt(arm_length^2 - delta_radius^2), and the machine closes where the arm from there ends.
+    """
+    nominal = printer.nominal
+    origin = ", ".join(f"{what}: {where}" for what, where in nominal.origin.items())
+    name = yaml.safe_dump(f"delta printer of {Path(printer.source).name}", width=1000).strip()
+    angles = ", ".join(f"{t} {a:g}" for t, a in zip(TOWERS, nominal.geometry.angles, strict=True))
+    head = f"""\
+# A linear delta printer, as it was meant to be before any calibration. Where its numbers are
+# from: {origin}; angles {angles}.
+# Only the difference of tower radius and effector radius shows, so the former is delta_radius
+# and the latter 0. Rods: {_RODS[rods]}
+format: ppmcal/mechanism/1
+name: {name.removesuffix("...").strip()}
+units: {{length: mm, angle: deg}}   # of every number in this file
+motion: translational             # a pose is x, y, z of the nozzle, the bed is z = 0
+limbs:
+"""
+    tail = f"""\
+home: {{pose: {{x: 0, y: 0, z: 0}}}}
+# one standard deviation each of: delta_radius, angles, endstops (offset), rods
+tolerances: {{point: {_size(nominal.radius)}, angle: 0.5, offset: {_size(nominal.offset)}, \
+length: {_size(nominal.rods)}}}
+"""
+    return head + "".join(_tower(printer, i, rods) for i in range(3)) + tail
+
+
+def _size(tolerance: float) -> str:
+    return f"{tolerance:g}" if math.isfinite(tolerance) else ".inf"
+
+
+def saved_yaml(printer: Printer, rods: str) -> str:
+    """Return the printer with the numbers that it saved itself, to compare with."""
+    own = replace(printer, nominal=replace(printer.nominal, geometry=printer.geometry))
+    each = "single" if rods == "shared" and len(set(printer.geometry.arms)) > 1 else rods
+    text = machine_yaml(own, each)
+    return ("# With the numbers that the printer saved itself: a result, to be compared with\n"
+            "# (`ppmcal validate identified DATA --against saved.yaml`), never a nominal.\n"
+            + text[text.index("format:"):])
+
+
+_RODS = {"fixed": "fixed, as\n# heights alone hardly tell their length; measured distances do.",
+         "shared": "one length for\n# all, fitted; it takes distances to know it.",
+         "single": "one length for\n# each tower, fitted; it takes distances to know them."}
+
+
+def _tower(printer: Printer, i: int, rods: str) -> str:
+    g: DeltaGeometry = printer.nominal.geometry
+    arm, angle = g.arms[i], g.angles[i]
+    end = {"fixed": ", fixed: true", "shared": ", share: rod", "single": ""}[rods]
+    held = ", fixed: true" if i == 2 else ""
+    why = "    # holds the x and y axes" if i == 2 else ""
+    return f"""\
+  - name: {TOWERS[i]}
+    kind: {PUS.name}
+    base:
+      point:
+        radius: {{share: delta_radius, value: {g.radius!r}}}
+        angle: {{value: {angle!r}{held}}}{why}
+        z: {{value: 0, fixed: true}}    # an error here is one of offset
+      direction: {{value: [0, 0, 1], fixed: true}}    # free it for a leaning tower
+    platform:
+      point: {{value: [0, 0, 0], fixed: true}}
+    length: {{value: {arm!r}{end}}}
+    ratio: -1    # q is travel down from the endstop in mm, whatever the microsteps
+    offset: {offsets(g)[i]!r}    # position_endstop + sqrt(arm_length^2 - delta_radius^2)
+    branch: 1
+"""

@@ -1,0 +1,175 @@
+"""``import reprap``: a ``config.g`` and height maps as a printer with touches."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ppmcal.controllers.klipper import MM
+from ppmcal.controllers.klipper_import import in_rows
+from ppmcal.controllers.printer import (
+    LEAST_OFFSET,
+    LEAST_RADIUS,
+    Mesh,
+    Nominal,
+    Printer,
+    offsets,
+    tolerance,
+)
+from ppmcal.controllers.reprap import geometry_of, travel
+from ppmcal.controllers.reprap_config import Delta, Lines, read_delta, read_lines
+from ppmcal.errors import BadInput
+from ppmcal.io.yaml import read_bytes
+from ppmcal.linalg import Array
+
+OVERRIDE = "config-override.g"
+"""What M500 writes and M501 runs."""
+LARGEST = 1000
+"""No grid has more points along an axis."""
+_PROBE = re.compile(r"^\s*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MULTILINE)
+_LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+\.?\d*|\.\d+))", re.ASCII | re.IGNORECASE)
+
+
+def read_printer(path: str | os.PathLike[str], rods: float | None = None,
+                 meshes: Sequence[str] = ()) -> Printer:
+    """Return the printer of a ``config.g`` with the beds of its height maps.
+
+    Numbers of a ``config-override.g`` beside it, where M501 runs that, are what it prints with:
+    a calibration's result, and no nominal.
+
+    Args:
+        path: ``config.g``.
+        rods: length of the rods as the user knows it, mm.
+        meshes: paths of ``heightmap.csv``.
+
+    Raises:
+        BadInput: anything wrong in a file.
+    """
+    lines = read_lines(path)
+    delta = read_delta(lines)
+    active, findings = _active(Path(path), lines, delta)
+    meant = geometry_of(delta)
+    if rods is not None:
+        meant = replace(meant, arms=(rods, rods, rods))
+    if min(meant.arms) <= meant.radius:
+        raise BadInput(f"rods of {min(meant.arms):g} mm do not reach the middle: the radius is "
+                       f"{meant.radius:g} mm", str(path), "Check both lengths")
+    now = geometry_of(active)
+    where = "config.g"
+    apart = float(np.max(np.abs(np.subtract(offsets(meant), offsets(now)))))
+    nominal = Nominal(meant, {"delta_radius": where, "rods": "--rods" if rods else where,
+                              "endstops": where},
+                      tolerance(LEAST_RADIUS, abs(meant.radius - now.radius)),
+                      tolerance(LEAST_OFFSET, apart))
+    if any(active.tilt):
+        findings.append(f"A{active.tilt[0]:g} B{active.tilt[1]:g} of M666 tilt the bed: the "
+                        "touches are taken with it, the machine has it in its endstops")
+    beds = tuple(_mesh(Path(path), active, Path(name)) for name in meshes)
+    if not beds:
+        findings.append("the file holds no touches: give the map that G29 wrote with --mesh "
+                        "heightmap.csv")
+    findings += [f for bed in beds for f in bed.findings]
+    return Printer(str(path), now, (np.nan, np.nan, np.nan), nominal, active != delta, meshes=beds,
+                   findings=tuple(findings))
+
+
+def _active(path: Path, lines: Lines, delta: Delta) -> tuple[Delta, list[str]]:
+    """Return what the firmware prints with, and what may hold more."""
+    beside = path.with_name(OVERRIDE)
+    runs = [command for _, command in lines.elsewhere]
+    if "M501" in runs and beside.is_file() and beside != path:
+        saved = read_lines(beside)
+        both = replace(lines, values={**lines.values, **saved.values})
+        return read_delta(both), []
+    return delta, [f"{place} runs another file, which is not followed: numbers of M665 and M666 "
+                   "there would win" for place in lines.overruled()]
+
+
+def _mesh(config: Path, active: Delta, path: Path) -> Mesh:
+    """Return a height map's touches as carriages, mm below the endstops."""
+    offset = _probe_offset(config)
+    grid, touched = read_map(path)
+    point, way = in_rows(grid, touched)
+    point = point - np.array([offset[0], offset[1], -offset[2]])
+    down = travel(active, MM * point) / MM
+    good = np.isfinite(down).all(axis=1)
+    told = [] if good.all() else [f"{path}: {int((~good).sum())} points are out of the rods' "
+                                  "reach, and left out"]
+    rows = np.column_stack([np.full(len(down), offset[2]), down, way])[good]
+    return Mesh(re.sub(r"[^A-Za-z0-9_-]", "_", path.stem), tuple(map(tuple, rows.tolist())),
+                tuple(told))
+
+
+def _probe_offset(config: Path) -> tuple[float, float, float]:
+    """Return X, Y, Z of the last G31: the probe from the nozzle, and its trigger height, mm."""
+    found = {"X": 0.0, "Y": 0.0, "Z": 0.0}
+    text = read_bytes(config).decode("utf-8-sig", errors="replace")
+    for line in _PROBE.findall(text):
+        found |= {letter.upper(): float(value) for letter, value in _LETTER.findall(line)}
+    return found["X"], found["Y"], found["Z"]
+
+
+def read_map(path: Path) -> tuple[Array, Array]:
+    """Return the grid (Y, X, 3) of a ``heightmap.csv``, mm, and which points were touched (Y, X).
+
+    A header, names of columns, their numbers, and a line per row from the lowest y on; a point
+    that was not touched is a 0 without a decimal point (RepRapFirmware, ``Grid.cpp``:
+    ``WriteHeadingAndParameters``, ``SaveToFile``).
+
+    Raises:
+        BadInput: it is not such a file.
+    """
+    text = read_bytes(path).decode("utf-8-sig", errors="replace")
+    lines = [line for line in text.splitlines() if line.strip()]
+    if len(lines) < 4 or "height map" not in lines[0]:
+        raise BadInput("is not a height map of RepRapFirmware", f"{path}: line 1",
+                       "Give the heightmap.csv that G29 wrote")
+    header, values = next(csv.reader([lines[1]])), next(csv.reader([lines[2]]))
+    named = {k.strip(): v.strip() for k, v in zip(header, values, strict=False)}
+    axes = []
+    for axis, number in (("x", "0"), ("y", "1")):
+        low, high = (_first(named, path, f"{axis}{end}", f"{end}{number}")
+                     for end in ("min", "max"))
+        count = _first(named, path, f"{axis}num", f"num{number}", f"num_{axis}")
+        space = _first(named, path, f"{axis}spacing", f"spacing{number}", "spacing")
+        if count != int(count) or not 2 <= count <= LARGEST or not high > low or not space > 0.0:
+            raise BadInput(f"{count:g} points from {low:g} to {high:g} mm along {axis} are no "
+                           "grid", f"{path}: line 3", "Take the file as the firmware wrote it")
+        axes.append(low + space * np.arange(int(count)))
+    cells = [[c.strip() for c in row] for row in csv.reader(io.StringIO("\n".join(lines[3:])))]
+    wanted = (len(axes[1]), len(axes[0]))
+    for n, row in enumerate(cells, 4):
+        if len(row) != wanted[1] or not all(_number(c) for c in row):
+            raise BadInput(f"{len(row)} heights are not {wanted[1]} numbers", f"{path}: line {n}",
+                           "Take the file as the firmware wrote it")
+    if len(cells) != wanted[0]:
+        raise BadInput(f"{len(cells)} rows of heights are not {wanted[0]}", str(path),
+                       "Take the file as the firmware wrote it")
+    height = np.array([[float(c) for c in row] for row in cells])
+    touched = np.array([["." in c for c in row] for row in cells])
+    if int(touched.sum()) < 3:
+        raise BadInput(f"{int(touched.sum())} points were touched", str(path), "Probe the bed")
+    return np.stack([*np.meshgrid(*axes), height], axis=-1), touched
+
+
+def _number(cell: str) -> bool:
+    try:
+        return math.isfinite(float(cell))
+    except ValueError:
+        return False
+
+
+def _first(named: dict[str, str], path: Path, *names: str) -> float:
+    for name in names:
+        if name in named and _number(named[name]):
+            return float(named[name])
+    raise BadInput(f"there is no number {names[0]}", f"{path}: line 3",
+                   "Take the file as the firmware wrote it")

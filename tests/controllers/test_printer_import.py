@@ -1,0 +1,380 @@
+"""Printers of both firmwares: what is nominal, what a result, calipers, noise, and beds."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers.commands import ppmcal, rows
+from helpers.paths import ROOT
+
+from ppmcal.api.import_ import import_config
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.controllers.klipper_config import DeltaGeometry
+from ppmcal.io import read_campaign, read_mechanism
+
+DATA = Path(os.environ.get("PPMCAL_DATA", ROOT.parent / "shared" / "data"))
+MEANT = DeltaGeometry(140.0, (210.0, 330.0, 90.0), (300.0,) * 3, (290.0,) * 3)
+REAL = DeltaGeometry(140.62, (210.2, 329.7, 90.0), (300.0,) * 3, (290.4, 289.7, 290.2))
+STEP = 0.0125
+BED = np.array([[r * np.cos(t), r * np.sin(t), 0.0] for r, n in ((0, 1), (60, 5), (110, 8))
+                for t in np.arange(n) * 2 * np.pi / n + r])
+
+
+def down(g: DeltaGeometry, point: np.ndarray) -> np.ndarray:
+    """Travel of the carriages below the endstops (N, 3), mm, tower by tower."""
+    out = []
+    for angle, arm, end in zip(np.radians(g.angles), g.arms, g.endstops, strict=True):
+        foot = g.radius * np.array([np.cos(angle), np.sin(angle)])
+        up = np.sqrt(arm**2 - np.sum((foot - point[:, :2]) ** 2, axis=1)) + point[:, 2]
+        out.append(end + np.sqrt(arm**2 - g.radius**2) - up)
+    return np.stack(out, axis=-1)
+
+
+def config(saved: DeltaGeometry, real: DeltaGeometry = REAL, *, arms: str = "#arm_length: 300.0",
+           pairs: float = 0.0, noise: float = 0.0, extra: str = "", body: str = "") -> str:
+    """A printer.cfg after SAVE_CONFIG: earlier values commented out, results at the end.
+
+    ``pairs``: distances are shown so many times too long, 0 for none.
+    """
+    rng = np.random.default_rng(4)
+    out = "[printer]\nkinematics: delta\n" + (body or "#delta_radius = 140.0\n")
+    for tower in "abc":
+        first = f"#position_endstop: 290.0\n{arms}\n" if tower == "a" else ""
+        out += f"[stepper_{tower}]\nstep_distance: {STEP}\n{first}"
+    out += f"{extra}#*# <- SAVE_CONFIG ->\n#*# DO NOT EDIT\n#*# [printer]\n"
+    out += f"#*# delta_radius = {saved.radius:.6f}\n"
+    for i, tower in enumerate("abc"):
+        out += (f"#*#\n#*# [stepper_{tower}]\n#*# angle = {saved.angles[i]:.6f}\n"
+                f"#*# arm_length = {saved.arms[i]:.6f}\n"
+                f"#*# position_endstop = {saved.endstops[i]:.6f}\n")
+    out += "#*#\n#*# [delta_calibrate]\n"
+    touch = BED + rng.normal(0.0, 1.0, BED.shape) * [0.0, 0.0, noise]
+    for i, at in enumerate(down(real, touch) / STEP):
+        out += f"#*# height{i} = 0.0\n#*# height{i}_pos = {', '.join(f'{v:.3f}' for v in at)}\n"
+    for i in range(12 if pairs else 0):
+        a, b = BED[1 + i % 6], BED[7 + (3 * i) % 7]
+        out += f"#*# distance{i} = {pairs * float(np.linalg.norm(a - b)):.5f}\n"
+        for k, at in enumerate(down(real, np.array([a, b])) / STEP, 1):
+            out += f"#*# distance{i}_pos{k} = {', '.join(f'{v:.3f}' for v in at)}\n"
+    return out
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "printer.cfg"
+    path.write_text(text)
+    return path
+
+
+# ---------------------------------------------------------------- nominal and result
+
+
+def test_what_is_commented_out_is_nominal_and_what_is_saved_a_result(tmp_path: Path) -> None:
+    found = import_config("klipper", written(tmp_path, config(REAL)))
+    assert found.printer.nominal.geometry == MEANT and found.printer.geometry == REAL
+    assert not found.off and not found.findings
+    found.save(tmp_path / "o")
+    machine, saved = (read_mechanism(tmp_path / "o" / f"{n}.yaml") for n in ("machine", "saved"))
+    place = machine.names.index("delta_radius")
+    assert machine.values[place] == pytest.approx(0.140, abs=1e-12)
+    assert saved.values[place] == pytest.approx(0.14062, abs=1e-12)
+    # the printer's own answer is no surprise to the prior
+    assert machine.parameters[place].prior_sigma >= 0.5 * (0.14062 - 0.140)
+
+
+def test_numbers_that_were_edited_by_hand_are_named_with_how_much(tmp_path: Path) -> None:
+    edited = DeltaGeometry(REAL.radius, REAL.angles, REAL.arms, tuple(
+        e + 0.1 for e in REAL.endstops))
+    found = import_config("klipper", written(tmp_path, config(edited)))
+    assert found.off == pytest.approx({f"stepper_{t}.position_endstop": 0.1 for t in "abc"},
+                                      abs=1e-3)
+    (said,) = found.findings
+    assert "edited by hand" in said and "+0.100 mm" in said
+    run = ppmcal("import", "klipper", "printer.cfg", "--json", cwd=tmp_path, expect=1)
+    assert set(run.json["saved_off"]) == set(found.off)
+    assert run.json["nominal"]["printer.delta_radius"] == 140.0
+    assert run.json["saved"]["printer.delta_radius"] == REAL.radius
+
+
+def test_rods_of_which_only_a_result_is_known_are_wide_and_asked_for(tmp_path: Path) -> None:
+    saved = DeltaGeometry(REAL.radius, REAL.angles, (300.9, 299.7, 300.0), REAL.endstops)
+    path = written(tmp_path, config(saved, arms="", pairs=1.0))
+    found = import_config("klipper", path)
+    assert found.printer.nominal.geometry.arms == pytest.approx((300.2,) * 3)
+    assert found.printer.nominal.rods == 2.0 and found.rods == "shared" and found.scale == "known"
+    assert any("--rods LENGTH" in f for f in found.findings)
+    assert any("shrunk" in f for f in found.findings)
+    given = import_config("klipper", path, rods=(300, "single"))
+    assert given.printer.nominal.geometry.arms == (300.0,) * 3
+    assert (given.rods, given.scale, given.printer.nominal.rods) == ("single", "unknown", 0.3)
+    assert not any("nominal length" in f for f in given.findings)
+
+
+def test_a_placeholder_is_no_nominal_and_several_comments_are_said(tmp_path: Path) -> None:
+    found = import_config("klipper", written(tmp_path, config(
+        REAL, body="#delta_radius: 174.75\n#delta_radius: 99\n")))
+    assert found.printer.nominal.geometry.radius == REAL.radius
+    assert found.printer.nominal.radius == np.inf
+    words = " ".join(found.findings)
+    assert "never this printer's" in words and "174.75, 99 are commented out" in words
+
+
+@pytest.mark.parametrize(("rods", "words"), [("34S", "34S"), ("-3", "no length"),
+                                             ("nan", "no length"), ("sigle", "single")])
+def test_rods_that_are_none_are_refused(tmp_path: Path, rods: str, words: str) -> None:
+    written(tmp_path, config(REAL))
+    run = ppmcal("import", "klipper", "printer.cfg", "--rods", rods, cwd=tmp_path, expect=2)
+    assert "--rods" in run.err and words in run.err
+    run = ppmcal("import", "klipper", "printer.cfg", "--rods", "120", cwd=tmp_path, expect=2)
+    assert "do not reach the middle" in run.err
+
+
+# ---------------------------------------------------------------- noise, calipers
+
+
+def test_the_noise_is_estimated_unless_it_is_stated(tmp_path: Path) -> None:
+    """Touches that scatter by 0.06 mm, with a sidecar that begins at 0.02."""
+    written(tmp_path, config(REAL, noise=0.06))
+    ppmcal("import", "klipper", "printer.cfg", cwd=tmp_path)
+    run = ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", cwd=tmp_path,
+                 expect=0)
+    words = " ".join((run.out + run.err).split())
+    assert "estimated from its residuals" in words and "0.02 mm of its sidecar count as 5" in words
+    side = tmp_path / "imported" / "heights.yaml"
+    found = json.loads((tmp_path / "identified" / "identification.json").read_text())
+    estimated = {p["name"]: p["sigma"] for p in found["parameters"]}
+    content = yaml.safe_load(side.read_text())
+    content["instrument"]["sigma"]["estimated"] = False
+    side.write_text(yaml.safe_dump(content))
+    ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", "--out", "stated",
+           "--holdout", "0", cwd=tmp_path)
+    found = json.loads((tmp_path / "stated" / "identification.json").read_text())
+    assert found["noise"]["sigma_ratio"] > 1.5
+    assert estimated["delta_radius"] > 0.0
+
+
+def test_calipers_that_are_all_off_take_no_touch_with_them(tmp_path: Path) -> None:
+    """A part that shrank by 0.25 %: its scale is found, and no touch is blamed for it."""
+    written(tmp_path, config(REAL, pairs=0.9975, noise=0.01))
+    ppmcal("import", "klipper", "printer.cfg", "--rods", "300", "--rods", "fixed", cwd=tmp_path)
+    args = ["imported/machine.yaml", "imported/heights.csv", "imported/distances.csv"]
+    run = ppmcal("identify", *args, "--holdout", "0", cwd=tmp_path)
+    assert "distances: shows 0.997" in " ".join((run.out + run.err).split())
+    used = {r["dataset"]: r["used"] for r in rows(tmp_path / "identified" / "residuals.csv")}
+    assert set(used) == {"heights", "distances"}
+    tree = yaml.safe_load((tmp_path / "identified" / "identified.yaml").read_text())
+    assert tree["measurement"]["datasets"]["distances"]["scale"] == pytest.approx(0.9975, abs=4e-4)
+
+
+@pytest.mark.parametrize(("pairs", "bad"), [(0.99, False), (1.0025, False), (0.99, True)])
+def test_no_touch_pays_for_calipers(tmp_path: Path, pairs: float, bad: bool) -> None:
+    """Distances all off by one factor, scale and noise stated: touches agree with their own file.
+
+    One that does not is left out as ever.
+    """
+    text = config(REAL, pairs=pairs, noise=0.003)
+    if bad:
+        line = next(x for x in text.splitlines() if x.startswith("#*# height6 ="))
+        text = text.replace(line, "#*# height6 = 0.5")
+    import_config("klipper", written(tmp_path, text), rods="shared", scale="known").save(
+        tmp_path / "o")
+    for name in ("heights", "distances"):
+        side = tmp_path / "o" / f"{name}.yaml"
+        side.write_text(side.read_text().replace(", estimated: true", "").replace(
+            "height: 0.02", "height: 0.005"))
+    mechanism = read_mechanism(tmp_path / "o" / "machine.yaml")
+    data = read_campaign([tmp_path / "o" / f"{n}.csv" for n in ("heights", "distances")],
+                         mechanism)
+    fit = identify(Problem(mechanism, data, mechanism.free), FitOptions())
+    assert set(fit.reasons[0]) == ({6} if bad else set())
+
+
+def test_console_and_table_say_the_same_of_a_row_that_was_left_out(tmp_path: Path) -> None:
+    text = config(REAL, noise=0.01)
+    line = next(x for x in text.splitlines() if x.startswith("#*# height4 ="))
+    written(tmp_path, text.replace(line, "#*# height4 = 0.8"))
+    ppmcal("import", "klipper", "printer.cfg", cwd=tmp_path)
+    run = ppmcal("identify", "imported/machine.yaml", "imported/heights.csv", cwd=tmp_path)
+    (row,) = [r for r in rows(tmp_path / "identified" / "residuals.csv") if r["reason"]]
+    times = float(row["reason"].split(":")[1].split()[0])
+    said = " ".join((run.out + run.err).split()).partition(" times the noise)")[0].split("(")[-1]
+    assert float(said) == pytest.approx(times, rel=0.01)
+
+
+# ---------------------------------------------------------------- beds
+
+
+def mesh_lines(heights: np.ndarray, ends: tuple[float, float, float, float]) -> str:
+    out = "#*#\n#*# [bed_mesh default]\n#*# version = 1\n#*# points =\n"
+    for row in heights:
+        out += "#*# \t  " + ", ".join(f"{v:.6f}" for v in row) + "\n"
+    out += "".join(f"#*# {key} = {v}\n" for key, v in zip(
+        ("min_x", "max_x", "min_y", "max_y"), ends, strict=True))
+    return out + f"#*# x_count = {len(heights[0])}\n#*# y_count = {len(heights)}\n"
+
+
+def test_a_saved_mesh_becomes_touches_to_and_fro(tmp_path: Path) -> None:
+    """A round bed of 5 x 5 points probed beside the nozzle: 13 were touched."""
+    heights = np.arange(25.0).reshape(5, 5) / 100.0
+    extra = "[bltouch]\nx_offset: 6\ny_offset: -4\nz_offset: 1.5\n[bed_mesh]\nmesh_radius: 100\n"
+    path = written(tmp_path, config(REAL, extra=extra) + mesh_lines(
+        heights, (-100.0, 100.0, -100.0, 100.0)))
+    found = import_config("klipper", path, mesh="default")
+    touches = np.array(found.printer.meshes[0].rows)
+    side = np.linspace(-100.0, 100.0, 5)
+    order = [(0, 2), *((1, c) for c in (3, 2, 1)), *((2, c) for c in range(5)),
+             *((3, c) for c in (3, 2, 1)), (4, 2)]
+    nozzle = np.array([[side[c] - 6.0, side[r] + 4.0, heights[r, c] + 1.5] for r, c in order])
+    np.testing.assert_allclose(touches[:, 1:4], down(REAL, nozzle), atol=1e-9)
+    assert (touches[:, 0] == 1.5).all()
+    assert touches[:, 4].tolist() == [1.0, *[-1.0] * 3, *[1.0] * 5, *[-1.0] * 3, 1.0]
+    ppmcal("import", "klipper", "printer.cfg", "--mesh", "default", cwd=tmp_path, expect=0)
+    side_car = yaml.safe_load((tmp_path / "imported" / "mesh_default.yaml").read_text())
+    assert side_car["frame"] == "unknown" and side_car["instrument"]["sigma"]["estimated"]
+    run = ppmcal("import", "klipper", "printer.cfg", "--mesh", "defualt", cwd=tmp_path, expect=2)
+    assert "Did you mean 'default'" in run.err
+
+
+def test_a_log_of_touches_is_a_mesh(tmp_path: Path) -> None:
+    lines = [f"// probe at {x:.3f},{y:.3f} is z={0.01 * n:.6f}"
+             for n, (x, y) in enumerate([(0, 0), (0, 0), (40, 0), (40, 30), (0, 30), (-40, 30)])]
+    (tmp_path / "klippy.log").write_text("\n".join(lines))
+    path = written(tmp_path, config(REAL))
+    found = import_config("klipper", path, mesh=tmp_path / "klippy.log").printer.meshes[0]
+    touches = np.array(found.rows)
+    assert found.name == "klippy" and touches[2:, 4].tolist() == [1.0, 1.0, -1.0, -1.0]
+    np.testing.assert_allclose(touches[2, 1:4], down(REAL, np.array([[40.0, 0.0, 0.02]]))[0],
+                               atol=1e-9)
+
+
+MAP = """RepRapFirmware height map file v2 generated at 2026-01-01 10:00, mean error 0.0
+xmin,xmax,ymin,ymax,radius,xspacing,yspacing,xnum,ynum
+-80.00,80.00,-80.00,80.00,85.00,80.00,80.00,3,3
+      0,  0.010,      0
+  0.020,  0.000, -0.030
+      0,  0.040,      0
+"""
+CONFIG_G = """M665 R140 L300 B110 H290 X0.2 Y-0.3 Z0
+M666 X0.4 Y-0.3 Z0.2 A0.5 B-0.2
+G31 P500 X-16.0 Y3 Z2.5 ; the probe
+M501
+"""
+
+
+def test_a_height_map_becomes_touches(tmp_path: Path) -> None:
+    (tmp_path / "config.g").write_text(CONFIG_G)
+    (tmp_path / "heightmap.csv").write_text(MAP)
+    run = ppmcal("import", "reprap", "config.g", "--mesh", "heightmap.csv", "--json",
+                 cwd=tmp_path, expect=1)
+    assert run.json["meshes"] == {"heightmap": 5}
+    assert any("M501" in f for f in run.json["findings"])
+    table = np.array([[float(v) for v in r.values()] for r in rows(
+        tmp_path / "imported" / "mesh_heightmap.csv")])
+    points = np.array([[0, -80, 0.01], [80, 0, -0.03], [0, 0, 0.0], [-80, 0, 0.02], [0, 80, 0.04]])
+    nozzle = points - [-16.0, 3.0, -2.5]
+    level = nozzle + np.array([0, 0, 1.0]) * (nozzle @ [0.005, -0.002, 0.0])[:, None]
+    now = DeltaGeometry(140.0, (210.2, 329.7, 90.0), (300.0,) * 3, (290.4, 289.7, 290.2))
+    np.testing.assert_allclose(table[:, 1:4], down(now, level), atol=1e-9)
+    assert table[:, 4].tolist() == [1.0, -1.0, -1.0, -1.0, 1.0] and (table[:, 0] == 2.5).all()
+    machine = read_mechanism(tmp_path / "imported" / "machine.yaml")
+    assert machine.values[machine.names.index("delta_radius")] == pytest.approx(0.14)
+    # without heights of its own a result shows the touches
+    shown = import_config("reprap", tmp_path / "config.g", mesh=tmp_path / "heightmap.csv")
+    assert "dir_x" in shown._repr_html_() and len(shown.to_frame()["dir_x"]) == 5
+    bare = import_config("reprap", tmp_path / "config.g")
+    assert "import" in bare._repr_html_() and any("--mesh" in f for f in bare.findings)
+
+
+def test_what_reprapfirmware_saved_is_a_result(tmp_path: Path) -> None:
+    (tmp_path / "config.g").write_text("M665 R140 L300 B110 H290\nM501\n")
+    (tmp_path / "config-override.g").write_text("M665 R140.62 H290.1 X0.2 Y-0.3\nM666 X0.3 Y-0.4\n")
+    (tmp_path / "heightmap.csv").write_text(MAP)
+    found = import_config("reprap", tmp_path / "config.g", mesh=tmp_path / "heightmap.csv")
+    assert found.printer.nominal.geometry.radius == 140.0
+    assert found.printer.geometry.radius == 140.62 and "saved.yaml" in found.files()
+    assert not found.findings
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("RepRapFirmware height map", "my bed", "line 1"), ("xnum", "xn", "xnum"),
+    (",3,3", ",3,4", "rows of heights"), ("0.010,", "0.010;", "line 4"),
+    ("0.020", "0.O20", "line 5"), ("80.00,80.00,3", "80.00,0.00,3", "no grid"),
+    (",3,3", ",1e9,3", "no grid"), (",3,3", ",nan,3", "xnum")])
+def test_a_broken_height_map_is_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
+    assert old in MAP
+    (tmp_path / "config.g").write_text(CONFIG_G)
+    (tmp_path / "map.csv").write_text(MAP.replace(old, new, 1))
+    run = ppmcal("import", "reprap", "config.g", "--mesh", "map.csv", "--out", "o", cwd=tmp_path,
+                 expect=2)
+    assert "map.csv" in run.err and words in run.err and not (tmp_path / "o").exists()
+
+
+# ---------------------------------------------------------------- real printers
+
+needs_data = pytest.mark.skipif(not (DATA / "delta-meshes").is_dir(),
+                                reason="real measurements are not at hand (PPMCAL_DATA)")
+
+
+def numbers_of(geometry: dict, body: bool, rods: bool = True) -> str:
+    """A printer.cfg's sections with a geometry, as body or as what was saved."""
+    lead = "" if body else "#*# "
+    out = f"{lead}[printer]\n" + ("kinematics: delta\n" if body else "")
+    out += f"{lead}delta_radius: {geometry['radius']}\n"
+    for i, t in enumerate("abc"):
+        out += f"{lead}[stepper_{t}]\n"
+        if body:
+            out += f"step_distance: {geometry['stepdists'][i]}\n"
+        out += (f"{lead}angle: {geometry['angles'][i]}\n"
+                f"{lead}position_endstop: {geometry['endstops'][i]}\n")
+        out += f"{lead}arm_length: {geometry['arms'][i]}\n" if rods else ""
+    return out
+
+
+@pytest.mark.slow
+@needs_data
+def test_saved_numbers_of_real_printers_are_what_their_touches_give(tmp_path: Path) -> None:
+    """All but the three that their owners edited by hand."""
+    off = []
+    for path in sorted((DATA / "delta-events").glob("*.json")):
+        event = json.loads(path.read_text())
+        text = numbers_of(event["geometry_start"], True) + numbers_of(
+            event["geometry_saved"], False) + "#*# [delta_calibrate]\n"
+        for i, row in enumerate(event["heights"]):
+            text += f"#*# height{i}: {row[0]}\n#*# height{i}_pos: {str(row[1:])[1:-1]}\n"
+        for i, row in enumerate(event["distances"]):
+            text += (f"#*# distance{i}: {row[0]}\n#*# distance{i}_pos1: {str(row[1:4])[1:-1]}\n"
+                     f"#*# distance{i}_pos2: {str(row[4:])[1:-1]}\n")
+        found = import_config("klipper", written(tmp_path, text))
+        assert found.printer.nominal.geometry.arms == tuple(
+            map(float, event["geometry_start"]["arms"]))
+        if found.off:
+            off.append(event["id"][:3])
+    assert off == ["011", "019", "022"]
+
+
+@needs_data
+def test_real_beds_come_out_as_the_steps_that_were_worked_out_of_them(tmp_path: Path) -> None:
+    for path in sorted((DATA / "delta-meshes").glob("*.json")):
+        mesh = json.loads(path.read_text())
+        with path.with_suffix(".csv").open() as stream:
+            table = list(csv.DictReader(stream))
+        row, col = (np.array([int(r[k]) for r in table]) for k in ("row", "col"))
+        heights = np.zeros((row.max() + 1, col.max() + 1))
+        heights[row, col] = [float(r["mesh_z_mm"]) for r in table]
+        x, y = (np.array([float(r[f"{c}_cmd_mm"]) for r in table]) for c in "xy")
+        text = numbers_of(mesh["active_geometry"], True)
+        text += f"[probe]\nz_offset: {mesh['probe']['z_offset']}\n"
+        text += f"[bed_mesh]\nmesh_radius: {mesh['mesh_radius']}\n"
+        text += mesh_lines(heights, (x.min(), x.max(), y.min(), y.max()))
+        found = import_config("klipper", written(tmp_path, text), mesh="default")
+        touches = np.array(found.printer.meshes[0].rows)
+        steps = np.array([[float(r[f"stepper_{t}_usteps"]) for t in "abc"] for r in table])
+        assert np.max(np.abs(touches[:, 1:4] / mesh["active_geometry"]["stepdists"] - steps)) < 1e-3
+        assert touches[:, 4].tolist() == [float(r["approach_dir_x"]) for r in table]
