@@ -32,8 +32,6 @@ from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.frozen_models import FrozenModel, validated
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
-from ppmcal.controllers.klipper_config import DeltaGeometry, Printer
-from ppmcal.controllers.klipper_export import files, rods_of
 from ppmcal.errors import PpmcalError
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -60,13 +58,45 @@ class Row:
         return self.errors["diagnose"] / min(self.errors.values())
 
 
-def printer_of(event: dict[str, Any], rods: Sequence[float] | None) -> Printer:
-    """Return the printer as it was before the calibration, with what was measured."""
-    start = event["geometry_start"]
-    geometry = DeltaGeometry(start["radius"], tuple(start["angles"]), tuple(rods or start["arms"]),
-                             tuple(start["endstops"]))
-    return Printer(event["id"], geometry, tuple(start["stepdists"]),
-                   tuple(map(tuple, event["heights"])), tuple(map(tuple, event["distances"])))
+def in_mm(event: dict[str, Any]) -> dict[str, Any]:
+    """Return an event whose carriages are counted in mm of travel, as an import counts them."""
+    step = event["geometry_start"]["stepdists"]
+
+    def travel(row: Sequence[float]) -> list[float]:
+        return [row[0], *(s * step[i % 3] for i, s in enumerate(row[1:]))]
+
+    start = {**event["geometry_start"], "stepdists": [1.0, 1.0, 1.0]}
+    return {**event, "geometry_start": start, "heights": [travel(r) for r in event["heights"]],
+            "distances": [travel(r) for r in event["distances"]]}
+
+
+def config_text(event: dict[str, Any], rods: Sequence[float] | None) -> str:
+    """Return the printer.cfg that an event stands for: rods as typed, the rest as it was saved.
+
+    ``rods``: as their owner typed them, None where only the calibration says.
+    """
+    saved, start = event["geometry_saved"], event["geometry_start"]
+    typed = rods if rods is not None or event["distances"] else start["arms"]
+    lines = ["[printer]", "kinematics: delta"]
+    for i, tower in enumerate("abc"):
+        lines += [f"[stepper_{tower}]", f"step_distance: {start['stepdists'][i]!r}"]
+        lines += [] if typed is None else [f"arm_length: {typed[i]!r}"]
+    lines += ["[delta_calibrate]", "#*# [printer]", f"#*# delta_radius = {saved['radius']!r}"]
+    for i, tower in enumerate("abc"):
+        lines += [f"#*# [stepper_{tower}]", f"#*# angle = {saved['angles'][i]!r}",
+                  f"#*# position_endstop = {saved['endstops'][i]!r}"]
+        lines += [f"#*# arm_length = {saved['arms'][i]!r}"] if event["distances"] else []
+    lines.append("#*# [delta_calibrate]")
+    for n, (z, *steps) in enumerate(event["heights"]):
+        lines += [f"#*# height{n} = {z!r}", f"#*# height{n}_pos = {_triple(steps)}"]
+    for n, (distance, *steps) in enumerate(event["distances"]):
+        lines += [f"#*# distance{n} = {distance!r}", f"#*# distance{n}_pos1 = {_triple(steps[:3])}",
+                  f"#*# distance{n}_pos2 = {_triple(steps[3:])}"]
+    return "\n".join(lines) + "\n"
+
+
+def _triple(steps: Sequence[float]) -> str:
+    return ",".join(repr(float(s)) for s in steps)
 
 
 def typed_rods(event: dict[str, Any], others: Sequence[dict[str, Any]]) -> list[float] | None:
@@ -83,44 +113,27 @@ def typed_rods(event: dict[str, Any], others: Sequence[dict[str, Any]]) -> list[
 
 def models(event: dict[str, Any], rods: Sequence[float] | None) -> tuple[list[FrozenModel], str]:
     """Return the frozen machines that one calibration leads to, and the verdict of ``diagnose``."""
-    printer = printer_of(event, rods)
-    start = {**event["geometry_start"], "arms": printer.geometry.arms}
-    named = {**event, "geometry_start": start}
+    typed = [float(r) for r in rods or event["geometry_start"]["arms"]]
+    named = {**event, "geometry_start": {**event["geometry_start"], "arms": typed}}
+    free = real_priors.machine(named, "single")[0]
     with tempfile.TemporaryDirectory() as name:
-        free, _ = imported(Path(name), printer, "single")
-        machine, data = imported(Path(name), printer, rods_of(printer, None))
+        folder = Path(name)
+        (folder / "printer.cfg").write_text(config_text(event, rods), encoding="utf-8")
+        ppmcal.import_config("klipper", folder / "printer.cfg").save(folder / "imported")
+        machine = ppmcal.load(folder / "imported" / "machine.yaml")
+        data = ppmcal.read_data(machine, *sorted((folder / "imported").glob("*s.csv")))
         own, verdict = ours(machine, data)
-    out = [FrozenModel("nominal", machine),
-           FrozenModel("saved", with_numbers(free, event["geometry_saved"])),
+    out = [FrozenModel("nominal", free),
+           FrozenModel("saved", real_priors.with_numbers(free, event["geometry_saved"])),
            FrozenModel("six", fitted(free, {**named, "distances": []}, "fixed"))]
     if event["distances"]:
         out.append(FrozenModel("nine", fitted(free, named, "single")))
     return [*out, *own], verdict
 
 
-def imported(folder: Path, printer: Printer, rods: str) -> tuple[Mechanism, Sequence[Dataset]]:
-    """Return machine and measurements as ``import klipper`` writes them."""
-    for file, text in files(printer, rods).items():
-        (folder / file).write_text(text, encoding="utf-8")
-    machine = ppmcal.load(folder / "machine.yaml")
-    return machine, ppmcal.read_data(machine, *sorted(folder.glob("*s.csv")))
-
-
 def fitted(machine: Mechanism, event: dict[str, Any], rods: str) -> Mechanism:
     """Return the machine with the firmware's parameters fitted without prior."""
-    return with_numbers(machine, real_deltas.geometry(real_deltas.fitted(event, rods)))
-
-
-def with_numbers(machine: Mechanism, geometry: dict[str, Any]) -> Mechanism:
-    """Return the machine with the firmware's numbers, mm and degrees."""
-    v = dict(zip(machine.names, machine.values.tolist(), strict=True))
-    v["delta_radius"] = 1e-3 * geometry["radius"]
-    for t, angle, arm, end in zip("abc", geometry["angles"], geometry["arms"],
-                                  geometry["endstops"], strict=True):
-        v[f"{t}.base.point.angle"] = float(np.radians(angle))
-        v[f"{t}.length"] = 1e-3 * arm
-        v[f"{t}.offset"] = 1e-3 * (end + float(np.sqrt(arm**2 - geometry["radius"] ** 2)))
-    return machine.with_values(np.array([v[n] for n in machine.names]))
+    return real_priors.with_numbers(machine, real_deltas.geometry(real_deltas.fitted(event, rods)))
 
 
 def ours(machine: Mechanism, data: Sequence[Dataset]) -> tuple[list[FrozenModel], str]:
@@ -148,7 +161,8 @@ def row(source: str, target: Dataset, frozen: Sequence[FrozenModel], verdict: st
 
 def printers(events: Path, meshes: Path) -> Iterator[Row]:
     """Yield every calibration on every later bed of the same machine."""
-    all_events = [json.loads(p.read_text(encoding="utf-8")) for p in sorted(events.glob("*.json"))]
+    all_events = [in_mm(json.loads(p.read_text(encoding="utf-8")))
+                  for p in sorted(events.glob("*.json"))]
     for event in all_events:
         owner = event["id"].split("_")[1]
         mine = [e for e in all_events if e["id"].split("_")[1] == owner]
