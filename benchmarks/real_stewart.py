@@ -20,15 +20,17 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ppmcal.calibration import intervals
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.intervals import by_blocks, by_sessions
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Estimate, estimates, rank_of
 from ppmcal.calibration.validation import closure_lengths, register_only
 from ppmcal.io import read_campaign, read_mechanism
 from ppmcal.io.effects import with_effects
+from ppmcal.kinematics.effect_response import with_strokes
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
 SPLITS, FOLDS = 10, 5
@@ -99,8 +101,8 @@ def honest(fit: Fit) -> list[Estimate]:
     """Return the estimates with intervals that count what sessions and stretches differ by."""
     inflation = max(1.0, noise_check(fit).sigma_ratio)
     fit = with_noise(fit, inflation, FitOptions())
-    wider = by_sessions(fit, inflation) or by_blocks(fit, inflation)
-    return list(estimates(fit, rank_of(fit)[0], wider))
+    sessions, blocks = intervals.honest(fit, inflation)
+    return list(estimates(fit, rank_of(fit)[0], sessions or blocks))
 
 
 def against_rig(found: list[Estimate], name: str, rig: list[float], key: str) -> None:
@@ -121,12 +123,13 @@ def against_rig(found: list[Estimate], name: str, rig: list[float], key: str) ->
           f"by noise alone {held[1]}", flush=True)
 
 
-def curvatures(mechanism: Mechanism, days: dict[str, object]) -> None:
+def curvatures(mechanism: Mechanism, days: dict[str, Dataset]) -> None:
     """Print the curvature of each leg by day and by both, with both intervals."""
     for actuator in mechanism.actuators:
         effect = {"kind": "curvature", "on": [actuator],
                   "parameters": {"p2": {"value": 0.0, "free": True}}}
         bent = with_effects(mechanism, [effect], mechanism.units, "curvature")
+        bent = with_strokes(bent, np.concatenate([d.q for d in days.values()]))
         for key, sets in (*((k, (d,)) for k, d in days.items()), ("both", tuple(days.values()))):
             fit = identify(Problem(bent, sets, bent.free), FitOptions(robust=False))
             for e in (e for e in honest(fit) if e.name.endswith(".p2")):

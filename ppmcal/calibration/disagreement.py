@@ -25,12 +25,13 @@ from scipy.special import chdtrc, ndtr
 from ppmcal.calibration.fit import Fit, posterior, prediction_covariance
 from ppmcal.linalg import Array, Bools, svd
 
-SWEEPS, WARM_UP, LEAST_SWEEPS = 750, 0.2, 100
+SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
 """Draws of all variances times clusters, the part of them thrown away, and at least so many."""
 STEP = 1.3
 """Of the logarithm of a variance's root."""
 RIDGE = 1e-6
 """Information, in units of tolerance, where there is none: what nothing sees stays finite."""
+Z95 = 1.959963984540054
 NOTHING, THIN = 1e-6, 3
 """Tolerances that clusters differ by where they do not; every third draw is looked at again."""
 SIZES = (-3.0, -1.5, 0.0)
@@ -77,7 +78,8 @@ class Disagreement:
 
     Attributes:
         labels: of the clusters (S,).
-        covariance: of all columns (C, C), disagreement included.
+        covariance: of all columns (C, C), disagreement included; the frame and target of one
+            cluster are those in which the common machine is seen then.
         half: half of the 95 % interval of every column (C,), inf where unbounded.
         evidence: log of how much likelier the rows are where clusters may differ.
         own, own_sigma: each cluster's own estimate of the parameters, all else fitted with it,
@@ -169,8 +171,9 @@ def components(fit: Fit) -> Components:
 class _Posterior:
     """The posterior of the variances: theta and all frames are integrated out."""
 
-    def __init__(self, data: Clusters, parts: Components, most: float) -> None:
-        self.data, self.parts, self.most = data, parts, most
+    def __init__(self, data: Clusters, parts: Components, most: float, widest: float = WIDEST
+                 ) -> None:
+        self.data, self.parts, self.most, self.widest = data, parts, most, widest
         g = parts.directions
         self.cross = np.einsum("cm,scd->smd", g, data.matrix)
         self.inner = self.cross @ g
@@ -191,7 +194,7 @@ class _Posterior:
     def log(self, sizes: Array) -> float:
         """Return the log posterior of log sizes (K,) and, last, of the noise's factor."""
         variance = np.exp(2.0 * sizes[:-1])
-        if np.any(variance > WIDEST**2) or not 0.0 <= sizes[-1] <= self.most:
+        if np.any(variance > self.widest**2) or not 0.0 <= sizes[-1] <= self.most:
             return -np.inf
         prior = variance * self.shrinkage / (self.shrinkage + variance) ** 2
         return self.likelihood(sizes) + float(np.sum(np.log(prior)))
@@ -242,7 +245,7 @@ class _Posterior:
         """Return draws of variances (n, K) and, last, of the noise's factor squared."""
         rng = np.random.default_rng(seed)
         at = np.append(0.5 * np.log(self.shrinkage) - 1.0, 0.5 * self.most)
-        at[:-1] = np.minimum(at[:-1], np.log(WIDEST) - 0.1)
+        at[:-1] = np.minimum(at[:-1], np.log(self.widest) - 0.1)
         free = range(at.size - (self.most == 0.0))
         width = np.append(np.full(at.size - 1, STEP), 0.1)
         log, out = self.log(at), []
@@ -264,28 +267,34 @@ def differs(fit: Fit, data: Clusters, inflation: float = 1.0) -> bool:
     return _chances(data, components(fit), inflation).screened() > EVIDENCE
 
 
-def _chances(data: Clusters, parts: Components, inflation: float) -> _Posterior:
+def _chances(data: Clusters, parts: Components, inflation: float, widest: float = WIDEST
+             ) -> _Posterior:
     """Return the posterior in units of the stated noise, the estimate staying what it is."""
     stated = Clusters(data.labels, data.matrix * inflation**2, data.right * inflation**2,
                       data.square * inflation**2, data.count, data.prior, data.away)
-    return _Posterior(stated, parts, float(np.log(inflation)))
+    return _Posterior(stated, parts, float(np.log(inflation)), widest)
 
 
-def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, seed: int = 0) -> Disagreement:
+def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, widest: float = WIDEST,
+                 seed: int = 0) -> Disagreement:
     """Return what clusters of rows make of the uncertainty of a fit.
+
+    No interval is longer than what holds all that the tolerance allows.
 
     Args:
         fit: with rows ``inflation`` times as noisy as stated.
         data: its rows by cluster.
         inflation: see there; the noise within clusters is between the stated one and that.
+        widest: tolerances that clusters may differ by.
         seed: of the draws.
     """
     parts = components(fit)
-    chances = _chances(data, parts, inflation)
+    chances = _chances(data, parts, inflation, widest)
     drawn = chances.draws(seed)
     unit = np.outer(fit.scale, fit.scale)
     known = prediction_covariance(fit) / unit
     leaks = np.concatenate([known @ a @ parts.directions for a in data.matrix], axis=1)
+    leaks -= _registered(data, parts, len(fit.problem.free))
     member = np.tile(parts.member, len(data.labels))
     added = [leaks[:, member == k] @ leaks[:, member == k].T for k in range(len(parts.names))]
     # where clusters differ, that was counted as noise, and the noise is less
@@ -294,15 +303,40 @@ def disagreement(fit: Fit, data: Clusters, inflation: float = 1.0, seed: int = 0
     parts_of[:, -1] -= 1.0
     variance = np.diagonal(known) + parts_of @ np.array([np.diagonal(b) for b in added])
     half = _quantile(variance) * fit.scale
+    weight = data.prior > 0.0
+    allowed = (np.abs(data.away) + Z95 / np.where(weight, data.prior, 1.0)) * fit.scale
+    half = np.where(weight, np.minimum(half, allowed), half)
     half[np.isinf(np.diagonal(posterior(fit)))] = np.inf
-    covariance = known + sum(m * b for m, b in zip(parts_of.mean(axis=0), added, strict=True))
+    # the mean of few sessions' draws is that of their widest: half of them are wider than this
+    middle = np.median(parts_of, axis=0)
+    covariance = known + sum(m * b for m, b in zip(middle, added, strict=True))
     own, sigma, p_value = _each(data, chances.prior, len(fit.problem.free),
                                 float(np.median(drawn[:, -1])) / inflation**2)
     scale = fit.scale[:own.shape[1]]
     spread = {n: float(np.sqrt(np.median(v))) for n, v in
               zip(parts.names, drawn[:, :-1].T, strict=True)}
     return Disagreement(data.labels, covariance * unit, half,
-                        chances.evidence(0.5 * np.log(drawn[::THIN])), own * scale, sigma * scale, p_value, spread)
+                        chances.evidence(0.5 * np.log(drawn[::THIN])), own * scale,
+                        sigma * scale, p_value, spread)
+
+
+def _registered(data: Clusters, parts: Components, count: int) -> Array:
+    """Return what frames and targets of one cluster alone take of its difference (C, S m).
+
+    Such a frame is where the common machine is seen from on that day: what is rigid in the
+    difference is in the frame and no error of a command in it.
+    """
+    size = data.matrix.shape[1]
+    seen = np.abs(np.diagonal(data.matrix, axis1=1, axis2=2)) > 0.0
+    own = seen & (seen.sum(axis=0) == 1) & (np.arange(size) >= count)
+    out = []
+    for a, mine in zip(data.matrix, own, strict=True):
+        taken = np.zeros((size, parts.directions.shape[1]))
+        where = np.flatnonzero(mine)
+        block = a[np.ix_(where, where)] + RIDGE * np.eye(where.size)
+        taken[where] = np.linalg.solve(block, a[where] @ parts.directions)
+        out.append(taken)
+    return np.concatenate(out, axis=1)
 
 
 def _quantile(variance: Array) -> Array:

@@ -1,10 +1,10 @@
 """Intervals that hold on another day: by sessions, or by stretches of the only one.
 
 Noise averages out over rows; what differs from session to session does not, nor what is smooth over
-the workspace or over time. With several sessions their disagreement is in the intervals. With one,
-blocks of rows near each other in joint space, and blocks of rows in their order, take the place of
-sessions (a block bootstrap in closed form: the fit's own linear problem, block by block), where
-they differ by more than noise. What differs between sessions, one session cannot show.
+the workspace or over time. With several sessions their disagreement is in the intervals. Blocks of
+rows near each other in joint space, and blocks of rows in their order, are looked at like sessions
+(a block bootstrap in closed form: the fit's own linear problem, block by block), and count where
+they differ by more than noise. What differs between sessions, one cannot show.
 """
 
 from __future__ import annotations
@@ -20,7 +20,24 @@ from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 
 BLOCKS, LEAST_ROWS = 8, 3
-"""Blocks of one session, and rows in each at least."""
+"""Blocks of a session, and rows in each at least."""
+STRETCHES = 1.0
+"""Blocks, of one machine, differ by no more than so many tolerances."""
+
+
+def honest(fit: Fit, inflation: float) -> tuple[Disagreement | None, Disagreement | None]:
+    """Return what sessions and what blocks of rows make of a fit's uncertainty.
+
+    Either None where there is nothing to tell; intervals of sessions hold those of blocks.
+
+    Args:
+        fit: with rows ``inflation`` times as noisy as stated.
+        inflation: see there.
+    """
+    sessions, blocks = by_sessions(fit, inflation), by_blocks(fit, inflation)
+    if sessions is not None and blocks is not None:
+        sessions = replace(sessions, half=np.maximum(sessions.half, blocks.half))
+    return sessions, blocks
 
 
 def by_sessions(fit: Fit, inflation: float) -> Disagreement | None:
@@ -53,7 +70,7 @@ def by_blocks(fit: Fit, inflation: float) -> Disagreement | None:
         masks = _blocks(fit, label)
         data = clusters(fit, [f"{name} {b + 1}" for b in range(len(masks))], masks)
         if differs(fit, data, inflation):
-            found.append(replace(disagreement(fit, data, inflation), sessions=False))
+            found.append(replace(disagreement(fit, data, inflation, STRETCHES), sessions=False))
     count = len(fit.problem.free)
     return max(found, default=None, key=lambda f: float(np.median(
         f.half[:count] / fit.scale[:count])))

@@ -23,7 +23,7 @@ from ppmcal.calibration.identifiability import (
     identifiability,
     observability,
 )
-from ppmcal.calibration.intervals import by_blocks, by_sessions, in_words
+from ppmcal.calibration.intervals import honest, in_words
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.left_out_rows import (
     DoubtfulStretch,
@@ -106,7 +106,7 @@ class Identification:
     ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
     ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
-    of the only one, None where they do not; ``covariance`` counts either.
+    of rows, None where they do not; ``covariance`` counts what is sure to differ.
     """
 
     fit: Fit
@@ -270,8 +270,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     rank, total, redundant = rank_of(fit)
     wrong = find_gross_errors(fit), tuple(flats(fit))
     fit = with_noise(fit, inflation, options)
-    sessions = by_sessions(fit, inflation)
-    blocks = None if sessions else by_blocks(fit, inflation)
+    sessions, blocks = honest(fit, inflation)
     wider = sessions or blocks
     found = estimates(fit, rank, wider)
     mechanism = with_estimates(fit, found)
@@ -288,7 +287,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
-        wider.covariance if wider else prediction_covariance(fit), inflation,
+        wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
         residuals(fit.problem, before.state),
         registered(fit.problem, before.state), after, held, note,
         _findings(fit, noise, inflation, found, out, wider), identifiability(fit), *wrong,
