@@ -123,6 +123,7 @@ def clusters(fit: Fit, labels: Sequence[str], masks: Sequence[Sequence[Bools]]) 
     count = np.zeros(len(labels))
     for rows in fit.problem.rows(fit.state, True, fit.keep):
         block = np.concatenate([rows.jacobian * fit.scale, rows.residual[..., None]], axis=-1)
+        block /= fit.noise      # the problem's rows are white by the stated noise
         for s, mask in enumerate(masks):
             mine = mask[rows.dataset][rows.index]
             if mine.any():
