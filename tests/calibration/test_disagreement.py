@@ -127,7 +127,8 @@ def test_blocks_of_one_session_see_what_is_smooth(curved: bool) -> None:
 def test_promise_and_coverage_where_sessions_differ() -> None:
     found = [study.run("delta-linear", study.Setting(3, True), seed) for seed in range(1, 25)]
     inside, alone = (np.concatenate([getattr(o, n) for o in found]) for n in ("inside", "by_noise"))
-    assert inside.mean() >= 0.93 > alone.mean() - 0.03
+    assert inside.mean() >= 0.93
+    assert inside.mean() > alone.mean()
     promise, noise = (np.sqrt(np.mean([getattr(o, n) for o in found]))
                       for n in ("promise", "promise_noise"))
-    assert promise < 1.1 < noise
+    assert promise < 1.3 < noise
