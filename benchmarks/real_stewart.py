@@ -20,13 +20,17 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ppmcal.calibration import intervals
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import noise_check, with_noise
 from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.summary import estimates, rank_of
+from ppmcal.calibration.summary import Estimate, estimates, rank_of
 from ppmcal.calibration.validation import closure_lengths, register_only
 from ppmcal.io import read_campaign, read_mechanism
+from ppmcal.io.effects import with_effects
+from ppmcal.kinematics.effect_response import with_strokes
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
 SPLITS, FOLDS = 10, 5
@@ -93,17 +97,46 @@ def across(mechanism: Mechanism, train: object, test: object, options: FitOption
     return leg_rms(problem, kept), leg_rms(problem, anew.state)
 
 
-def retracted(fit: Fit, rig: list[float], key: str) -> None:
-    """Print the retracted lengths: what the data alone know of them, and the intervals."""
-    noise = noise_check(fit)
-    fit = with_noise(fit, max(1.0, noise.sigma_ratio), FitOptions())
-    found = estimates(fit, rank_of(fit)[0])
-    for e, measured in zip((e for e in found if e.name.endswith("offset")), rig, strict=True):
-        low, high = (1e3 * v for v in e.interval)
-        inside = "contains" if low <= measured <= high else "MISSES"
-        alone = "nothing" if e.sigma_data is None else f"{1e3 * e.sigma_data:.1f} mm"
-        print(f"{e.name:34} {key:4} {1e3 * e.value:7.1f} mm, 95 % {low:.1f} to {high:.1f} "
-              f"{inside} the rig's {measured:.1f}; data alone know {alone}")
+def honest(fit: Fit) -> list[Estimate]:
+    """Return the estimates with intervals that count what sessions and stretches differ by."""
+    inflation = max(1.0, noise_check(fit).sigma_ratio)
+    fit = with_noise(fit, inflation, FitOptions())
+    sessions, blocks = intervals.honest(fit, inflation)
+    return list(estimates(fit, rank_of(fit)[0], sessions or blocks))
+
+
+def against_rig(found: list[Estimate], name: str, rig: list[float], key: str) -> None:
+    """Print a number of each leg beside the rig's own, mm: both intervals."""
+    held = [0, 0]
+    mine = [e for e in found if e.name.endswith(name)]
+    for e, measured in zip(mine, rig, strict=True):
+        half = 0.5e3 * (e.interval[1] - e.interval[0])
+        noise = 1.96e3 * e.sigma
+        away = 1e3 * e.value - measured
+        held[0] += abs(away) <= half
+        held[1] += abs(away) <= noise
+        alone = "nothing" if e.sigma_data is None else f"{1e3 * e.sigma_data:.2f} mm"
+        print(f"{e.name:34} {key:4} {1e3 * e.value:8.3f} mm +- {half:.3f} (by noise {noise:.3f}), "
+              f"{away:+.3f} from the rig's {measured:.3f}; data alone know {alone}"
+              + "; sessions disagree" * e.disagree)
+    print(f"{name:34} {key:4} {held[0]} of {len(mine)} intervals hold the rig's number, "
+          f"by noise alone {held[1]}", flush=True)
+
+
+def curvatures(mechanism: Mechanism, days: dict[str, Dataset]) -> None:
+    """Print the curvature of each leg by day and by both, with both intervals."""
+    for actuator in mechanism.actuators:
+        effect = {"kind": "curvature", "on": [actuator],
+                  "parameters": {"p2": {"value": 0.0, "free": True}}}
+        bent = with_effects(mechanism, [effect], mechanism.units, "curvature")
+        bent = with_strokes(bent, np.concatenate([d.q for d in days.values()]))
+        for key, sets in (*((k, (d,)) for k, d in days.items()), ("both", tuple(days.values()))):
+            fit = identify(Problem(bent, sets, bent.free), FitOptions(robust=False))
+            for e in (e for e in honest(fit) if e.name.endswith(".p2")):
+                half = 0.5e3 * (e.interval[1] - e.interval[0])
+                print(f"{e.name:34} {key:4} {1e3 * e.value:8.3f} mm +- {half:.3f} "
+                      f"(by noise {1.96e3 * e.sigma:.3f})" + "; sessions disagree" * e.disagree,
+                      flush=True)
 
 
 def main() -> int:
@@ -126,8 +159,9 @@ def main() -> int:
             paths.append(path)
         mechanism = read_mechanism(mech)
         days = dict(zip(SETS, read_campaign(paths, mechanism), strict=True))
-        rig = yaml.safe_load((folder / "nominal_geometry.yaml").read_text())[
-            "retracted_lengths_measured_on_rig"]
+        drawing = yaml.safe_load((folder / "nominal_geometry.yaml").read_text())
+        rig = {"offset": drawing["retracted_lengths_measured_on_rig"],
+               "ratio": drawing["mm_per_rev_linear_scale_rig"]}
     missed = 0
 
     def line(what: str, key: str, value: float) -> None:
@@ -144,7 +178,8 @@ def main() -> int:
         fit = identify(problem, options)
         line("fit", key, leg_rms(problem, fit.state))
         line("5-fold", key, cross_validated(problem, options))
-        retracted(fit, rig, key)
+        for name, measured in rig.items():
+            against_rig(honest(fit), name, measured, key)
     for a, b in (("60", "108"), ("108", "60")):
         same, anew = across(mechanism, days[a], days[b], options)
         line(f"{a} -> {b}, frame as it was", "", same)
@@ -152,6 +187,9 @@ def main() -> int:
     both = Problem(mechanism, tuple(days.values()), mechanism.free)
     fit = identify(both, options)
     line("both days, shared geometry", "", leg_rms(both, fit.state))
+    for name, measured in rig.items():
+        against_rig(honest(fit), name, measured, "both")
+    curvatures(mechanism, days)
     return 1 if missed else 0
 
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
+from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import (
@@ -21,6 +23,7 @@ from ppmcal.calibration.identifiability import (
     identifiability,
     observability,
 )
+from ppmcal.calibration.intervals import honest, in_words
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
 from ppmcal.calibration.left_out_rows import (
     DoubtfulStretch,
@@ -48,7 +51,12 @@ IMPLAUSIBLE = 8.0
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter after the fit, SI. ``status``: identified, fixed or redundant."""
+    """One parameter after the fit, SI. ``status``: identified, fixed or redundant.
+
+    ``sigma``: by the noise of rows alone, prior included; ``half``: of the 95 % interval with what
+    sessions differ by, None where only noise is known of; ``by_session``: label, value and sigma of
+    each session's own fit; ``p_value`` of these being one value, and whether they ``disagree``.
+    """
 
     name: str
     quantity: str
@@ -59,6 +67,10 @@ class Estimate:
     sigma_data: float | None
     tolerance: float | None
     status: str
+    half: float | None = None
+    by_session: tuple[tuple[str, float, float], ...] = ()
+    p_value: float | None = None
+    disagree: bool = False
 
     @property
     def error(self) -> float:
@@ -67,10 +79,16 @@ class Estimate:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The 95 % interval of the value, prior included."""
-        if self.sigma is None:
-            return None
-        return self.value - Z95 * self.sigma, self.value + Z95 * self.sigma
+        """The 95 % interval of the value, prior and disagreement of sessions included."""
+        half = self.half
+        if half is None and self.sigma is not None:
+            half = Z95 * self.sigma
+        return None if half is None else (self.value - half, self.value + half)
+
+    @property
+    def carried(self) -> float | None:
+        """The standard deviation that the model file states: half the interval over 1.96."""
+        return self.sigma if self.half is None else self.half / Z95
 
 
 @dataclass(frozen=True)
@@ -87,6 +105,8 @@ class Identification:
 
     ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
+    ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
+    of rows, None where they do not; ``covariance`` counts what is sure to differ.
     """
 
     fit: Fit
@@ -111,6 +131,8 @@ class Identification:
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
     doubtful: tuple[DoubtfulStretch, ...] = ()
+    sessions: Disagreement | None = None
+    blocks: Disagreement | None = None
 
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:
@@ -154,8 +176,11 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     return rank, len(kept), tuple(redundant)
 
 
-def estimates(fit: Fit, rank: Rank) -> tuple[Estimate, ...]:
-    """Return all parameters of the machine with their uncertainties."""
+def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None) -> tuple[Estimate, ...]:
+    """Return all parameters of the machine with their uncertainties.
+
+    ``wider``: what sessions or stretches of rows disagree about.
+    """
     variance = np.diagonal(posterior(fit))
     data_sigma = from_data_alone(fit, rank)
     column = {p: c for c, p in enumerate(fit.problem.free)}
@@ -170,7 +195,21 @@ def estimates(fit: Fit, rank: Rank) -> tuple[Estimate, ...]:
         out.append(Estimate(parameter.name, parameter.quantity, parameter.per_unit,
                             parameter.nominal, float(fit.state.g[p]), sigma, from_data,
                             parameter.tolerance, status))
+        if c is not None and wider is not None and sigma is not None:
+            out[-1] = replace(out[-1], **_by_session(out[-1], wider, c))
     return tuple(out)
+
+
+def _by_session(estimate: Estimate, wider: Disagreement, column: int) -> dict[str, Any]:
+    """Return the entries of an estimate that sessions give."""
+    parts: dict[str, Any] = {"half": float(wider.half[column])}
+    if wider.sessions:
+        values = (estimate.value + wider.own[:, column]).tolist()
+        parts |= {"by_session": tuple(zip(wider.labels, values, wider.own_sigma[:, column].tolist(),
+                                          strict=True)),
+                  "p_value": float(wider.p_value[column]),
+                  "disagree": bool(wider.disagree[column])}
+    return parts
 
 
 def from_data_alone(fit: Fit, rank: Rank) -> dict[int, float]:
@@ -202,7 +241,7 @@ def registered(problem: Problem, state: State) -> dict[str, Registration]:
 def with_estimates(fit: Fit, found: Sequence[Estimate]) -> Mechanism:
     """Return the machine with the fitted values, sigmas and registrations."""
     mechanism = fit.problem.mechanism
-    parameters = tuple(replace(p, value=e.value, sigma=e.sigma)
+    parameters = tuple(replace(p, value=e.value, sigma=e.carried)
                        for p, e in zip(mechanism.parameters, found, strict=True))
     return replace(mechanism, parameters=parameters,
                    home_q=np.full_like(mechanism.home_q, np.nan),
@@ -231,7 +270,9 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     rank, total, redundant = rank_of(fit)
     wrong = find_gross_errors(fit), tuple(flats(fit))
     fit = with_noise(fit, inflation, options)
-    found = estimates(fit, rank)
+    sessions, blocks = honest(fit, inflation)
+    wider = sessions or blocks
+    found = estimates(fit, rank, wider)
     mechanism = with_estimates(fit, found)
     before = register_only(fit.problem)
     if leave_out:
@@ -246,10 +287,12 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
-        prediction_covariance(fit), inflation, residuals(fit.problem, before.state),
+        wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
+        residuals(fit.problem, before.state),
         registered(fit.problem, before.state), after, held, note,
-        _findings(fit, noise, inflation, found, out), identifiability(fit), *wrong,
-        _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out))
+        _findings(fit, noise, inflation, found, out, wider), identifiability(fit), *wrong,
+        _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out),
+        sessions=sessions, blocks=blocks)
 
 
 def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict[str, float]:
@@ -261,8 +304,8 @@ def _unexplained(after: Mapping[str, Mapping[str, float]], noise: Noise) -> dict
             if kind in ("position", "rotation") and noise.unexplained}
 
 
-def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut
-              ) -> tuple[str, ...]:
+def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate], gone: LeftOut,
+              wider: Disagreement | None) -> tuple[str, ...]:
     out = [f for d in fit.problem.datasets for f in d.findings]
     for data, reasons in zip(fit.problem.datasets, fit.reasons, strict=True):
         if reasons:
@@ -279,6 +322,7 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
                    "is too large, in a wrong unit perhaps, so intervals are too wide"
                    + (" and the data count too little against the tolerances" if fit.prior.any()
                       else "") + "; correct it, or use --sigma estimated")
+    out += in_words(fit, wider)
     far = far_from_nominal(found)
     if far:
         out.append(far)

@@ -85,14 +85,21 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
     free = [p for p in record.parameters if p.status != "fixed"]
     shown = sorted(free, key=lambda p: -abs(p.error or 0.0) / (p.tolerance or 1.0))[:12]
     if shown:
+        wider = any(p.sigma_sessions is not None for p in shown)
         console.table(plain_table(
-            ["parameter", "nominal", "error", "+- 95 %", "unit", "status"],
+            ["parameter", "nominal", "error", "+- 95 %", *["by noise"] * wider, "unit", "status"],
             [[p.name, number(p.nominal, 7), number(p.error),
-              number(None if p.sigma is None else 1.96 * p.sigma, 3), p.unit,
-              p.status] for p in shown], (1, 2, 3)))
+              _half(p.sigma if p.sigma_sessions is None else p.sigma_sessions),
+              *[_half(p.sigma)] * wider, p.unit,
+              p.status + ", sessions disagree" * bool(p.disagree)] for p in shown],
+            (1, 2, 3, *[4] * wider)))
     if len(free) > len(shown):
         console.say(f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
                     "parameters.csv.")
+
+
+def _half(sigma: float | None) -> str:
+    return number(None if sigma is None else 1.96 * sigma, 3)
 
 
 PRIOR_DOMINATED = 0.8

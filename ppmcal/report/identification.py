@@ -123,7 +123,7 @@ def parameters(r: IdentificationRecord) -> str:
     free = [p for p in r.parameters if p.status != "fixed"]
     fixed = [p for p in r.parameters if p.status == "fixed"]
     heads = ["parameter", "unit", "nominal", "value", "95 % interval", "error", "tolerance",
-             "error against tolerance", "sigma", "sigma, data only", "status"]
+             "error against tolerance", "sigma by noise", "sigma, data only", "status"]
     note = ("Bars: error in tolerances, shaded: one to each side, ends: three; "
             "line: 95 % interval; red tip: beyond the end.")
     out = ("<h2>Parameters</h2>" + paragraph(note, "note")
@@ -146,9 +146,11 @@ def _row(p: ParameterEstimate) -> list[Cell]:
             amount(value, to_sigma(value, sigma)), amount(low, interval),
             amount(p.error, to_sigma(p.error, sigma), bad=(p.tolerances or 0.0) > 3.0),
             amount(p.tolerance, exact(p.tolerance)),
-            Cell(error_bar(p.error, p.tolerance, sigma), number(p.tolerances)),
+            Cell(error_bar(p.error, p.tolerance, p.sigma_sessions or sigma),
+                 number(p.tolerances)),
             amount(sigma, sig(sigma, 2)), amount(p.sigma_data, sig(p.sigma_data, 2)),
-            words(p.status, "warn" if p.status == "redundant" else "")]
+            words(p.status + ", sessions disagree" * bool(p.disagree),
+                  "warn" if p.status == "redundant" or p.disagree else "")]
 
 
 def redundant(r: IdentificationRecord) -> str:

@@ -27,10 +27,21 @@ def numbers(values: Array) -> Numbers:
     return tuple(values.tolist())
 
 
+class SessionValue(Part):
+    """A parameter as one session alone gives it, prior included, in the parameter's unit."""
+
+    session: Text = ""
+    value: Finite | None = None
+    sigma: Finite | None = None
+
+
 class ParameterEstimate(Part):
     """One parameter, all in ``unit`` but ``of_tolerance`` (sigma over tolerance).
 
-    ``low``, ``high``: the 95 % interval; ``sigma_data``: without the prior.
+    ``low``, ``high``: the 95 % interval, disagreement of sessions counted; ``sigma``: by noise
+    alone, prior included; ``sigma_data``: without the prior; ``sigma_sessions``: half of
+    the interval over 1.96, None where that is by noise alone; ``sessions``:
+    by each alone; ``disagree_p`` of those having one value; ``disagree``: whether it is too small.
     """
 
     name: Text = ""
@@ -45,6 +56,10 @@ class ParameterEstimate(Part):
     unit: Text = ""
     status: Text = ""
     of_tolerance: Finite | None = None
+    sigma_sessions: Finite | None = None
+    sessions: tuple[SessionValue, ...] = ()
+    disagree_p: Finite | None = None
+    disagree: Flag | None = None
 
     @classmethod
     def of(cls, e: Estimate, units: Units) -> ParameterEstimate:
@@ -57,7 +72,11 @@ class ParameterEstimate(Part):
                    sigma=_over(e.sigma, f), sigma_data=_over(e.sigma_data, f), low=_over(low, f),
                    high=_over(high, f), tolerance=_over(e.tolerance, f),
                    unit=units.name(e.quantity) + "/unit" * e.per_unit, status=e.status,
-                   of_tolerance=share)
+                   of_tolerance=share,
+                   sigma_sessions=None if e.half is None else _over(e.carried, f),
+                   sessions=tuple(SessionValue(session=label, value=value / f, sigma=sigma / f)
+                                  for label, value, sigma in e.by_session),
+                   disagree_p=e.p_value, disagree=e.disagree if e.by_session else None)
 
     @property
     def tolerances(self) -> float | None:

@@ -17,12 +17,24 @@ from ppmcal.model.mechanism import POSE_COORDINATES
 
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status")
+SESSIONS = ("sigma_sessions", "disagree")
 COORDINATES = (*POSE_COORDINATES, "height", "distance")
 
 
 def parameters_csv(entries: Sequence[object]) -> str:
-    """Return parameters.csv of entries of identification.json, in their units."""
-    return csv_text(PARAMETERS, [[getattr(e, h) for e in entries] for h in PARAMETERS])
+    """Return parameters.csv of entries of identification.json, in their units.
+
+    Where intervals count more than noise, columns say so: ``sigma_sessions``, and ``disagree``, 1
+    where sessions disagree.
+    """
+    heads: tuple[str, ...] = PARAMETERS
+    if any(getattr(e, "sigma_sessions", None) is not None for e in entries):
+        heads += SESSIONS
+    return csv_text(heads, [[_cell(getattr(e, h)) for e in entries] for h in heads])
+
+
+def _cell(value: object) -> object:
+    return int(value) if isinstance(value, bool) else value
 
 
 def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> str:
