@@ -28,8 +28,11 @@ from ppmcal.calibration.summary import Identification
 from ppmcal.calibration.wrong_rows import refuse_wrong_part
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.diagnose import diagnose as diagnosed
+from ppmcal.design.missing_poses import weak_campaign
+from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.results.campaign import sentence
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
@@ -134,7 +137,13 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         found = diagnosed(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)), progress)
-    found = replace(found, findings=(*units, *found.findings))
+    progress("judging the campaign")
+    fit = found.identification.fit
+    campaign = weak_campaign(fit, seed)
+    asked = [f"{sentence(campaign, machine.units)}."] if campaign else []
+    found = replace(found, findings=(*units, *asked, *found.findings),
+                    identification=replace(found.identification, campaign=campaign))
+    found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
     return DiagnosisResult(source, tuple(found.findings), found, png)
 

@@ -34,8 +34,10 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.validation import Residuals
 from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows
+from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
+from ppmcal.io.results.campaign import sentence
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.linalg import Array
@@ -183,9 +185,13 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         found = report(fit, options, fraction, seed, other, leave_out)
         if chosen == "prior":
             refuse_other_machine(found.fit)
+    progress("judging the campaign")
+    campaign = weak_campaign(found.fit, seed)
+    asked = [f"{sentence(campaign, machine.units)}."] if campaign else []
     if before is not None:
         notes += odd + carried_on(fit, before, options)
-    found = replace(found, findings=(*notes, *units, *found.findings), earlier=before)
+    found = replace(found, findings=(*notes, *units, *asked, *found.findings), earlier=before,
+                    campaign=campaign)
     return IdentificationResult(source, tuple(found.findings), found, chosen, tuple(told))
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ppmcal.calibration.campaign import Campaign
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import (
@@ -39,6 +40,7 @@ from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.wording import counted
 
 Z95 = 1.959963984540054
 IMPLAUSIBLE = 8.0
@@ -87,6 +89,7 @@ class Identification:
 
     ``fit``: where the noise check failed, with rows ``inflation`` times as noisy as stated.
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
+    ``campaign``: what is weak about the poses, and which are missing; None: nothing.
     """
 
     fit: Fit
@@ -111,6 +114,7 @@ class Identification:
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
     doubtful: tuple[DoubtfulStretch, ...] = ()
+    campaign: Campaign | None = None
 
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:
@@ -268,6 +272,9 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         if reasons:
             out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
                        "see residuals.csv for each reason")
+    if fit.taken_back:
+        out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
+                   "at the fitted machine, and are in use")
     if gone.sentence:
         out.append(gone.sentence)
     if noise.failed:
