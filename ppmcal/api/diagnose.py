@@ -26,10 +26,10 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
 from ppmcal.calibration.wrong_rows import refuse_wrong_part
-from ppmcal.diagnosis.diagnose import DiagnosisOptions
-from ppmcal.diagnosis.diagnose import diagnose as diagnosed
 from ppmcal.design.missing_poses import weak_campaign
+from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.next_experiment import with_poses
+from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.results.campaign import sentence
@@ -134,7 +134,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
-        found = diagnosed(problem, DiagnosisOptions(
+        found = diagnose_with_registration(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)), progress)
     progress("judging the campaign")

@@ -31,6 +31,7 @@ from ppmcal.calibration.noise import noise_check, with_estimated_noise
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.validation import Residuals
 from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows
@@ -188,6 +189,8 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     progress("judging the campaign")
     campaign = weak_campaign(found.fit, seed)
     asked = [f"{sentence(campaign, machine.units)}."] if campaign else []
+    if chosen == "prior":
+        asked += hint_sentences(found.fit, registration_hints(found.fit))
     if before is not None:
         notes += odd + carried_on(fit, before, options)
     found = replace(found, findings=(*notes, *units, *asked, *found.findings), earlier=before,

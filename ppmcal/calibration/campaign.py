@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.observation import coordinates
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.region import extent, named
@@ -37,8 +38,8 @@ SPANS = {2: ("one point", "a line"), 3: ("one point", "a line", "a plane")}
 class MissingPoses:
     """Measurements that would tell what a campaign leaves unknown, SI.
 
-    ``q`` (R, k) joints, ``pose`` (R, 6) platform poses in the base frame; ``where``: coordinates in which they go
-    beyond the campaign: name, lowest, highest.
+    ``q`` (R, k) joints, ``pose`` (R, 6) platform poses in the base frame; ``where``: coordinates
+    in which they go beyond the campaign: name, lowest, highest.
     """
 
     q: Array
@@ -128,10 +129,13 @@ def _stroke(fit: Fit) -> Iterable[str]:
 
 def _few(fit: Fit) -> Iterable[str]:
     """Yield that there are few numbers for so many unknowns, frames included."""
-    count, columns = fit.reduced.count, len(fit.problem.columns)
+    columns, count, poses = len(fit.problem.columns), 0, 0
+    for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
+        # a pose measured again tells noise, or effects, and nothing new of the geometry
+        own = np.unique(data.groups[keep]).size
+        poses += own
+        count += own * len(coordinates(data, fit.problem.mechanism.motion))
     if count < FEW * columns:
-        poses = sum(np.unique(d.groups[k]).size for d, k in zip(
-            fit.problem.datasets, fit.keep, strict=True))
         yield (f"{counted(poses, 'pose')} give {counted(count, 'number')} for "
                f"{counted(columns, 'unknown')}")
 
@@ -159,8 +163,9 @@ def grouped(mechanism: Mechanism, some: Sequence[str], among: Sequence[str]) -> 
         return out
 
     whole, by_slot = parts(among), dict[tuple[str, tuple[str, ...]], list[str]]()
-    for (slot, component), own in parts(some).items():
-        every = ("every",) if own == whole.get((slot, component)) and own != [""] else tuple(own)
+    for (slot, component), limb_names in parts(some).items():
+        all_of_them = limb_names == whole.get((slot, component)) and limb_names != [""]
+        every = ("every",) if all_of_them else tuple(limb_names)
         by_slot.setdefault((slot, every), []).append(component)
     alike: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
     for (slot, own), components in by_slot.items():

@@ -1,9 +1,10 @@
 """How many poses a campaign lacks, and which: what it leaves unknown decides.
 
 A parameter is unknown where its variance exceeds what many more poses of the same instrument would
-leave by more than half its tolerance, squared. Chosen one by one: the candidate that lowers the summed variance of the unknown parameters most,
-in units of their tolerances, given all that the campaign knows already. The new rows are a
-session of their own: frame and target are open again wherever they were.
+leave by more than half its tolerance, squared. Chosen one by one: the candidate that lowers the
+summed variance of the unknown parameters most, in units of their tolerances, given all that the
+campaign knows already. The new rows are a session of their own: frame and target are open again
+wherever they were.
 """
 
 from __future__ import annotations

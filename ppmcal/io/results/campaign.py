@@ -1,5 +1,4 @@
-"""A weak campaign: part of identification.json and diagnosis.json, and what console and report say.
-"""
+"""A weak campaign: part of identification.json and diagnosis.json, and what is said of it."""
 
 from __future__ import annotations
 
@@ -47,7 +46,8 @@ class CampaignSummary(Part):
                  for name, low, high in found.missing.where
                  for q in ["angle" if name.startswith("r") else "length"]}
         return cls(shapes=found.shapes, unknown=found.groups, parameters=found.unknown,
-                   poses=len(found.missing.q), where=where, file="next.csv", text=sentence(found, units))
+                   poses=len(found.missing.q), where=where, file="next.csv",
+                   text=sentence(found, units))
 
 
 def sentence(found: Campaign, units: Units) -> str:
