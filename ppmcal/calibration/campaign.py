@@ -48,7 +48,7 @@ class MissingPoses:
 
 
 @dataclass(frozen=True, eq=False)
-class Campaign:
+class WeakCampaign:
     """A weak campaign.
 
     Attributes:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ppmcal.calibration.campaign import Campaign
+from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
 from ppmcal.calibration.identifiability import (
@@ -114,7 +114,7 @@ class Identification:
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
     doubtful: tuple[DoubtfulStretch, ...] = ()
-    campaign: Campaign | None = None
+    campaign: WeakCampaign | None = None
 
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:

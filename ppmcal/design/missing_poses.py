@@ -15,8 +15,8 @@ import numpy as np
 
 from ppmcal.calibration.campaign import (
     HALF,
-    Campaign,
     MissingPoses,
+    WeakCampaign,
     geometry,
     grouped,
     poses_in_use,
@@ -45,7 +45,7 @@ BEYOND = 0.1
 NAME = "further poses"
 
 
-def weak_campaign(fit: Fit, seed: int) -> Campaign | None:
+def weak_campaign(fit: Fit, seed: int) -> WeakCampaign | None:
     """Return what is weak about the poses of a fit, and the poses that it lacks.
 
     None where other poses of the same instrument would tell no more: it is not they that are weak.
@@ -74,7 +74,7 @@ def weak_campaign(fit: Fit, seed: int) -> Campaign | None:
         return None
     chosen = pool.take(_chosen(start, jacobian, wanted, least))
     unknown = tuple(n for n, w in zip(names, wanted, strict=True) if w)
-    return Campaign(shapes, unknown, grouped(machine, unknown, names[:count]),
+    return WeakCampaign(shapes, unknown, grouped(machine, unknown, names[:count]),
                     fit.problem.datasets[i].kind == "plane",
                     MissingPoses(chosen.q, chosen.pose, _where(fit, chosen.pose)))
 

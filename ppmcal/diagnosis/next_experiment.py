@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ppmcal.calibration.campaign import Campaign
+from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import State
 from ppmcal.diagnosis.candidates import library
@@ -65,7 +65,7 @@ def nothing(reason: str, joints: int) -> Proposal:
     return Proposal(reason, np.zeros((0, joints)), np.zeros((0, 6)))
 
 
-def with_poses(proposal: Proposal, campaign: Campaign | None) -> Proposal:
+def with_poses(proposal: Proposal, campaign: WeakCampaign | None) -> Proposal:
     """Return a proposal with the poses that a weak campaign lacks, where it has none of its own."""
     if campaign is None or proposal.rows:
         return proposal

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ppmcal.calibration.campaign import Campaign
+from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.io.results.record import Finite, Part, Text, Whole
 from ppmcal.units import Units
 from ppmcal.wording import counted
@@ -37,7 +37,7 @@ class CampaignSummary(Part):
     text: Text = ""
 
     @classmethod
-    def of(cls, found: Campaign | None, units: Units) -> CampaignSummary | None:
+    def of(cls, found: WeakCampaign | None, units: Units) -> CampaignSummary | None:
         """Return the entry of a campaign, None where it is not weak."""
         if found is None:
             return None
@@ -50,7 +50,7 @@ class CampaignSummary(Part):
                    text=sentence(found, units))
 
 
-def sentence(found: Campaign, units: Units) -> str:
+def sentence(found: WeakCampaign, units: Units) -> str:
     """Return what a campaign leaves unknown and which measurements are missing."""
     first, *more = found.shapes
     shape = "; ".join([first[:1].upper() + first[1:], *more])
