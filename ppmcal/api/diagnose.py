@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
-from ppmcal.api.identify import with_unit_findings
+from ppmcal.api.identify import left_over, with_unit_findings
 from ppmcal.api.inputs import (
     Machine,
     Measurements,
@@ -141,6 +141,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     fit = found.identification.fit
     campaign = weak_campaign(fit, seed)
     asked = [f"{sentence(campaign, machine.units)}."] if campaign else []
+    asked += left_over(found.before, seed)
     found = replace(found, findings=(*units, *asked, *found.findings),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))

@@ -9,6 +9,7 @@ wherever they were.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from ppmcal.calibration.campaign import (
     weak_shapes,
 )
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import column_scale
+from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.design.plan.candidate_poses import Candidates, draw, listed, region_of
 from ppmcal.design.virtual_instrument import Instrument
@@ -35,8 +36,8 @@ from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 CANDIDATES = 200
-MOST = 60
-"""More measurements than this are another campaign; what so many, spread over the machine's
+FEWEST, MOST = 4, 60
+"""Fewer would not settle a frame of their own; more are another campaign; what so many, spread over the machine's
 region, do not tell is not said to be missing."""
 LOOSE = 1e-3
 """Weight, per natural unit, of what nothing knows yet."""
@@ -77,6 +78,35 @@ def weak_campaign(fit: Fit, seed: int) -> WeakCampaign | None:
     return WeakCampaign(shapes, unknown, grouped(machine, unknown, names[:count]),
                     fit.problem.datasets[i].kind == "plane",
                     MissingPoses(chosen.q, chosen.pose, _where(fit, chosen.pose)))
+
+
+def poses_to_tell(fit: Fit, slots: Sequence[str], seed: int) -> int | None:
+    """Return how many poses more would tell closed slots, were they free too.
+
+    None where no more than :data:`MOST` would, or nothing can be planned.
+    """
+    mechanism = fit.problem.mechanism
+    free = tuple(sorted({*fit.problem.free, *(mechanism.names.index(s) for s in slots)}))
+    problem = replace(fit.problem, free=free, pivots=tuple(o.about for o in fit.problem.opens))
+    wider = replace(fit, problem=problem, reduced=qr_factor(problem, fit.state, fit.keep),
+                    prior=prior_weights(problem, "prior"), scale=column_scale(problem))
+    i = _like(fit)
+    if i is None or not slots:
+        return None
+    try:
+        pool, instrument = _pool(fit, i, seed), _instrument(fit, i)
+        machine = replace(mechanism.nominal(), free=geometry(wider))
+        jacobian, names = _white(machine, instrument, pool)
+    except PpmcalError:
+        return None
+    count = len(machine.free)
+    start = np.diag(np.full(len(names), LOOSE**2))
+    start[:count, :count] += _known(wider)
+    each = np.einsum("rmi,rmj->ij", jacobian, jacobian) / len(pool)
+    least = _variances(start + MOST * each)
+    wanted = np.isin(names, slots) & (_variances(start) - least > HALF**2)
+    rows = _chosen(start, jacobian, wanted, least) if wanted.any() else np.zeros(0)
+    return len(rows) if 0 < len(rows) < MOST else None
 
 
 def _known(fit: Fit) -> Array:
@@ -148,7 +178,7 @@ def _chosen(start: Array, jacobian: Array, wanted: Bools, least: Array) -> Ints:
     information, rows = start.copy(), list[int]()
     while len(rows) < MOST:
         inverse = _inverse(information)
-        if np.all((np.diagonal(inverse) - least)[wanted] <= HALF**2):
+        if len(rows) >= FEWEST and np.all((np.diagonal(inverse) - least)[wanted] <= HALF**2):
             break
         gain = inverse @ np.swapaxes(jacobian, -1, -2)
         core = np.linalg.inv(np.eye(jacobian.shape[1]) + jacobian @ gain)
