@@ -37,8 +37,8 @@ from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 CANDIDATES = 200
 FEWEST, MOST = 4, 60
-"""Fewer would not settle a frame of their own; more are another campaign; what so many, spread over the machine's
-region, do not tell is not said to be missing."""
+"""Fewer would not settle a frame of their own; more are another campaign; what so many, spread over
+the machine's region, do not tell is not said to be missing."""
 LOOSE = 1e-3
 """Weight, per natural unit, of what nothing knows yet."""
 BEYOND = 0.1

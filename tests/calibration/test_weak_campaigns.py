@@ -34,6 +34,7 @@ def campaign(text: dict[str, Any], kind: str = "delta-linear") -> tuple[Dataset,
     return ppmcal.simulate(load(shipped(kind)), text).data
 
 
+@pytest.mark.slow
 def test_a_plane_asks_for_poses_outside_it() -> None:
     flat = ppmcal.identify(shipped("delta-linear"), campaign(delta(0.0)))
     found = flat.record.campaign
@@ -51,6 +52,7 @@ def test_poses_all_over_ask_for_nothing() -> None:
     assert "next.csv" not in result.files()
 
 
+@pytest.mark.slow
 def test_the_missing_poses_tell(tmp_path: Path) -> None:
     """What was unknown is known to half its tolerance once they are measured."""
     flat = ppmcal.identify(shipped("delta-linear"), campaign(delta(0.0)))
@@ -106,6 +108,7 @@ def touches(tmp_path: Path, wave: int) -> Dataset:
         "instrument": {"kind": "plane", "sigma": {"height": 0.02}}})[0]
 
 
+@pytest.mark.slow
 def test_the_pattern_of_the_one_degree_that_is_left(tmp_path: Path) -> None:
     text = yaml.safe_load(shipped("delta-linear").read_text(encoding="utf-8"))
     text["free"] = ["*.offset", "tower_radius", "a.base.point.angle", "b.base.point.angle"]
