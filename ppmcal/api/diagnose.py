@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
-from ppmcal.api.identify import with_unit_findings
+from ppmcal.api.identify import left_over, with_unit_findings
 from ppmcal.api.inputs import (
     Machine,
     Measurements,
@@ -28,10 +28,13 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.summary import Identification
 from ppmcal.calibration.wrong_rows import refuse_wrong_part
+from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
-from ppmcal.diagnosis.diagnose import diagnose as diagnosed
+from ppmcal.diagnosis.next_experiment import with_poses
+from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.results.campaign import sentence
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
@@ -134,12 +137,19 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
         problem, told = with_own_noise(problem, FitOptions())
-        found = diagnosed(problem, DiagnosisOptions(
+        found = diagnose_with_registration(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)), progress)
-    for sentence in told:
-        progress(sentence)
-    found = replace(found, findings=(*units, *found.findings))
+    for line in told:
+        progress(line)
+    progress("judging the campaign")
+    fit = found.identification.fit
+    campaign = weak_campaign(fit, seed)
+    asked = [f"{sentence(campaign, machine.units)}."] if campaign else []
+    asked += left_over(found.before, seed)
+    found = replace(found, findings=(*units, *asked, *found.findings),
+                    identification=replace(found.identification, campaign=campaign))
+    found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)
     return DiagnosisResult(source, tuple(found.findings), found, png)
 

@@ -33,11 +33,15 @@ from ppmcal.calibration.noise import noise_check, noise_sentences, with_estimate
 from ppmcal.calibration.other_machine import refuse_other_machine
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.registration_freedoms import hint_sentences, registration_hints
 from ppmcal.calibration.summary import Identification, report
 from ppmcal.calibration.validation import Residuals
 from ppmcal.calibration.wrong_rows import refuse_wrong_part, refuse_wrong_rows
+from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
+from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
+from ppmcal.io.results.campaign import sentence
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.linalg import Array
@@ -186,10 +190,17 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
         found = report(fit, options, fraction, seed, other, leave_out)
         if chosen == "prior":
             refuse_other_machine(found.fit)
+    progress("judging the campaign")
+    campaign = weak_campaign(found.fit, seed)
+    asked = [f"{sentence(campaign, machine.units)}."] if campaign else []
+    if chosen == "prior":
+        asked += hint_sentences(found.fit, registration_hints(found.fit))
+    asked += left_over(fit, seed)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
     told += scale_sentences(found)
-    found = replace(found, findings=(*notes, *units, *found.findings), earlier=before)
+    found = replace(found, findings=(*notes, *units, *asked, *found.findings), earlier=before,
+                    campaign=campaign)
     return IdentificationResult(source, tuple(found.findings), found, chosen, tuple(told))
 
 
@@ -274,6 +285,16 @@ def _refuse_unobservable(problem: Problem, source: str) -> None:
                        "nothing else does: the fit would run off", f"{source} with --prior flat",
                        "Keep the tolerances, fix the lengths or the drives (fixed: true), or add "
                        "a measured distance")
+
+
+def left_over(fit: Fit, seed: int) -> list[str]:
+    """Return what pattern a residual has that hardly any freedom is left for, in words."""
+    pattern = left_over_pattern(fit)
+    if pattern is None:
+        return []
+    touches = all(d.kind == "plane" for d in fit.problem.datasets)
+    more = poses_to_tell(fit, pattern.slots, seed)
+    return [f"{pattern_sentence(pattern, more, touches)}."]
 
 
 def _held_out(holdout: Any, machine: Mechanism) -> tuple[tuple[Dataset, ...], float]:

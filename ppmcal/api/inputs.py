@@ -6,6 +6,7 @@ import os
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +129,7 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
         mechanism: as in :func:`load`.
         data: data sets (:func:`read_data`), or paths of measurement files; one or several.
         free: patterns of the parameters that may change, in place of the file's; ``none`` for
-            frames only.
+            frames only: nothing of the machine, effects included.
 
     Raises:
         BadInput: a pattern without a parameter, data without a column that an effect needs, or
@@ -137,7 +138,7 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
     machine = load(mechanism)
     patterns = (free,) if isinstance(free, str) else tuple(free)
     if patterns == ("none",):
-        machine = machine.with_free([])
+        machine = replace(machine, free=())    # what a file marks as free is not either
     elif patterns:
         for pattern in unmatched(machine.parameters, patterns):
             raise unknown("parameter", pattern, machine.names, "--free")

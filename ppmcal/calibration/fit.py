@@ -52,6 +52,7 @@ class Fit:
         stopped: where a fit was ended on purpose before it had converged, in words.
         noise: the rows at the end are white by this many times the stated noise.
         reasons: why rows were left out, by data set: row index -> reason.
+        taken_back: rows that had no pose at the start and have one, and belong, at the end.
     """
 
     problem: Problem
@@ -68,6 +69,7 @@ class Fit:
     stopped: str = ""
     noise: float = 1.0
     reasons: tuple[dict[int, str], ...] = ()
+    taken_back: int = 0
 
     @property
     def reached(self) -> str:

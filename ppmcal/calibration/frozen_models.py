@@ -11,26 +11,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.registration_freedoms import OPEN as OPEN
+from ppmcal.calibration.registration_freedoms import fall, is_open, opened
 from ppmcal.calibration.validation import Residuals, register_only, residuals
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Effect, Mechanism
 
-OPEN = ("frame", "target", "rotation", "homing")
-"""What a registration may fit, simplest first."""
 OPENED = {"position": ("frame", "target", "homing"), "plane": ("frame",), "distance": ()}
 """What of it the data of an instrument can demand: of a flat its height and tilt say the rest."""
-DEMANDED = 1e-3
-"""More than a file leaves open is fitted where chance would gain as much this rarely,"""
-WORTH = 0.05
-"""and the error falls by this part."""
 DRAWS = 2000
 SURE = (0.025, 0.975)
 FEWEST = 3
@@ -139,7 +134,7 @@ def validated(models: Sequence[FrozenModel], datasets: Sequence[Dataset],
 
 def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[str] | None,
                seed: int) -> Validated:
-    asked = tuple(w for w in OPEN if _is_open(data, w)) if register is None else tuple(
+    asked = tuple(w for w in OPEN if is_open(data, w)) if register is None else tuple(
         w for w in OPEN if w in register)
     whole, data = data, _typed_right(models[0], opened(data, asked, register is not None))
     demanded: tuple[str, ...] = ()
@@ -155,28 +150,6 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
     errors = tuple(_error(m.label, r, rows, f) for m, r, f in zip(models, found, fits, strict=True))
     return Validated(data.name, data.source, (int(rows.sum()), len(whole)), (*asked, *demanded),
                      demanded, _compared(errors, data.groups[rows], seed))
-
-
-def _is_open(data: Dataset, what: str) -> bool:
-    if what == "homing":
-        return data.homing != "shared"
-    return {"frame": data.frame, "target": data.target,
-            "rotation": data.target_rotation}[what].fitted
-
-
-def opened(data: Dataset, what: Sequence[str], only: bool = False) -> Dataset:
-    """Return a data set of which the registration fits ``what``, and with ``only`` nothing else."""
-    names = {"frame": "frame", "target": "target", "rotation": "target_rotation"}
-    new = {}
-    for word, name in names.items():
-        unknown = getattr(data, name)
-        if word in what and not unknown.fitted:
-            new[name] = replace(unknown, fitted=True, same_as=None)
-        elif only and word not in what and unknown.fitted:
-            new[name] = replace(unknown, fitted=False, same_as=None)
-    homing = "alone" if "homing" in what else "shared" if only or data.homing == "shared" else (
-        "alone")
-    return replace(data, homing=homing, **new)
 
 
 def _typed_right(model: FrozenModel, data: Dataset) -> Dataset:
@@ -198,7 +171,7 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset) -> tuple[str, ...]:
     It has to lower the error of every machine: what only one of them asks for is its own fault.
     """
     found: list[str] = []
-    possible = [w for w in OPENED.get(data.kind, OPEN) if not _is_open(data, w)]
+    possible = [w for w in OPENED.get(data.kind, OPEN) if not is_open(data, w)]
     now: dict[int, Fit] = {}
     while possible:
         gains = {}
@@ -225,13 +198,7 @@ def _gain(before: Fit, after: Fit) -> float:
     """Return by which part the error falls, 0 where that is too little or may be chance."""
     more = len(after.problem.columns) - len(before.problem.columns)
     a, b = (_square(f) for f in (before, after))
-    n = b[1] - len(after.problem.columns)
-    if more <= 0 or n <= 0 or b[0] <= 0.0:
-        return 0.0
-    fall = 1.0 - float(np.sqrt(b[0] / a[0])) if a[0] > 0.0 else 0.0
-    scale = max(b[0] / n, 1.0)
-    chance = float(chdtrc(more, max(a[0] - b[0], 0.0) / scale))
-    return fall if fall > WORTH and chance < DEMANDED else 0.0
+    return fall(a[0], b[0], a[1], len(after.problem.columns), more)
 
 
 def _square(fit: Fit) -> tuple[float, int]:

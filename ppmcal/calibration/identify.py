@@ -27,6 +27,7 @@ from ppmcal.calibration.observation import coordinates, shown
 from ppmcal.calibration.outliers import REJECT, distances, huber_weights, unchecked, worst
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.regularization import damped, gcv_scale
+from ppmcal.calibration.unsolved_rows import NO_POSE, with_unsolved
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Array, Bools, finite_rows
 
@@ -84,7 +85,8 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
         fit = _cross_validated(fit, options, progress)
         if options.robust:
             fit = _without_outliers(fit, fit.outliers, fit.state.poses, options, progress)
-    return fit
+    return with_unsolved(fit, lambda at, rows, why: _fit(
+        problem, at.state, rows, why, at.prior, options, progress, at.prior_scale))
 
 
 def _only(state: State, keep: Sequence[Bools]) -> State:
@@ -168,7 +170,7 @@ def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int,
         keep.append(solved & seen)
         keep[-1][list(own)] = False
         for rows, reason in ((~joints, "joint values missing"),
-                             (joints & ~solved, "no pose at these joint values"),
+                             (joints & ~solved, NO_POSE),
                              (solved & ~seen, "nothing measured")):
             own.update({int(n): reason for n in np.flatnonzero(rows) if int(n) not in own})
         reasons.append(own)
@@ -311,7 +313,7 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
             away = np.sqrt(found.square[i][n] / max(found.size[i][n], 1.0)) / factor
             times[i][n] = float(away)
             reasons[i][n] = (f"{OUTLIER}: {away:.1f} times the noise" if solved[i][n]
-                             else "no pose at these joint values")
+                             else NO_POSE)
         if back:
             fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options, progress,
                        fit.prior_scale)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
 from ppmcal.calibration.flatness import Flat, flats
@@ -42,6 +43,7 @@ from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.wording import counted
 
 Z95 = 1.959963984540054
 IMPLAUSIBLE = 8.0
@@ -107,6 +109,7 @@ class Identification:
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
     ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
     of rows, None where they do not; ``covariance`` counts what is sure to differ.
+    ``campaign``: what is weak about the poses, and which are missing; None: nothing.
     """
 
     fit: Fit
@@ -133,6 +136,7 @@ class Identification:
     doubtful: tuple[DoubtfulStretch, ...] = ()
     sessions: Disagreement | None = None
     blocks: Disagreement | None = None
+    campaign: WeakCampaign | None = None
 
     @property
     def measured_volume(self) -> dict[str, tuple[float, float]]:
@@ -311,6 +315,9 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
         if reasons:
             out.append(f"{data.name}: {len(reasons)} of {len(data)} rows left out, "
                        "see residuals.csv for each reason")
+    if fit.taken_back:
+        out.append(f"{counted(fit.taken_back, 'row')} had no pose at the nominal machine, have one "
+                   "at the fitted machine, and are in use")
     if gone.sentence:
         out.append(gone.sentence)
     if noise.failed:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import State
 from ppmcal.diagnosis.candidates import library
@@ -62,6 +63,17 @@ class Proposal:
 def nothing(reason: str, joints: int) -> Proposal:
     """Return an empty proposal."""
     return Proposal(reason, np.zeros((0, joints)), np.zeros((0, 6)))
+
+
+def with_poses(proposal: Proposal, campaign: WeakCampaign | None) -> Proposal:
+    """Return a proposal with the poses that a weak campaign lacks, where it has none of its own."""
+    if campaign is None or proposal.rows:
+        return proposal
+    missing = campaign.missing
+    what = "touch" if campaign.touches else "pose"
+    many = f"{len(missing.q)} {what}{'es' if what == 'touch' else 's'}"
+    return Proposal(f"{many} that tell the geometry, before effects can be told from it",
+                    missing.q, missing.pose)
 
 
 def propose(stage: Stage, a: Hypothesis, b: Hypothesis, odds: float, seed: int) -> Proposal:

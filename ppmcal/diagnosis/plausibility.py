@@ -12,7 +12,8 @@ from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.search import Search, columns_of
 from ppmcal.diagnosis.selection import STARTS, bic, possible
-from ppmcal.diagnosis.stage import Stage
+from ppmcal.diagnosis.stage import Stage, form_columns
+from ppmcal.linalg import Array
 from ppmcal.model.dataset import PAYLOADS
 
 COLUMNS = {"load": "payload (kg) or fx ... mz (N, N m)", "wrench": "payload (kg) or fx ... mz",
@@ -100,7 +101,8 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
             if column == "dir" and all(d.approach == "sequence"
                                        for d in found.before.problem.datasets):
                 continue    # the order of the rows has no other sign
-            if column == "dir" and not same_in_halves(stage, list(hypothesis.columns)):
+            if column == "dir" and not same_in_halves(
+                    stage, form_columns(stage, hypothesis)):
                 continue    # directions inverted in part: another sign mends nothing
             for key, value, factor in OTHER_UNITS.get(column, ()):
                 if _in_range(search, int(i), factor):
@@ -108,9 +110,9 @@ def misread_column(found: Found, chosen: Sequence[Hypothesis]) -> Misreading | N
     return None
 
 
-def same_in_halves(stage: Stage, columns: Sequence[int]) -> bool:
-    """Whether columns go with the residuals by the same sign in the first and the last rows."""
-    own, basis = stage.columns[:, columns], stage.basis
+def same_in_halves(stage: Stage, own: Array) -> bool:
+    """Whether white columns (n, k) go with the residuals by one sign in first and last rows."""
+    basis = stage.basis
     own = own - basis @ (basis.T @ own)
     rest = stage.residual - basis @ (basis.T @ stage.residual)
     halves = np.array_split(np.arange(len(rest)), 2)

@@ -11,6 +11,7 @@ from ppmcal.calibration.plain_mistakes import plain_mistakes
 from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.plot_data import plot_data
 from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
     FitRatios,
@@ -55,6 +56,7 @@ class DiagnosisRecord(Record):
     next_measurements: NextMeasurements = NextMeasurements()
     excluded: tuple[UnfittedRow, ...] = ()
     findings: tuple[Text, ...] = ()
+    campaign: CampaignSummary | None = None
     other_models: tuple[OtherModel, ...] = ()
     sets: tuple[TriedSet, ...] = ()
     validation: tuple[ValidatedDataset, ...] = ()
@@ -95,6 +97,7 @@ class DiagnosisRecord(Record):
                 reason=wanted.reason, file="next.csv" if wanted.rows else None, rows=wanted.rows,
                 odds_before=wanted.odds_before, odds_after=wanted.odds_after),
             excluded=_left_out(result), findings=result.findings,
+            campaign=CampaignSummary.of(result.identification.campaign, units),
             other_models=tuple(OtherModel.of(name, other) for name, other in other_files(result)),
             sets=TriedSet.each(result),
             validation=tuple(ValidatedDataset.of(d, units) for d in result.days),

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from ppmcal.calibration.summary import Identification
 from ppmcal.io import write_mechanism
+from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import FlatShape, IdentifiabilitySummary
 from ppmcal.io.results.identification_parts import (
@@ -27,7 +28,11 @@ from ppmcal.io.results.identification_parts import (
     Summaries,
     summaries,
 )
-from ppmcal.io.results.identification_tables import parameters_csv, residuals_csv
+from ppmcal.io.results.identification_tables import (
+    missing_csv,
+    parameters_csv,
+    residuals_csv,
+)
 from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.model.mechanism import POSE_COORDINATES
@@ -41,7 +46,8 @@ class IdentificationRecord(Record):
 
     ``observability``: O1 to O5, in tolerances per standard deviation; ``unexplained``: rms of
     what neither model nor noise explains; ``doubtful``: stretches of joints in which rows were
-    left out that the model misses; ``measured_volume``: coordinate -> (low, high);
+    left out that the model misses; ``campaign``: poses too weak for what was fitted, with those
+    that are missing in next.csv; ``measured_volume``: coordinate -> (low, high);
     ``earlier``: content hash -> name of the tables behind a calibration carried on.
     """
 
@@ -71,6 +77,7 @@ class IdentificationRecord(Record):
     datasets: tuple[FittedDataset, ...] = ()
     units: UnitNames = UnitNames()
     doubtful: tuple[DoubtfulPart, ...] = ()
+    campaign: CampaignSummary | None = None
     measured_volume: Mapping[Text, Numbers] = Field(default_factory=dict)
     provenance: Provenance = Provenance()
     earlier: Mapping[Text, Text] = Field(default_factory=dict)
@@ -100,6 +107,7 @@ class IdentificationRecord(Record):
             identifiability=IdentifiabilitySummary.of(result.identifiability, mechanism),
             excluded=_excluded(result), findings=result.findings, datasets=_datasets(result),
             doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
+            campaign=CampaignSummary.of(result.campaign, units),
             units=UnitNames.of(units), measured_volume=_volume(result),
             provenance=Provenance.model_validate(provenance), **carried,
             covariance=CovarianceEntry.of(result))
@@ -111,7 +119,10 @@ class IdentificationRecord(Record):
     def files(self, result: Identification) -> dict[str, str]:
         """Return file name -> text of everything that identify writes of its ``result``."""
         names = ", ".join(d.name for d in result.fit.problem.datasets)
+        missing = {} if result.campaign is None else {
+            "next.csv": missing_csv(result.mechanism, result.campaign.missing)}
         return {
+            **missing,
             "identified.yaml": write_mechanism(
                 result.mechanism, f"identified by ppmcal {self.provenance.version} from {names}"),
             "parameters.csv": parameters_csv(self.parameters),

@@ -6,14 +6,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ppmcal.calibration.campaign import MissingPoses
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import labels
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import Residuals
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Column, table_text
+from ppmcal.io.results.tables import joint_columns
 from ppmcal.linalg import Array
-from ppmcal.model.mechanism import POSE_COORDINATES
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 PARAMETERS = ("name", "nominal", "value", "error", "sigma", "sigma_data", "tolerance", "unit",
               "status")
@@ -35,6 +37,15 @@ def parameters_csv(entries: Sequence[object]) -> str:
 
 def _cell(value: object) -> object:
     return int(value) if isinstance(value, bool) else value
+
+
+def missing_csv(mechanism: Mechanism, missing: MissingPoses) -> str:
+    """Return next.csv: joints and poses of the measurements that a weak campaign lacks."""
+    columns = [Column(name, q) for name, q in
+               joint_columns(mechanism, missing.q, "q_{}").items()]
+    columns += [Column(POSE_COORDINATES[c], missing.pose[:, c], "length" if c < 3 else "angle")
+                for c in mechanism.dof]
+    return table_text(columns, mechanism.units)
 
 
 def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> str:

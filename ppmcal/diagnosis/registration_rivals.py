@@ -1,0 +1,78 @@
+"""Registrations that explain what an effect is named for: they are rivals, and come first.
+
+An instrument that was moved, a body defined anew, a pose set homed anew look like effects, or like
+geometry, wherever a sidecar keeps them closed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.registration_freedoms import (
+    RegistrationHint,
+    hint_sentences,
+    hint_words,
+    registration_hints,
+)
+from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.rivals import AS_GOOD, odds_between
+from ppmcal.diagnosis.search_rounds import Say
+from ppmcal.linalg import finite_rows
+
+
+def diagnose_with_registration(problem: Problem, options: DiagnosisOptions, say: Say) -> Diagnosis:
+    """Return the diagnosis, registrations that files keep closed among the explanations.
+
+    Where one lowers the error and nothing that is named explains it as well, effects are sought
+    again with it open. What explains as much as it does is named with it as its alternative.
+
+    Args:
+        problem: machine, data and free geometry.
+        options: of the diagnosis.
+        say: called with what is being done.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.diagnosis.diagnose.diagnose`.
+    """
+    found = diagnose(problem, options, say)
+    hints = registration_hints(found.before)
+    if not hints:
+        return found
+    told = tuple(hint_sentences(found.before, hints))
+    worse = _worse(found, hints[-1]) if found.effects else np.inf
+    if worse > AS_GOOD:
+        say("again with " + " and ".join(hint_words(found.before, h) for h in hints))
+        found = diagnose(replace(hints[-1].opened, pivots=None, given=None), options, say)
+    elif worse > -AS_GOOD:
+        label = hint_words(found.before, hints[0])
+        found = replace(
+            found, verdict="named-set" if found.verdict == "named" else found.verdict,
+            effects=tuple(replace(e, alternatives=(*e.alternatives, label),
+                                  odds=(*e.odds, odds_between(0.0, -worse)))
+                          for e in found.effects))
+    return replace(found, findings=(*told, *found.findings))
+
+
+def _worse(found: Diagnosis, hint: RegistrationHint) -> float:
+    """Return by how much BIC of the named effects is worse than that of the registration."""
+    square, count = _squares(found.identification.fit, hint)
+    other = hint.square * found.before.noise**2
+    n = min(count, hint.count)
+    columns = len(found.identification.fit.problem.columns)
+    # the noise is that of the better of the two, the stated one at least
+    noise = max(1.0, min(square / count, other / hint.count))
+    return float((square / count - other / hint.count) * n / noise
+                 + (columns - hint.columns) * np.log(n))
+
+
+def _squares(fit: Fit, hint: RegistrationHint) -> tuple[float, int]:
+    """Return the sum of white squares, by the stated noise, of the rows behind a hint."""
+    keep = [k & finite_rows(p) for k, p in zip(hint.keep, fit.state.poses, strict=True)]
+    chunks = list(fit.problem.rows(fit.state, False, keep))
+    return (fit.noise**2 * sum(float(np.sum(np.where(c.observed, c.residual, 0.0) ** 2))
+                               for c in chunks), sum(int(c.observed.sum()) for c in chunks))

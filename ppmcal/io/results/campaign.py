@@ -1,0 +1,66 @@
+"""A weak campaign: part of identification.json and diagnosis.json, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ppmcal.calibration.campaign import WeakCampaign
+from ppmcal.io.results.record import Finite, Part, Text, Whole
+from ppmcal.units import Units
+from ppmcal.wording import counted
+
+FEW = 3
+
+
+class PoseRange(Part):
+    """From where to where the missing poses go along a coordinate, in ``unit``."""
+
+    low: Finite | None = None
+    high: Finite | None = None
+    unit: Text = ""
+
+
+class CampaignSummary(Part):
+    """Poses that cannot tell what was fitted.
+
+    ``shapes``: what is weak; ``unknown``: parameters of which more than half the tolerance stays
+    open, in groups, ``parameters`` by name; ``poses``: how many measurements would tell them, in
+    ``file``; ``where``: the coordinates in which they go beyond the campaign.
+    """
+
+    shapes: tuple[Text, ...] = ()
+    unknown: tuple[Text, ...] = ()
+    parameters: tuple[Text, ...] = ()
+    poses: Whole = 0
+    where: Mapping[Text, PoseRange] = {}
+    file: Text | None = None
+    text: Text = ""
+
+    @classmethod
+    def of(cls, found: WeakCampaign | None, units: Units) -> CampaignSummary | None:
+        """Return the entry of a campaign, None where it is not weak."""
+        if found is None:
+            return None
+        where = {name: PoseRange(low=low / units.factor(q), high=high / units.factor(q),
+                                 unit=units.name(q))
+                 for name, low, high in found.missing.where
+                 for q in ["angle" if name.startswith("r") else "length"]}
+        return cls(shapes=found.shapes, unknown=found.groups, parameters=found.unknown,
+                   poses=len(found.missing.q), where=where, file="next.csv",
+                   text=sentence(found, units))
+
+
+def sentence(found: WeakCampaign, units: Units) -> str:
+    """Return what a campaign leaves unknown and which measurements are missing."""
+    first, *more = found.shapes
+    shape = "; ".join([first[:1].upper() + first[1:], *more])
+    text = (f"{shape}: {'; '.join(found.groups)} stay unknown (more than half the tolerance, which "
+            "other poses would tell)")
+    what = "touch" if found.touches else "pose"
+    count = len(found.missing.q)
+    many = counted(count, what) if not found.touches or count == 1 else f"{count} touches"
+    ranges = [f"{name} from {low / units.factor(q):.4g} to {high / units.factor(q):.4g} "
+              f"{units.name(q)}" for name, low, high in found.missing.where[:FEW]
+              for q in ["angle" if name.startswith("r") else "length"]]
+    beyond = f" ({', '.join(ranges)})" if ranges else ""
+    return f"{text}: {many} more{beyond} would do, see next.csv"

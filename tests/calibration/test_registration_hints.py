@@ -1,0 +1,96 @@
+"""What a sidecar keeps closed and the data ask to be open."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import ppmcal
+from ppmcal import algebra as cga
+from ppmcal.api.inputs import load, shipped
+from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.identify import identify
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.registration_freedoms import (
+    fall,
+    hint_sentences,
+    registration_hints,
+)
+from ppmcal.model.dataset import Dataset
+
+MACHINE = "3-RPR"
+
+
+def day(seed: int, name: str, **other: Any) -> Dataset:
+    base: dict[str, Any] = yaml.safe_load(shipped(MACHINE, True).read_text(encoding="utf-8"))
+    text = {**copy.deepcopy(base), "seed": seed, "errors": {"leg1.offset": 0.3}, **other}
+    data: Dataset = ppmcal.simulate(load(shipped(MACHINE)), text).data[0]
+    return replace(data, name=name, source=f"{name}.csv")
+
+
+def fitted(*days: Dataset) -> Fit:
+    machine = load(shipped(MACHINE))
+    return identify(Problem(machine, days, machine.free))
+
+
+def turned(data: Dataset) -> Dataset:
+    """The body's axes were defined 5 mrad anew."""
+    turn = cga.motor_from_rotation_vector(np.array([0.0, 0.0, 5e-3]), np.zeros(3))
+    own = cga.motor_from_rotation_vector(np.nan_to_num(data.rotation), np.zeros(3))
+    new = cga.rotation_vector(cga.compose(own, turn))
+    return replace(data, rotation=np.where(np.isnan(data.rotation), np.nan, new))
+
+
+def moved(data: Dataset) -> Dataset:
+    frame = replace(data.frame, same_as="day1")
+    return replace(data, position=data.position + np.array([1e-3, 0.0, 0.0]), frame=frame)
+
+
+CASES = {"rotation": ("target_rotation: unknown", lambda: turned(day(2, "day2"))),
+         "frame": ("frame: unknown", lambda: moved(day(2, "day2"))),
+         "homing": ("homing: per-file", lambda: day(2, "day2", errors={
+             "leg1.offset": 0.3, "leg2.offset": 0.4, "leg3.offset": -0.5}))}
+
+
+@pytest.mark.parametrize("what", list(CASES))
+def test_what_was_changed_between_days_is_told(what: str) -> None:
+    mend, second = CASES[what]
+    fit = fitted(day(1, "day1"), second())
+    hints = registration_hints(fit)
+    assert [h.mend for h in hints] == [mend]
+    assert hints[0].after < 1.3 < hints[0].before
+    (said,) = hint_sentences(fit, hints)
+    assert f"`{mend} in day2.yaml`" in said
+    assert "mm rms" in said
+
+
+def test_sessions_within_a_file_may_have_frames_of_their_own() -> None:
+    data = day(1, "day1")
+    late = np.arange(len(data)) >= len(data) // 2
+    data = replace(data, position=data.position + 1e-3 * late[:, None] * np.array([1.0, 0, 0]),
+                   sessions=tuple("ab"[int(x)] for x in late))
+    assert [h.what for h in registration_hints(fitted(data))] == ["sessions"]
+
+
+def test_two_days_that_agree_say_nothing() -> None:
+    assert registration_hints(fitted(day(1, "day1"), day(2, "day2"))) == ()
+
+
+def test_chance_and_what_is_worth_nothing_do_not_count() -> None:
+    assert fall(100.0, 98.0, 1000, 10, 3) == 0.0      # worth nothing
+    assert fall(10.0, 8.0, 12, 6, 3) == 0.0           # may be chance
+    assert fall(4000.0, 1000.0, 1000, 10, 3) == pytest.approx(0.5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", list(CASES))
+def test_no_effect_alone_is_named_for_it(what: str) -> None:
+    mend, second = CASES[what]
+    result = ppmcal.diagnose(load(shipped(MACHINE)), [day(1, "day1"), second()], draws=300)
+    assert result.verdict != "named"
+    assert any(mend in f for f in result.findings)
