@@ -18,11 +18,9 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import Progress, Result, silent
-from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.misread import Misread, misreading_sentence
 from ppmcal.calibration.misreading import refuse_misread
 from ppmcal.calibration.model_averaging import Readings
-from ppmcal.calibration.noise import with_own_noise
 from ppmcal.calibration.plain_mistakes import refuse_wrong_units
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.sessions import one_session, session_masks
@@ -31,10 +29,9 @@ from ppmcal.calibration.wrong_rows import refuse_wrong_part
 from ppmcal.design.missing_poses import weak_campaign
 from ppmcal.diagnosis.diagnose import DiagnosisOptions
 from ppmcal.diagnosis.next_experiment import with_poses
-from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
+from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.results.campaign import sentence
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
@@ -136,8 +133,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
-        problem, told = with_own_noise(problem, FitOptions())
-        found = diagnose_with_registration(problem, DiagnosisOptions(
+        found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)), progress)
     for line in told:
@@ -145,9 +141,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
     progress("judging the campaign")
     fit = found.identification.fit
     campaign = weak_campaign(fit, seed)
-    asked = [f"{sentence(campaign, machine.units)}."] if campaign else []
-    asked += left_over(found.before, seed)
-    found = replace(found, findings=(*units, *asked, *found.findings),
+    found = replace(found, findings=(*units, *left_over(found.before, seed), *found.findings),
                     identification=replace(found.identification, campaign=campaign))
     found = replace(found, proposal=with_poses(found.proposal, campaign))
     source = source_of("diagnose", [*machine.inputs, *data_files(datasets)], seed)

@@ -41,7 +41,6 @@ from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
-from ppmcal.io.results.campaign import sentence
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.linalg import Array
@@ -192,7 +191,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
             refuse_other_machine(found.fit)
     progress("judging the campaign")
     campaign = weak_campaign(found.fit, seed)
-    asked = [f"{sentence(campaign, machine.units)}."] if campaign else []
+    asked = list[str]()
     if chosen == "prior":
         asked += hint_sentences(found.fit, registration_hints(found.fit))
     asked += left_over(fit, seed)

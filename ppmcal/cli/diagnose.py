@@ -101,6 +101,7 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
     """Print what a person wants to know."""
     if not console.speaks:
         return
+    from ppmcal.io.results.campaign import campaign_sentences
     from ppmcal.io.results.diagnosis_wording import (
         gap_closed,
         imitated,
@@ -124,6 +125,8 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
             console.say(line)
     if record.not_testable:
         console.say("Not testable: " + "; ".join(_lacking(record.not_testable)) + ".")
+    for line in campaign_sentences(record.campaign):
+        console.say(line)
     console.say(f"Next: {next_step(record)}")
     console.warn(record.findings)
 

@@ -33,6 +33,7 @@ def show_result(result: Identification, record: IdentificationRecord, console: C
     """Print what a person wants to know."""
     if not console.speaks:
         return
+    from ppmcal.io.results.campaign import campaign_sentences
     from ppmcal.io.results.gross_errors import row_sentences
     from ppmcal.io.results.identifiability import flat_sentences
 
@@ -50,7 +51,8 @@ def show_result(result: Identification, record: IdentificationRecord, console: C
     _show_redundant(record, prior, console)
     if prior:
         _show_prior_dominated(record, console)
-    for sentence in (*record.identifiability.sentences(), *flat_sentences(record.flats)):
+    for sentence in (*record.identifiability.sentences(), *flat_sentences(record.flats),
+                     *campaign_sentences(record.campaign)):
         console.say(sentence)
     console.warn([*record.findings, *record.gross_errors.shift_sentences()])
     for sentence in (*row_sentences(record.gross_errors, result.mechanism),

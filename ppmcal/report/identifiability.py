@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ppmcal.io.results.campaign import campaign_sentences
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import flat_sentences
 from ppmcal.io.results.identification import IdentificationRecord
@@ -14,7 +15,7 @@ from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, paragraph, tab
 def identifiability_section(record: IdentificationRecord) -> str:
     """Return what these data cannot identify."""
     lines = [*record.identifiability.sentences(), *flat_sentences(record.flats),
-             *record.gross_errors.unchecked_sentences()]
+             *record.gross_errors.unchecked_sentences(), *campaign_sentences(record.campaign)]
     return "<h3>Identifiability</h3>" + bullets([typeset(t) for t in lines]) if lines else ""
 
 

@@ -50,6 +50,11 @@ class CampaignSummary(Part):
                    text=sentence(found, units))
 
 
+def campaign_sentences(found: CampaignSummary | None) -> list[str]:
+    """Return what to say of a weak campaign, nothing of another: no fault of data or machine."""
+    return [f"{found.text}."] if found is not None and found.text else []
+
+
 def sentence(found: WeakCampaign, units: Units) -> str:
     """Return what a campaign leaves unknown and which measurements are missing."""
     first, *more = found.shapes

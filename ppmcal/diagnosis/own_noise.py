@@ -1,0 +1,59 @@
+"""Diagnoses of files whose noise is to be estimated: again, where what was named leaves less.
+
+Noise estimated before anything is named holds what is missing, and hides what is small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ppmcal.calibration.noise import with_own_noise
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
+from ppmcal.diagnosis.result import Diagnosis
+from ppmcal.diagnosis.search_rounds import DiagnosisOptions, Say
+
+LESS = 0.95
+"""The noise is less where it falls below this part of what it was."""
+ROUNDS = 3
+
+
+def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions, say: Say
+                            ) -> tuple[Diagnosis, list[str]]:
+    """Return the diagnosis with the noise that its own model leaves, and what that noise is.
+
+    Args:
+        problem: machine, data and free geometry; noise as the files state it.
+        options: of the diagnosis.
+        say: called with what is being done.
+
+    Raises:
+        BadInput, NoResult: as :func:`ppmcal.diagnosis.diagnose.diagnose`.
+    """
+    own, told = with_own_noise(problem, options.fit)
+    found = diagnose_with_registration(own, options, say)
+    for _ in range(ROUNDS if told else 0):
+        fit = found.identification.fit
+        if not found.effects:
+            break
+        machine = fit.problem.mechanism.with_values(fit.state.g)
+        less, sentences = with_own_noise(
+            replace(problem, mechanism=machine, free=machine.free), options.fit)
+        if not _quieter(less, own):
+            break
+        say("again with the noise that what was named leaves")
+        own, told = replace(own, datasets=less.datasets), sentences
+        again = diagnose_with_registration(own, options, say)
+        if not again.effects:
+            break
+        found = again
+    return found, told
+
+
+def _quieter(new: Problem, old: Problem) -> bool:
+    """Return whether the noise of a data set that wants it estimated has become less."""
+    return any(float(np.nanmedian(a.sigma_value / b.sigma_value)) < LESS if a.kind in (
+        "plane", "distance") else float(np.nanmedian(a.sigma_position / b.sigma_position)) < LESS
+        for a, b in zip(new.datasets, old.datasets, strict=True) if a.estimated)
