@@ -1,0 +1,53 @@
+"""Noise that a file wants estimated, and effects that it would hide."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import ppmcal
+from ppmcal.calibration.problem import Problem
+from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
+from ppmcal.diagnosis.search_rounds import DiagnosisOptions
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def stage():
+    return ppmcal.load(ppmcal.shipped("3-RPR"))
+
+
+@pytest.fixture(scope="module")
+def day(stage):
+    """A large curvature of one leg, and a backlash of another below what it leaves."""
+    return ppmcal.simulate(stage, {
+        "format": "ppmcal/scenario/1", "units": {"length": "mm", "angle": "deg"},
+        "poses": {"random": {"center": {"x": 500, "y": 260, "rz": 25},
+                             "half_range": {"x": 70, "y": 70, "rz": 8}, "count": 40}},
+        "effects": [
+            {"kind": "curvature", "on": ["leg2"], "parameters": {"p2": 0.3, "p3": 0.0, "p4": 0.0}},
+            {"kind": "backlash", "on": ["leg1"], "parameters": {"width": 0.015}}],
+        "instrument": {"kind": "pose", "sigma": {"position": 0.005, "rotation": 0.001}},
+        "frame": {"x": 5, "y": -3, "rz": 10}, "target": [1, 2], "approach": "both",
+        "seed": 8}).data[0]
+
+
+def test_noise_is_that_of_the_model_with_what_was_named(stage, day):
+    said: list[str] = []
+    guess = replace(day, estimated=True).noisier(3.0)
+    found, told = diagnose_with_own_noise(
+        Problem(stage, (guess,), stage.free), DiagnosisOptions(draws=400), said.append)
+    assert {(e.kind, e.on) for e in found.effects} == {("curvature", ("leg2",)),
+                                                       ("backlash", ("leg1",))}
+    assert any("again with the noise" in s for s in said)
+    assert len(told) == 1 and "estimated" in told[0]
+    assert found.identification.fit.noise == pytest.approx(1.0, abs=0.2)
+
+
+def test_stated_noise_stays(stage, day):
+    said: list[str] = []
+    _, told = diagnose_with_own_noise(
+        Problem(stage, (day,), stage.free), DiagnosisOptions(draws=400), said.append)
+    assert told == [] and not any("again with the noise" in s for s in said)
