@@ -106,6 +106,8 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
         about: the frame's pivot (3,), m in the measuring frame.
         stretch: the instrument shows (1 + ``stretch``) (1 or n, 3, 3) times the true position.
     """
+    if data.kind == "plane":
+        stretch = None    # a touch is no reading: the flat's height is as it is given
     stretch = in_scale(stretch, registration.scale)
     sights = [_six_coordinates(data, registration, pose, motion, about, stretch) for pose in poses]
     if data.kind == "distance":
@@ -114,8 +116,8 @@ def view(data: Dataset, registration: Registration, poses: Sequence[Array], moti
     s = sights[0]
     point = s.point
     if data.kind == "plane":
-        # a scale shows in the heights given; the predicted ones hold what the model misses
-        point = np.where([False, False, True], data.value[:, None], point)
+        # heights times a scale would hold the very noise that it is to explain
+        point = np.zeros_like(point)
     residual = s.residual[:, pick]
     observed = np.isfinite(residual)
     return ResidualJacobian(np.where(observed, residual, 0.0), observed, (s.by_pose[:, pick],),

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from ppmcal.diagnosis.added_variable_test import AddedVariableTest, pseudo_inverse
 from ppmcal.diagnosis.grids import NEAR, Grids, lowest, sign, start_values, usual_range
 from ppmcal.diagnosis.hypotheses import (
     Collector,
@@ -78,20 +79,33 @@ def _weighed(part: SystemPart, to: Collector) -> Setting:
 
 def look_alikes(search: Search, hypotheses: Sequence[Hypothesis], chosen: Sequence[int], effect: int
                 ) -> list[Hypothesis]:
-    """Return the best of ``hypotheses`` that explains most of what a chosen effect does, if any."""
+    """Return the best of ``hypotheses`` that explains most of what a chosen effect does, if any.
+
+    What no column could tell and what belongs to no joint are looked for apart.
+    """
     hypothesis = search.hypotheses[effect]
-    if hypothesis.slot or not hypothesis.on:
-        return []
     rest = search.test.given(columns_of(search, [i for i in chosen if i != effect]))
     goal = float(rest.explained(np.array([hypothesis.columns]))[0][0])
-    best: tuple[float, Hypothesis] | None = None
+    best: dict[bool, tuple[float, Hypothesis]] = {}
     for other in hypotheses:
-        if not set(other.on) & set(hypothesis.on) or rest.right[other.columns[0]] <= 0.0:
+        of_joints = bool(other.on)
+        if of_joints and (hypothesis.slot or not set(other.on) & set(hypothesis.on)
+                          or rest.right[other.columns[0]] <= 0.0):
             continue
-        share = float(rest.explained(np.array([other.columns]))[0][0]) / goal
-        if share >= ALIKE and (best is None or share > best[0]):
-            best = share, other
-    return [best[1]] if best else []
+        share = float(rest.explained(np.array([other.columns]))[0][0]) / goal if of_joints else (
+            _imitated(rest, hypothesis.columns, other.columns))
+        if share >= ALIKE and share > best.get(of_joints, (0.0,))[0]:
+            best[of_joints] = share, other
+    return [other for _, other in best.values()]
+
+
+def _imitated(rest: AddedVariableTest, effect: Sequence[int], other: Sequence[int]) -> float:
+    """Return which part of what an effect does, at the sizes that fit best, others can do."""
+    a, b = np.array(effect), np.array(other)
+    sizes = pseudo_inverse(rest.block(a, a)) @ rest.right[a]
+    seen = rest.block(b, a) @ sizes
+    whole = float(sizes @ rest.block(a, a) @ sizes)
+    return float(seen @ pseudo_inverse(rest.block(b, b)) @ seen) / max(whole, 1e-300)
 
 
 class _Kinds(Collector):
@@ -105,7 +119,7 @@ class _Kinds(Collector):
         self.grids = Grids(system)
         effects, under_test = system.problem.mechanism.effects, set(tried)
         lasting = [e.kind for e in effects if not set(e.parameters.values()) & under_test]
-        self.bears = any(k.uses_load and k.carried is None for k in lasting)
+        self.bears = any(k.uses_load and k.carried is None and not k.instrument for k in lasting)
         self.there = {k.name for k in lasting}
         self.bearing = next((k for k in effect_kinds().values() if k.under_weight
                              and self.motion in k.motions and len(set(self.turning)) == 1), None)
@@ -113,7 +127,8 @@ class _Kinds(Collector):
     def kind(self, kind: EffectKind) -> None:
         """Add all hypotheses of one kind."""
         usable = self.turning if kind.joints == "turning" else np.ones_like(self.turning)
-        if self.motion not in kind.motions or not usable.any():
+        if self.motion not in kind.motions or not usable.any() or (
+                "touch" in kind.needs and not self._touched()):
             return
         usable = usable & ~self._free_already(kind)
         on, missing = self._recorded(kind, usable)
@@ -128,9 +143,13 @@ class _Kinds(Collector):
         specs = [s for s in kind.parameters(self.motion) if not (s.constant or s.optional)
                  and (s.scaling or s.scan is None) and self._varies(s)
                  and s.unless not in self.there]
+        before = len(self.hypotheses)
         for some in [[s] for s in specs] if kind.one_by_one else [specs] if specs else []:
             for constants in self.grids.of(kind, some[0].name):
                 self._hypotheses(kind, on, constants, some)
+        if kind.nuisance:
+            self.unrecorded += self.hypotheses[before:]
+            del self.hypotheses[before:]
 
     def _hypotheses(self, kind: EffectKind, on: Bools, constants: dict[str, float],
                     specs: Sequence[EffectParameter]) -> None:
@@ -221,6 +240,11 @@ class _Kinds(Collector):
         return any(np.nanmax(np.abs(p.setting.wrench[:, at]), initial=0.0) > 0.0
                    for p in self.system.parts)
 
+    def _touched(self) -> bool:
+        """Whether rows are touches of a flat."""
+        touches = [p.response.rows.touch for p in self.system.parts]
+        return any(t is not None and t.any() for t in touches)
+
     def _recorded(self, kind: EffectKind, usable: Bools) -> tuple[Bools, tuple[str, ...]]:
         """Return the actuators whose columns are there in every part, and missing columns."""
         on = usable.copy()
@@ -246,7 +270,7 @@ class _Kinds(Collector):
         rows = [p.response.rows for p in self.system.parts]
         out = []
         for need in kind.needs:
-            if need in ("order", "past"):
+            if need in ("order", "past", "touch"):
                 continue    # there is an order in two rows already
             if need in ("dir", "vel"):
                 values = [(r.approach if need == "dir" else r.velocity)[:, [a]] for r in rows]

@@ -64,11 +64,14 @@ def inverted_directions(found: Found, chosen: Sequence[Hypothesis]) -> Misreadin
 
 
 def _clean(stage: Stage, stretch: _Stretch) -> bool:
-    """Whether hardly anything is left with these rows turned: else something else is wrong."""
+    """Whether hardly anything is left with these rows turned: else something else is wrong.
+
+    Where nothing exceeded the noise before, nothing is wrong.
+    """
     n = stage.search.test.freedom
     before, after = (max(square / n - 1.0, 0.0) for square in (stage.search.test.square,
                                                                stretch.left))
-    return after <= MOSTLY * before
+    return before > 0.0 and after <= MOSTLY * before
 
 
 def _stretches(stage: Stage, hypothesis: Hypothesis) -> Iterator[_Stretch]:

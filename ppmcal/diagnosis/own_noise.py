@@ -46,10 +46,15 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions, say: Sa
         say("again with the noise that what was named leaves")
         own, told = replace(own, datasets=less.datasets), sentences
         again = diagnose_with_registration(own, options, say)
-        if not again.effects:
-            break
+        if not _names(found) <= _names(again):
+            break    # what less noise takes back is no reason to believe what it brings
         found = again
     return found, told
+
+
+def _names(found: Diagnosis) -> set[tuple[str, tuple[str, ...]]]:
+    """Return what was named, and where."""
+    return {(e.kind, e.on) for e in found.effects}
 
 
 def _quieter(new: Problem, old: Problem) -> bool:

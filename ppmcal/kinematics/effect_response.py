@@ -45,7 +45,8 @@ def environment_of(mechanism: Mechanism, data: Dataset) -> Environment:
                        whole.approach == "sequence")
     place = seen.place if data.place is None or seen.place is None else seen.place[data.place]
     found = replace(environment(data.columns, mechanism.actuators, mechanism.gravity, data.q),
-                    row=data.rows.astype(float) + data.before, history=seen.history, place=place)
+                    row=data.rows.astype(float) + data.before, history=seen.history, place=place,
+                    touch=np.full(len(data), data.kind == "plane"))
     visited = data.directions()
     if visited is not None:
         return replace(found, approach=visited)
@@ -101,7 +102,7 @@ def setting(model: Model, environment: Environment, q: Array, pose: Array,
         environment.row, tuple(limbs), lambda wrench: loads(closed, q, pose, wrench),
         lambda wrench: limb_forces(closed, q, pose, wrench), environment.weight, mechanism.gravity,
         cga.rotation_matrix(pose), history=environment.history, place=environment.place,
-        ratio=ratio,
+        ratio=ratio, touch=environment.touch,
         past_load_of=lambda: _past_loads(mechanism, environment.history, model.parameters),
         pose_of=lambda: np.concatenate([cga.translation(pose), cga.rotation_vector(pose)], axis=1))
     return _carrying(mechanism, model.parameters, known)

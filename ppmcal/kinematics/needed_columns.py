@@ -11,6 +11,9 @@ from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import EffectParameter
 from ppmcal.model.mechanism import Effect, Mechanism
 
+NO_COLUMN = ("row", "touch")
+"""What needs no column: every row has its number (after the last one: none), and without touches
+of a flat its shape does nothing."""
 ORDER = "approach: sequence"
 """What rows lack if their order is not known, or what the joints did between them."""
 
@@ -46,8 +49,8 @@ def lacking(needs: Sequence[str], names: Sequence[str], on: Sequence[int],
     """Return which of the needed columns have no value at all."""
     out: list[str] = []
     for need in needs:
-        if need == "row":
-            continue    # every row has its number; none: after the last one
+        if need in NO_COLUMN:
+            continue
         if need == "order":
             direct = None if rows.history is None else rows.history.direct
             out += [ORDER for a in on if direct is None or not direct[a]][:1]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.linalg import Array, Ints, ways
+from ppmcal.linalg import Array, Bools, Ints, ways
 from ppmcal.model.history import History, history_of, straight
 from ppmcal.units import SI, Units
 from ppmcal.wording import counted
@@ -193,7 +193,7 @@ class Environment:
     (N, 3); ``time`` s (N,). ``row``: number in the campaign, from 1 on through its files in their
     order (N,); inf: after all of them. ``history``: all rows of the file in the order of their
     visit, None where that is not known; ``place``: where each row is in it (N,), -1 where it is
-    not.
+    not. ``touch``: whether a flat was touched there (N,), None: nowhere.
     """
 
     approach: Array
@@ -205,13 +205,15 @@ class Environment:
     weight: Array
     history: History | None = None
     place: Ints | None = None
+    touch: Bools | None = None
 
     def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Environment:
         """Return the environment of some rows; their history stays whole."""
         return Environment(self.approach[rows], self.velocity[rows], self.temperature[rows],
                            self.wrench[rows], self.time[rows], self.row[rows],
                            self.weight[rows], self.history,
-                           None if self.place is None else self.place[rows])
+                           None if self.place is None else self.place[rows],
+                           None if self.touch is None else self.touch[rows])
 
     def with_directions(self) -> Environment:
         """Return it with the history's joints known to go straight only where they did."""

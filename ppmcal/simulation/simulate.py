@@ -95,7 +95,9 @@ def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) 
                     direction * scenario.velocity * _speeds(scenario, direction.shape, rng), order)
     # of two positions in a row nobody says which came first
     visited = np.full_like(direction, np.nan) if scenario.pairs else q[order]
-    rows = _environment(mechanism, direction, velocity, payload, temperature, time, visited)
+    rows = replace(
+        _environment(mechanism, direction, velocity, payload, temperature, time, visited),
+        touch=np.full(n, scenario.kind == "plane"))
     with_effects = with_strokes(scenario.with_effects, q)
     model = Model(with_effects, g)
     _recorded(with_effects, rows, scenario)

@@ -57,7 +57,7 @@ MACHINES = ("3-RPR", "6-UPS", "linapod", "delta-rotary", "6-RUS", "3-RPS")
 CONTRACT = ("gain", "curvature", "periodic", "eccentricity", "backlash", "windup", "lag",
             "compliance", "clearance", "base_compliance", "leg_thermal", "base_thermal",
             "platform_thermal", "drift", "sensor_scale", "tilt")
-COLUMNS = {"dir", "vel", "temperature", "load", "wrench", "time", "row", "order", "past"}
+COLUMNS = {"dir", "vel", "temperature", "load", "wrench", "time", "row", "order", "past", "touch"}
 each_kind = pytest.mark.parametrize("kind", effect_kinds())
 each_machine = pytest.mark.parametrize("name", MACHINES)
 
@@ -93,6 +93,8 @@ def sizes(mechanism: Mechanism, kind: str) -> dict[str, float]:
                s.name: 0.3 for s in effect_kinds()["gravity_tilt"].parameters(mechanism.motion)},
            "periodic": {"cos": size, "sin": -size, "period": 0.3},
            "tilt": {"shrink": 2e-5, "direction": 0.4}, "lag": {"tau": 1e-4},
+           "bed_shape": {s.name: mechanism.reach if s.constant else 1e-4 for s in
+                         effect_kinds()["bed_shape"].parameters(mechanism.motion)},
            "gain": {"gain": 3e-5}, "sensor_scale": {"scale": -2e-5},
            "curvature": {"p2": size, "p3": -size, "p4": 0.5 * size, "low": -0.5, "high": 2.9},
            "eccentricity": {"cos": size, "sin": -size, "cos2": 0.5 * size, "sin2": size},
@@ -152,7 +154,9 @@ def recorded(mechanism: Mechanism, q: Array, seed: int = 3) -> dict[str, Array]:
 def sample(mechanism: Mechanism, n: int = 4, size: float = 0.5) -> tuple[Array, Environment]:
     """Return joint values about home and conditions of the rows."""
     q, _ = spread(Model(mechanism), n, size=size)
-    return q, environment(recorded(mechanism, q), mechanism.actuators, mechanism.gravity, q)
+    return q, replace(
+        environment(recorded(mechanism, q), mechanism.actuators, mechanism.gravity, q),
+        touch=np.ones(len(q), dtype=bool))
 
 
 @cache
@@ -183,7 +187,9 @@ def one_row(kind: EffectKind, **fields: float) -> Setting:
                    row("row", 1), (LimbSetting(0, own["struts"], own["base"], own["platform"]),),
                    lambda wrench: row("load", 1, 1), lambda wrench: row("forces", 1, 1, 3),
                    row("weight", 1, 3), np.array([0.0, -1.0, 0.0]), np.eye(3)[None],
-                   history=history, place=np.array([1]), past_load_of=lambda: past("load", 1))
+                   history=history, place=np.array([1]), past_load_of=lambda: past("load", 1),
+                   pose_of=lambda: np.array([[fields.get(c, 0.0) for c in "xyz"] + [0.0] * 3]),
+                   touch=np.array([bool(fields.get("touch"))]))
 
 
 def first_change(kind: EffectKind, values: Mapping[str, float], **fields: float) -> float:
@@ -196,7 +202,7 @@ def first_change(kind: EffectKind, values: Mapping[str, float], **fields: float)
         return float(np.ravel(next(iter(shift.slots.values())))[0])
     for twist in (shift.pose, shift.frame, shift.target):
         if twist is not None:
-            return float(twist[0, 0])
+            return float(twist[0][np.flatnonzero(twist[0])[0]])
     assert shift.stretch is not None
     return float(shift.stretch[0, 0, 0])
 
@@ -329,7 +335,7 @@ def test_the_contracts_equations(kind: str, values: dict[str, float], fields: di
 def nothing(mechanism: Mechanism, kind: str) -> dict[str, float]:
     """Return parameters at which the effect adds nothing."""
     keep = {"period": 0.3, "low": -0.5, "high": 2.9, "stiffness": 1e12, "direction": 0.4,
-            "reach": 0.2, "speed": 0.04}
+            "reach": 0.2, "speed": 0.04, "radius": 0.1}
     if kind == "creep":
         keep["tau"] = 90.0
     return {n: keep.get(n, 0.0) for n in sizes(mechanism, kind)}
@@ -390,7 +396,8 @@ def measured(plain: Mechanism, mechanism: Mechanism) -> tuple[Problem, State]:
     data = Dataset.of_poses("d", q, seen, (1.0, 1.0), fitted=True)
     data = replace(data, columns=recorded(plain, q))
     state = State(mechanism.values, (registration,), (found.closed,))
-    return Problem(mechanism, (data,), mechanism.free), state
+    touched = any("touch" in e.kind.needs for e in mechanism.effects)
+    return Problem(mechanism, (data,), mechanism.free, given=(rows,) if touched else None), state
 
 
 BLIND = 1e-12

@@ -175,8 +175,8 @@ class EffectKind:
         source: standard or paper.
         parameters: motion -> its parameters.
         needs: columns: ``dir``, ``vel``, ``temperature``, ``load``, ``wrench``, ``time``; ``row``;
-            ``order``: of the rows, in which joints went straight from one to the next; ``past``:
-            the rows' times, in all of the file.
+            ``touch``: of a flat; ``order``: of the rows, in which joints went straight from one to
+            the next; ``past``: the rows' times, in all of the file.
         evaluate: (setting, on (k,), parameter -> value) -> :class:`Terms`.
         per_actuator: whether it belongs to single actuators; else to the whole machine.
         joints: ``any``, ``turning``: which actuators it can act on.
@@ -212,6 +212,8 @@ class EffectKind:
         spread: what it is uncertain by beside its parameters, if anything.
         unsettled: by how much, at most, du is unknown since nobody knows what was before the first
             row: (setting, on, values) -> (N, k), unit of u; None: the first row is like any other.
+        nuisance: whether it is of what the machine is measured against: a search names it for
+            nothing, and tells it as an alternative to what it explains as well.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
     """
 
@@ -248,6 +250,7 @@ class EffectKind:
     spread: Spread | None = None
     unsettled: Callable[[Setting, Bools, Mapping[str, float]], Array] | None = None
     title: str = ""
+    nuisance: bool = False
 
     def __post_init__(self) -> None:
         """Refuse a name, column or period that means something else, or nothing (ValueError)."""

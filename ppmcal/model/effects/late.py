@@ -28,7 +28,8 @@ def taus(data: ScanRange) -> list[float]:
     return [part * data.duration for part in (0.03, 0.1, 0.3)]
 
 
-EXPANSION = EffectParameter("expansion", "1/K", low=-30e-6, high=30e-6, size=1e-6)
+EXPANSION = EffectParameter("expansion", "1/K", low=-30e-6, high=30e-6, size=1e-6,
+                            usual=(0.0, 30e-6), why="what is warmed grows")
 TAU = EffectParameter("tau", "s", 0.0, low=0.0, usual=(0.0, 1e6), size=1.0, scan=taus,
                       optional=True, needs=("past",),
                       why="what takes longer than a week does not heat within a campaign")

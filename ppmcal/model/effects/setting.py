@@ -115,6 +115,7 @@ class Setting:
         turn: rotation of the platform (N, 3, 3), from its axes to the base's.
         known: the same with what the platform carries as recorded, where effects say otherwise.
         pose_of: gives the closed pose of the platform (N, 6), base axes, rotation as a vector.
+        touch: whether a flat was touched (N,), None: nowhere.
         until: row from which on another event takes this one's place, by joint (k,); None: never.
         history: all rows in the order of their visit, None where that is not known; ``place`` of
             these rows in it (N,), -1 where they have none; ``ratio`` of the drives (k,).
@@ -146,6 +147,7 @@ class Setting:
     past_load_of: Callable[[], Array] | None = None
     carried: tuple[str | float, ...] = ()
     pose_of: Callable[[], Array] | None = None
+    touch: Bools | None = None
 
     @cached_property
     def load(self) -> Array:
