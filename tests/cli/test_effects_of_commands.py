@@ -18,6 +18,7 @@ from ppmcal.io import read_mechanism
 from ppmcal.model.effects import effect_kinds
 
 CONFIGS = ROOT / "configs"
+CONSTANTS = ("low", "high", "from_row", "radius")
 POSES: dict[str, Any] = {
     "3-RPR": {"center": {"x": 500, "y": 288.675, "rz": 30},
               "half_range": {"x": 60, "y": 60, "rz": 8}, "count": 24},
@@ -54,7 +55,7 @@ def effect(kind: str, on: list[str] | None = None, **parameters: float) -> dict[
 def marked(effects: list[dict[str, Any]], start: dict[str, float]) -> list[dict[str, Any]]:
     """Return the effects as an engineer would write them: free, from nothing or a guess."""
     return [e | {"parameters": {
-        n: v if n in ("low", "high", "from_row") else {
+        n: v if n in CONSTANTS else {
             "value": start.get(f"{e['kind']}.{n}", 0.0), "free": True}
         for n, v in e["parameters"].items()}} for e in effects]
 
@@ -83,6 +84,8 @@ CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
     "spatial": ("6-UPS", [
         effect("compliance", stiffness=2000.0), effect("platform_thermal", expansion=20e-6),
         effect("backlash", ["leg2", "leg5"], width=0.05), effect("drift", z=3e-6, rx=2e-7)]),
+    "touched flat": ("delta-rotary", [
+        effect("bed_shape", saddle=0.08, twist=-0.05, trefoil_x=0.04, coma_x=0.03, radius=80.0)]),
     "base plate": ("6-UPS", [effect("plate_compliance", base=2e-3, reach=700.0)]),
     "platform plate": ("6-UPS", [effect("plate_compliance", platform=2e-3, reach=250.0)]),
     "stiffening": ("3-RPR", [
@@ -112,6 +115,9 @@ CAMPAIGNS: dict[str, tuple[str, list[dict[str, Any]]]] = {
 }
 
 
+TOUCHES = {"instrument": {"kind": "plane", "sigma": {"height": 2e-4}}}
+
+
 def test_every_kind_is_recovered_somewhere() -> None:
     """A kind of the package that no campaign below has fails here."""
     seen = {e["kind"] for _, effects in CAMPAIGNS.values() for e in effects}
@@ -128,7 +134,8 @@ def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None
     free = [] if "eccentricity" in [e["kind"] for e in effects] else ["*.offset"]
     plain = machine(tmp_path, name, [], "plain.yaml", free=free)
     approach = "sequence" if campaign.startswith("memory") else "both"
-    plan = scenario(tmp_path, name, effects, errors={"random": {"scale": 1.0}}, approach=approach)
+    plan = scenario(tmp_path, name, effects, errors={"random": {"scale": 1.0}}, approach=approach,
+                    **(TOUCHES if campaign == "touched flat" else {}))
     ppmcal("simulate", plain, plan, "--out", "s", cwd=tmp_path, expect=0)
     truth = json.loads((tmp_path / "s" / "truth.json").read_text())
     assert [e["kind"] for e in truth["effects"]] == [e["kind"] for e in effects]
@@ -139,7 +146,7 @@ def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None
     found = {r["name"]: r for r in rows(tmp_path / "i" / "parameters.csv")}
     wanted = {f"{'.'.join([e['kind'], *(['+'.join(e['on'])] if 'on' in e else [])])}.{n}": v
               for e in effects for n, v in e["parameters"].items()
-              if n not in ("low", "high", "from_row")}
+              if n not in CONSTANTS}
     assert set(wanted) <= set(found)
     for full, value in wanted.items():
         sigma, fitted = number(found[full], "sigma"), number(found[full], "value")
@@ -153,7 +160,7 @@ def test_simulated_effects_are_identified(tmp_path: Path, campaign: str) -> None
         assert written.get("on") == e.get("on")
         for n, v in e["parameters"].items():
             own = written["parameters"][n]
-            if n in ("low", "high", "from_row"):
+            if n in CONSTANTS:
                 assert own == v
                 continue
             assert own["value"] == pytest.approx(v, rel=0.5)
