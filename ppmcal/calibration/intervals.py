@@ -14,8 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ppmcal.calibration.disagreement import Disagreement, clusters, differs, disagreement
+from ppmcal.calibration.disagreement import Disagreement, differs, disagreement
 from ppmcal.calibration.fit import Fit, posterior
+from ppmcal.calibration.session_clusters import clusters
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 

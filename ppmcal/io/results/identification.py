@@ -21,7 +21,6 @@ from ppmcal.io.results.identification_parts import (
     ExcludedRow,
     FittedDataset,
     NoiseCheck,
-    Numbers,
     ParameterEstimate,
     RegistrationEntry,
     ResidualStages,
@@ -34,6 +33,7 @@ from ppmcal.io.results.identification_tables import (
     residuals_csv,
 )
 from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
+from ppmcal.io.results.units import Numbers
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.model.mechanism import POSE_COORDINATES
 

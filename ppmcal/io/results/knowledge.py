@@ -19,14 +19,11 @@ from ppmcal.io.results.identification_parts import (
     CovarianceEntry,
     DoubtfulPart,
     FittedDataset,
-    Numbers,
     ResidualSummary,
-    SessionInformation,
-    SessionRows,
-    rest_factors,
 )
 from ppmcal.io.results.record import Part
-from ppmcal.io.results.units import column_factor
+from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
+from ppmcal.io.results.units import Numbers, column_factor
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration

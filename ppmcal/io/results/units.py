@@ -1,8 +1,17 @@
-"""Units of the columns of a fit."""
+"""Units of the columns of a fit, and arrays as plain numbers."""
 
 from __future__ import annotations
 
+from ppmcal.io.results.record import Finite
+from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+
+Numbers = tuple[Finite | None, ...]
+
+
+def numbers(values: Array) -> Numbers:
+    """Return an array (N,) as plain numbers."""
+    return tuple(values.tolist())
 
 
 def column_factor(mechanism: Mechanism, name: str) -> float:
@@ -11,8 +20,6 @@ def column_factor(mechanism: Mechanism, name: str) -> float:
         if p.name == name:
             return mechanism.units.factor(p.quantity)
     head = name.split(" of ")[0]
-    if head == "scale":
-        return 1.0
     if head.startswith("homing."):
         return mechanism.joint_units[mechanism.actuators.index(head.removeprefix("homing."))][0]
     if head == "scale":
