@@ -198,8 +198,18 @@ def _outside(fit: Fit, covariance: Array, found: Found, key: Key) -> float:
     """
     kind = next((a.hypothesis.effect for a in found.added if _key(a.hypothesis) == key), None)
     specs = kind.parameters(fit.problem.mechanism.motion) if kind else ()
+    if any(_beyond(fit, found, key, s) for s in specs):
+        return 0.0
     return max((_none_of_machines(fit, covariance, found, key, s) for s in specs if s.nonlinear),
                default=-np.inf)
+
+
+def _beyond(fit: Fit, found: Found, key: Key, spec: EffectParameter) -> bool:
+    """Whether a value is beyond the range in which the effect is named."""
+    names = fit.problem.mechanism.names
+    values = [fit.state.g[fit.problem.free[c]] for c in _columns(fit, found.added, key)
+              if names[fit.problem.free[c]].endswith(f".{spec.name}")]
+    return any(not spec.named[0] <= v <= spec.named[1] for v in values)
 
 
 def _none_of_machines(fit: Fit, covariance: Array, found: Found, key: Key, spec: EffectParameter

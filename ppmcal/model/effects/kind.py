@@ -55,8 +55,9 @@ class EffectParameter:
     pure number. ``default`` None: the file must give it. ``low``, ``high``: the range in which
     it has a meaning, SI. ``usual``: the range in which machines have it, SI, or, with
     ``of_stroke``, in parts of the joint's stroke, with ``per_stroke``, of its inverse: a value
-    outside is not named as this effect (``why``: where the range is from). ``size``: a change
-    that counts, SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
+    outside is not named as this effect (``why``: where the range is from). ``named``: the range in
+    which it is named at last, whatever a search passes through. ``size``: a change that counts,
+    SI. ``constant``: never fitted. ``reciprocal``: the effect is linear in its
     inverse, in which a fit takes its steps. ``scan``: the values that a search tries, SI, of a
     parameter in which the effect is not linear; a plan has to be given it. ``stroke_end``:
     ``low`` or ``high``, for a constant that is that end of the stroke where the file leaves it
@@ -75,6 +76,7 @@ class EffectParameter:
     low: float = -np.inf
     high: float = np.inf
     usual: tuple[float, float] = (-np.inf, np.inf)
+    named: tuple[float, float] = (-np.inf, np.inf)
     of_stroke: bool = False
     per_stroke: bool = False
     why: str = ""
