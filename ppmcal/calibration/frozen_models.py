@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.problem import Problem, white_squares
 from ppmcal.calibration.registration_freedoms import OPEN as OPEN
 from ppmcal.calibration.registration_freedoms import fall, is_open, opened
 from ppmcal.calibration.validation import Residuals, register_only, residuals
@@ -23,6 +24,7 @@ from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.wording import where
 
 OPENED = {"position": ("frame", "target", "homing"), "plane": ("frame",), "distance": ()}
 """What of it the data of an instrument can demand: of a flat its height and tilt say the rest."""
@@ -108,9 +110,10 @@ def _labels(effects: Sequence[Effect], actuators: Sequence[str]) -> list[str]:
     """Return what effects are called: kind, actuators where it is not on all, a number if twice."""
     names = []
     for effect in effects:
-        some = [] if all(effect.on) or not effect.kind.per_actuator else [
-            actuators[a] for a, on in enumerate(effect.on) if on]
-        names.append(effect.kind.label + (f" on {', '.join(some)}" if some else ""))
+        some = [] if all(effect.on) or not effect.kind.per_actuator else list(
+            compress(actuators, effect.on))
+        place = where(some, len(actuators))
+        names.append(f"{effect.kind.label} on {place}" if place else effect.kind.label)
     return [f"{n} {1 + names[:i].count(n)}" if names.count(n) > 1 else n
             for i, n in enumerate(names)]
 
@@ -138,10 +141,11 @@ def _validated(models: Sequence[FrozenModel], data: Dataset, register: Sequence[
         w for w in OPEN if w in register)
     whole, data = data, _typed_right(models[0], opened(data, asked, register is not None))
     demanded: tuple[str, ...] = ()
+    known: dict[int, Fit] = {}
     if register is None:
-        demanded = _demanded(models, data)
+        demanded, known = _demanded(models, data)
         data = opened(data, demanded)
-    fits = [_registered(m.mechanism, data) for m in models]
+    fits = [known.get(i) or _registered(m.mechanism, data) for i, m in enumerate(models)]
     rows = np.all([finite_rows(f.state.poses[0]) for f in fits], axis=0)
     if rows.sum() < FEWEST:
         raise BadInput(f"only {int(rows.sum())} of {len(whole)} rows can be predicted by every "
@@ -165,8 +169,11 @@ def _registered(mechanism: Mechanism, data: Dataset) -> Fit:
     return identify(Problem(mechanism, (data,), ()), FitOptions(method="flat", robust=False))
 
 
-def _demanded(models: Sequence[FrozenModel], data: Dataset) -> tuple[str, ...]:
-    """Return what the data ask to be fitted beyond what the file leaves open, one by one.
+def _demanded(models: Sequence[FrozenModel], data: Dataset
+              ) -> tuple[tuple[str, ...], dict[int, Fit]]:
+    """Return what the data ask to be fitted beyond what the file leaves open, found one by one.
+
+    With it the registrations by model, as far as they were made.
 
     It has to lower the error of every machine: what only one of them asks for is its own fault.
     """
@@ -191,22 +198,15 @@ def _demanded(models: Sequence[FrozenModel], data: Dataset) -> tuple[str, ...]:
         found.append(best)
         possible.remove(best)
         now = gains[best][1]
-    return tuple(found)
+    return tuple(found), now
 
 
 def _gain(before: Fit, after: Fit) -> float:
     """Return by which part the error falls, 0 where that is too little or may be chance."""
     more = len(after.problem.columns) - len(before.problem.columns)
-    a, b = (_square(f) for f in (before, after))
+    a, b = (white_squares(f.problem, f.state, [finite_rows(p) for p in f.state.poses])
+            for f in (before, after))
     return fall(a[0], b[0], a[1], len(after.problem.columns), more)
-
-
-def _square(fit: Fit) -> tuple[float, int]:
-    """Return the sum of white squares over all rows with a pose, and how many values."""
-    rows = [finite_rows(p) for p in fit.state.poses]
-    chunks = list(fit.problem.rows(fit.state, False, rows))
-    return (sum(float(np.sum(np.where(c.observed, c.residual, 0.0) ** 2)) for c in chunks),
-            sum(int(c.observed.sum()) for c in chunks))
 
 
 def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:

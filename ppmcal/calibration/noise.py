@@ -87,6 +87,11 @@ def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progre
     return fit, factor
 
 
+def typical_noise(data: Dataset) -> float:
+    """Return the median noise of a data set's values or positions, m."""
+    return float(np.nanmedian(data.sigma_value if data.kind in SCALARS else data.sigma_position))
+
+
 def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> list[str]:
     """Return what the estimated noise of data sets (D,) is, in their own units."""
     out = []
@@ -94,8 +99,7 @@ def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> l
         if wanted and not data.estimated:
             out.append(f"{data.name}: noise {f:.3g} times the stated one.")
         elif wanted:
-            first = data.sigma_value if data.kind in SCALARS else data.sigma_position
-            began = float(np.nanmedian(first)) / data.units.factor("length")
+            began = typical_noise(data) / data.units.factor("length")
             out.append(f"{data.name}: noise {began * f:.3g} {data.units.length}, estimated from "
                        f"its residuals; the {began:g} {data.units.length} of its sidecar count as "
                        f"{LEAST:.0f} of them.")

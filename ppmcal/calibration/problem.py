@@ -71,6 +71,17 @@ class Rows:
     response: Response | None = None
     second: Response | None = None
 
+    def squares(self) -> tuple[float, int]:
+        """Return the sum of white squares of what was measured, and how many values that is."""
+        return (float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)),
+                int(self.observed.sum()))
+
+
+def white_squares(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[float, int]:
+    """Return the sum of white squares over rows (N,) of each data set, and how many values."""
+    each = [rows.squares() for rows in problem.rows(state, False, keep)]
+    return sum(square for square, _ in each), sum(count for _, count in each)
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:

@@ -260,8 +260,7 @@ def _squares(problem: Problem, state: State, keep: Sequence[Bools]) -> list[_Sum
         data = problem.datasets[c.dataset]
         place = [j for j, k in enumerate(coordinates(data, problem.mechanism.motion)) if k < 3]
         raw = np.where(c.observed, c.raw, 0.0)[:, place]
-        out[c.dataset] += _Sum(float(np.sum(np.where(c.observed, c.residual, 0.0) ** 2)),
-                               int(c.observed.sum()), float(np.sum(raw**2)), len(raw))
+        out[c.dataset] += _Sum(*c.squares(), float(np.sum(raw**2)), len(raw))
     return out
 
 

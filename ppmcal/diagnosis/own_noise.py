@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from ppmcal.calibration.noise import with_own_noise
+from ppmcal.calibration.noise import typical_noise, with_own_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
@@ -59,6 +57,5 @@ def _names(found: Diagnosis) -> set[tuple[str, tuple[str, ...]]]:
 
 def _quieter(new: Problem, old: Problem) -> bool:
     """Return whether the noise of a data set that wants it estimated has become less."""
-    return any(float(np.nanmedian(a.sigma_value / b.sigma_value)) < LESS if a.kind in (
-        "plane", "distance") else float(np.nanmedian(a.sigma_position / b.sigma_position)) < LESS
-        for a, b in zip(new.datasets, old.datasets, strict=True) if a.estimated)
+    return any(typical_noise(a) < LESS * typical_noise(b)
+               for a, b in zip(new.datasets, old.datasets, strict=True) if a.estimated)

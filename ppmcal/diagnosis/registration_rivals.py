@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.problem import Problem, white_squares
 from ppmcal.calibration.registration_freedoms import (
     RegistrationHint,
     hint_sentences,
@@ -73,6 +73,5 @@ def _worse(found: Diagnosis, hint: RegistrationHint) -> float:
 def _squares(fit: Fit, hint: RegistrationHint) -> tuple[float, int]:
     """Return the sum of white squares, by the stated noise, of the rows behind a hint."""
     keep = [k & finite_rows(p) for k, p in zip(hint.keep, fit.state.poses, strict=True)]
-    chunks = list(fit.problem.rows(fit.state, False, keep))
-    return (fit.noise**2 * sum(float(np.sum(np.where(c.observed, c.residual, 0.0) ** 2))
-                               for c in chunks), sum(int(c.observed.sum()) for c in chunks))
+    square, count = white_squares(fit.problem, fit.state, keep)
+    return fit.noise**2 * square, count
