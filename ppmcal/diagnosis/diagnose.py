@@ -39,11 +39,11 @@ from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import with_whole_rows
-from ppmcal.diagnosis.refit import confirm, nothing_named, with_mechanism
+from ppmcal.diagnosis.refit import nothing_named, with_mechanism
 from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset, Survival
 from ppmcal.diagnosis.rivals import rivals
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions as DiagnosisOptions
-from ppmcal.diagnosis.search_rounds import Say, found_in, training_part
+from ppmcal.diagnosis.search_rounds import Say, confirm, found_in, training_part
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.stage import Stage, named_only
@@ -88,7 +88,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         found = found_in(training, options, say)
     wanders = found.last.wanders
     say("confirming in all rows")
-    found, final = confirm(found, whole, options.fit)
+    found, final = confirm(found, whole, options)
     onsets: dict[str, Onset] = {}
     if final is not None:
         final, onsets = refined(final, options.fit)
