@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ppmcal.calibration.campaign import few_poses
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.left_out_rows import LeftOut
 from ppmcal.calibration.noise import OVERSTATED
@@ -65,10 +66,15 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
         return "unnamed"  # what does not predict, or only makes up a shape, is no name
     if not left.adequate:
         explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
-        return "unnamed" if explained < MOSTLY else "partial"
+        return _partial(found) if explained >= MOSTLY else "unnamed"
     if out.suspicious:
-        return "partial"
+        return _partial(found)
     return "named-set" if any(e.alternatives for e in effects) else "named"
+
+
+def _partial(found: Found) -> str:
+    """Return the verdict where names leave something: of few poses they may be made of that."""
+    return "unnamed" if any(few_poses(found.before)) else "partial"
 
 
 def not_predicted(blocks: Sequence[BlockGap], left: Remainder, start: Remainder
