@@ -130,7 +130,7 @@ def _once(sight: Sight) -> Sight:
 
 def _nearest(a: Array, b: Array) -> tuple[Ints, Ints, bool]:
     """Return pairs of rows that are each other's nearest, and whether they are the same poses."""
-    from scipy.spatial import cKDTree   # slow to import, asked of several files only
+    from scipy.spatial import cKDTree  # slow to import, asked of several files only
 
     unit = np.ptp(np.concatenate([a, b]), axis=0)
     unit = np.where(unit > 0.0, unit, 1.0)

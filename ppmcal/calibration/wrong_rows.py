@@ -210,7 +210,7 @@ class _LeftOut:
 
     def exchanged(self) -> Misreading | None:
         """Return that left-out rows hold each other's measurements, None if they do not."""
-        from scipy.optimize import linear_sum_assignment    # slow to import, seldom asked
+        from scipy.optimize import linear_sum_assignment  # slow to import, seldom asked
         from scipy.spatial.distance import cdist
 
         fit, data = self.fit, self.data

@@ -231,7 +231,7 @@ def _points(size: int, seed: int, batch: int = BATCH) -> Iterator[Array]:
 
     A shift modulo 1 keeps them even (Cranley and Patterson 1976).
     """
-    from scipy.stats import qmc     # a quarter of a second, and few commands plan
+    from scipy.stats import qmc  # a quarter of a second, and few commands plan
 
     sobol = qmc.Sobol(size, scramble=False)
     shift = np.random.default_rng([seed, 0]).uniform(size=size)
