@@ -15,11 +15,11 @@ import numpy as np
 from ppmcal.calibration.stale_rows import without_stale
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
-from ppmcal.io.csv import read_table
 from ppmcal.io.dataset_reader import LABELS, dataset_of, joined
 from ppmcal.io.folder import current
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
+from ppmcal.io.tables import read_table
 from ppmcal.io.templates import find_template
 from ppmcal.kinematics.effect_response import environment_of, with_strokes
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns

@@ -11,7 +11,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ppmcal.io.csv import Table, read_table
+    from ppmcal.io.csv import Table
     from ppmcal.io.dataset_reader import read_campaign, read_dataset
     from ppmcal.io.mechanism_reader import read_mechanism
     from ppmcal.io.mechanism_writer import write_mechanism
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ppmcal.io.plausibility import unit_findings
     from ppmcal.io.poses import JointTable, PoseTable, read_joints, read_poses, twists
     from ppmcal.io.scenario import Scenario, read_scenario
+    from ppmcal.io.tables import read_table
 
 _HOME = {
     "read_campaign": "dataset_reader", "read_dataset": "dataset_reader",
@@ -28,7 +29,7 @@ _HOME = {
     "JointTable": "poses", "PoseTable": "poses", "read_joints": "poses", "read_poses": "poses",
     "twists": "poses",
     "Scenario": "scenario", "read_scenario": "scenario",
-    "Table": "csv", "read_table": "csv",
+    "Table": "csv", "read_table": "tables",
 }
 
 __all__ = [
