@@ -158,9 +158,12 @@ class Problem:
 
     def reached(self, index: int, model: Model, homing: Array | float = 0.0) -> Array:
         """Return a data set's poses (N, 8), of distances between two (N, 16), from home."""
-        data, rows = self.datasets[index], self.environments[index]
+        data = self.datasets[index]
         ends = (data.q,) if data.to_q is None else (data.q, data.to_q)
-        return np.concatenate([reached_poses(model, q + homing, rows).closed for q in ends], axis=1)
+        return np.concatenate([
+            np.concatenate([reached_poses(model, q[rows] + homing, environment).closed
+                            for rows, environment in self.chunks(index)])
+            for q in ends], axis=1)
 
     def shared(self, data: Dataset) -> int:
         """Return the index of the data set whose frame ``data`` uses."""
@@ -170,9 +173,20 @@ class Problem:
         """Return the state with its poses solved anew at its parameters."""
         model = Model(self.mechanism, state.g)
         poses = tuple(np.concatenate([
-            settle(model, q, self.environments[i], pose)[0] for q, pose in self.ends(i, state)],
-            axis=1) for i in range(len(self.datasets)))
+            np.concatenate([settle(model, q, environment, pose)[0]
+                            for q, pose in self.ends(i, state, rows)], axis=1)
+            for rows, environment in self.chunks(i)]) for i in range(len(self.datasets)))
         return replace(state, poses=poses)
+
+    def chunks(self, index: int) -> Iterator[tuple[slice, Environment]]:
+        """Yield a data set's rows in chunks, with the environment of each: little is held at once.
+
+        At least one, though it may be empty.
+        """
+        environment, size = self.environments[index], len(self.datasets[index])
+        for begin in range(0, max(size, 1), CHUNK):
+            rows = slice(begin, begin + CHUNK)
+            yield rows, environment if size <= CHUNK else environment.take(rows)
 
     def ends(self, index: int, state: State, rows: Ints | slice = slice(None)
              ) -> list[tuple[Array, Array]]:

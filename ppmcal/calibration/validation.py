@@ -66,7 +66,7 @@ def residuals(problem: Problem, state: State) -> Residuals:
         places = sum(1 for c in chosen if c < 3)
         vector = np.full((len(data), len(chosen)), np.nan)
         sigma = np.full_like(vector, np.nan)
-        one = replace(problem, datasets=(data,))
+        one = replace(problem, datasets=(data,), given=problem.environments[i:i + 1])
         for rows in one.rows(State(state.g, (state.registrations[i],), (state.poses[i],)), False):
             vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
             covariance = np.linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
@@ -97,15 +97,19 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
     if motion == "translational":
         rotation = np.zeros_like(rotation)
     whole = finite_rows(position) & finite_rows(rotation) & finite_rows(data.q)
-    if (data.kind == "pose" or motion == "translational") and whole.any():
-        measured = np.concatenate([position[whole], rotation[whole]], axis=1)
-        pose = carried_back(problem.mechanism, registration, measured)
-        joints = problem.joints(index, state)[whole]
-        model = shifted(Model(problem.mechanism, state.g), problem.environments[index].take(whole),
-                        joints, pose)
+    if data.kind != "pose" and motion != "translational":
+        return out
+    joints = problem.joints(index, state)
+    for rows, environment in problem.chunks(index):
+        mine = whole[rows]
+        if not mine.any():
+            continue
+        measured = np.concatenate([position[rows][mine], rotation[rows][mine]], axis=1)
+        pose, q = carried_back(problem.mechanism, registration, measured), joints[rows][mine]
+        model = shifted(Model(problem.mechanism, state.g), environment.take(mine), q, pose)
         if model.shift is not None and model.shift.pose is not None:
             pose = moved(pose, -model.shift.pose)
-        out[whole] = model.closure(joints).lengths(pose)
+        out[rows][mine] = model.closure(q).lengths(pose)
     return out
 
 

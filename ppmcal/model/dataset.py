@@ -207,7 +207,7 @@ class Environment:
     place: Ints | None = None
     touch: Bools | None = None
 
-    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Environment:
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Environment:
         """Return the environment of some rows; their history stays whole."""
         return Environment(self.approach[rows], self.velocity[rows], self.temperature[rows],
                            self.wrench[rows], self.time[rows], self.row[rows],
