@@ -40,7 +40,7 @@ STAGE, STAGE_ITERATIONS = 30.0, 4
 
 
 def identify(problem: Problem, options: FitOptions | None = None, progress: Progress | None = None,
-             start: State | None = None, near: bool = False) -> Fit:
+             start: State | None = None, near: bool = False, at_minimum: bool = False) -> Fit:
     """Fit the free parameters and open frames to the data.
 
     Args:
@@ -49,6 +49,7 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
         progress: called with (iteration, chi-squared).
         start: where to start, default the machine's present values.
         near: whether the start is near the minimum already.
+        at_minimum: whether it is the minimum of many of the same rows.
 
     Raises:
         BadInput: too few rows. NoResult: no pose could be solved, or the damped scheme of
@@ -56,7 +57,7 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
     """
     options = options or FitOptions()
     prior = prior_weights(problem, options.method)
-    state = start or problem.start()
+    begun = state = start or problem.start()
     keep, reasons = _usable(problem, state)
     _enough(problem, keep)
     suspects = [np.zeros_like(k) for k in keep]
@@ -68,14 +69,15 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
     if options.method == "damped":
         state = start_off_zero(problem, state, keep)
         return damped(problem, state, keep, reasons, options, progress)
-    if sum(int(k.sum()) for k in keep) > MANY_ROWS:
+    many = sum(int(k.sum()) for k in keep) > MANY_ROWS
+    if many and not at_minimum:
         thinned, few = _thinned(problem, state, keep)
         first = identify(thinned, options, progress, few)
         state = problem.solve(State(first.state.g, first.state.registrations, state.poses))
         keep, later = _usable(problem, state)
         keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
         reasons = [{**new, **old} for new, old in zip(later, reasons, strict=True)]
-    else:
+    elif not many:
         state = _near(problem, state, keep, prior, options, progress, near)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)
     if options.robust:
@@ -85,8 +87,8 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
         fit = _cross_validated(fit, options, progress)
         if options.robust:
             fit = _without_outliers(fit, fit.outliers, fit.state.poses, options, progress)
-    return with_unsolved(fit, lambda at, rows, why: _fit(
-        problem, at.state, rows, why, at.prior, options, progress, at.prior_scale))
+    return replace(with_unsolved(fit, lambda at, rows, why: _fit(
+        problem, at.state, rows, why, at.prior, options, progress, at.prior_scale)), start=begun)
 
 
 def _only(state: State, keep: Sequence[Bools]) -> State:
