@@ -32,6 +32,7 @@ from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
@@ -84,7 +85,7 @@ class DiagnosisResult(Result):
         """The content of diagnosis.json, file units."""
         return DiagnosisRecord.of(self.diagnosis, self.provenance)
 
-    def files(self) -> Mapping[str, str | bytes]:
+    def files(self) -> Mapping[str, Content]:
         """Return model.yaml, effects.csv, residuals.csv, diagnosis.json, ... and pictures."""
         from ppmcal.report.figure_files import diagnosis_files
 

@@ -41,6 +41,7 @@ from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.linalg import Array
@@ -105,7 +106,7 @@ class IdentificationResult(Result):
         """What the data leave open: scale, exactly correlated parameters."""
         return self.identification.identifiability
 
-    def files(self) -> Mapping[str, str | bytes]:
+    def files(self) -> Mapping[str, Content]:
         """Return identified.yaml, parameters.csv, residuals.csv and identification.json."""
         return dict(self.record.files(self.identification))
 

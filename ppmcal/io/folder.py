@@ -141,12 +141,11 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
                            str(folder / name), MEND)
 
 
-def record_text(folder: Path, files: Mapping[str, bytes], run: Run) -> str:
-    """Return the text of the record of a folder when ``files`` are written to it."""
+def record_text(folder: Path, digests: Mapping[str, str], run: Run) -> str:
+    """Return the text of the record of a folder when files of these SHA-256 are written to it."""
     known = {name: w for name, w in (read_record(folder) or {}).items()
              if _is_there(folder / name)}
-    known |= {name: Written(run.command, hashlib.sha256(content).hexdigest())
-              for name, content in files.items()}
+    known |= {name: Written(run.command, digest) for name, digest in digests.items()}
     return json.dumps({"format": FORM, "files": {
         name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())}},
         indent=1) + "\n"

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from ppmcal.calibration.summary import Identification
 from ppmcal.io import write_mechanism
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import FlatShape, IdentifiabilitySummary
@@ -116,7 +117,7 @@ class IdentificationRecord(Record):
         """Return the content without the covariance."""
         return {k: v for k, v in self.entries().items() if k != "covariance"}
 
-    def files(self, result: Identification) -> dict[str, str]:
+    def files(self, result: Identification) -> dict[str, Content]:
         """Return file name -> text of everything that identify writes of its ``result``."""
         names = ", ".join(d.name for d in result.fit.problem.datasets)
         missing = {} if result.campaign is None else {
