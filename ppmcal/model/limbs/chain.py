@@ -23,7 +23,8 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 
 Values = Mapping[str, Any]
-"""Slot name -> scalar or (N,) array, direction name -> (3,) array, all SI."""
+"""Slot name -> scalar or (N,) array, direction name -> (3,) array, all SI; of L limbs together
+(1, L) or (N, L), and (1, L, 3)."""
 
 AXES = {
     "x": (1.0, 0.0, 0.0),
@@ -185,17 +186,17 @@ def _stack(values: Values, names: Collection[str]) -> Array:
 
 
 def orientation(axis: Any, zero: Any = None) -> Array:
-    """Return the matrix whose third column is ``axis``, first column towards ``zero``.
+    """Return the matrices (..., 3, 3): third column ``axis`` (..., 3), first towards ``zero``.
 
     Without ``zero`` the first column is the base axis least parallel to ``axis``, made
     perpendicular: any choice will do, since only the third column is used then.
     """
     z = np.asarray(axis, dtype=float)
-    z = z / np.linalg.norm(z)
-    x = np.eye(3)[int(np.argmin(np.abs(z)))] if zero is None else np.asarray(zero, dtype=float)
-    x = x - (x @ z) * z
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
+    z = z / np.linalg.norm(z, axis=-1, keepdims=True)
+    x = np.eye(3)[np.argmin(np.abs(z), axis=-1)] if zero is None else np.asarray(zero, dtype=float)
+    x = x - np.sum(x * z, axis=-1, keepdims=True) * z
+    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
 def left_jacobian(rotation_vector: Array) -> Array:
@@ -227,8 +228,9 @@ def cross_matrix(v: Array) -> Array:
 class ErrorTwists:
     """Error twists of one step's slots: generators in the axes before the step.
 
-    ``names`` (K,); ``to_root`` (8,) or (N, 8): the chain up to there; ``generators`` (K, 6) or
-    (N, K, 6). In the chain's root axes each twist is Ad(to_root) generator.
+    ``names`` (K,); ``to_root`` (8,), (N, 8) or of L limbs (1 or N, L, 8): the chain up to there;
+    ``generators`` (K, 6), or one set for each of these. In the chain's root axes each twist is
+    Ad(to_root) generator.
     """
 
     names: tuple[str, ...]
@@ -236,16 +238,16 @@ class ErrorTwists:
     generators: Array
 
     def twists(self) -> Array:
-        """Return the twists in root axes (K, 6) or (N, K, 6)."""
+        """Return the twists in root axes (..., K, 6)."""
         return cga.adjoint_twist(self.to_root[..., None, :], self.generators)
 
     def pairing(self, lines: Array, picked: Sequence[int]) -> Array:
-        """Return the pairing of lines (N, k, 6), root axes, with some of the twists (N, k, K).
+        """Return the pairing of lines (N, ..., k, 6), root axes, with some twists (N, ..., k, K).
 
         Where the chain moves from pose to pose, one line is carried back to the step's axes
         instead of all twists to the root: the same number, for less.
         """
-        if self.to_root.ndim == 1:
+        if self.to_root.ndim == 1 or self.to_root.shape[0] == 1:
             generators = self.twists()[..., picked, :]
         else:
             lines = cga.move_line(cga.reverse(self.to_root)[..., None, :], lines)
