@@ -35,8 +35,8 @@ class LimbGroup:
         actuators: of each (L,).
         values: slots (1 or N, L) and directions (1, L, 3), SI, with ``u``.
         wanted: slots whose twists are there, ``u`` among them.
-        surface: their KGBs, (n, L, k, ...).
         turning: whether the surface depends on the pose besides.
+        pose: motors (N, 8) at which the offset joints stand, None where their axes meet.
     """
 
     kind: LimbKind
@@ -45,15 +45,20 @@ class LimbGroup:
     actuators: Ints
     values: Mapping[str, Array]
     wanted: frozenset[str]
-    surface: ClosureSurface
     turning: bool
+    pose: Array | None = None
+
+    @cached_property
+    def surface(self) -> ClosureSurface:
+        """The KGBs of all of them, (n, L, k, ...)."""
+        pose = None if self.pose is None else self.pose[:, None, :]
+        return _evaluated(self.kind, self.values, self.wanted, pose)
 
     def at(self, pose: Array) -> LimbGroup:
         """Return the group with its offset joints turned as at motors (N, 8)."""
         if not self.turning:
             return self
-        surface = _evaluated(self.kind, self.values, self.wanted, pose[:, None, :])
-        return replace(self, surface=surface, turning=False)
+        return replace(self, turning=False, pose=pose)
 
     def of_rows(self, whole: Array) -> Array:
         """Return the part (n, L, k, ...) of something that is (n, d, ...)."""
@@ -105,8 +110,7 @@ def groups_of(mechanism: Mechanism, limb_values: Sequence[Mapping[str, Any]], q:
         values[U] = values.get("ratio", 1.0) * q[:, actuators] + values.get("offset", 0.0)
         names = frozenset({U, *(n for i in limbs for n in wanted[i])})
         rows = np.array([first[i] + np.arange(kind.surface.equations) for i in limbs])
-        out.append(LimbGroup(kind, tuple(limbs), rows, actuators, values, names,
-                             _evaluated(kind, values, names), turning))
+        out.append(LimbGroup(kind, tuple(limbs), rows, actuators, values, names, turning))
     return tuple(out)
 
 

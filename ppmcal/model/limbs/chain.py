@@ -64,7 +64,8 @@ class ChainStep:
 
     ``motor(values)`` is the motion (..., 8); ``twists(values)`` yields for each slot the
     generator (..., 6) in the axes before the step, as ``(slot name, twist)``. A step that
-    ``needs`` a value which is not there is left out.
+    ``needs`` a value which is not there is left out. A ``drive`` moves by u along the one twist
+    that it yields, which does not depend on u (:mod:`driven`).
     """
 
     slots: tuple[SlotSpec, ...]
@@ -73,6 +74,7 @@ class ChainStep:
     joint: bool = False
     constants: tuple[str, ...] = ()
     needs: str = ""
+    drive: bool = False
 
 
 def _unit(kind: str, direction: Any) -> Array:
@@ -112,7 +114,8 @@ def slide(
         return cga.translator(np.asarray(values[name], dtype=float)[..., None] * direction(values))
 
     slots = () if name == U else (SlotSpec(name, "length", "length", default),)
-    return ChainStep(slots, motor, lambda values: [(name, _unit("translation", direction(values)))])
+    return ChainStep(slots, motor, lambda values: [(name, _unit("translation", direction(values)))],
+                     drive=name == U)
 
 
 def turn(name: str) -> ChainStep:
@@ -123,7 +126,7 @@ def turn(name: str) -> ChainStep:
         return cga.rotor(np.array(AXES["z"]), np.asarray(values[name], dtype=float))
 
     slots = () if name == U else (SlotSpec(name, "angle", "angle"),)
-    return ChainStep(slots, motor, lambda values: [(name, unit)])
+    return ChainStep(slots, motor, lambda values: [(name, unit)], drive=name == U)
 
 
 def align(name: str, zero: str | None = None) -> ChainStep:

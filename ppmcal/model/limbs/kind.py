@@ -53,16 +53,30 @@ class ClosureSurface:
 
 
 @dataclass(frozen=True)
+class EquationForm:
+    """One closure equation in words that the compiled path knows.
+
+    ``name``: ``sphere``, centred at the end of the base chain; ``base plane``, square to the local
+    ``axis`` (0, 1, 2: x, y, z) of the base chain's end; ``platform plane``, of the platform's.
+    """
+
+    name: str
+    axis: int = 0
+
+
+@dataclass(frozen=True)
 class Surface:
     """How the three chain motors become KGB vectors: one closure family.
 
     ``build(base, middle, platform)`` takes the chain motors (..., 8) and returns
-    ``fixed, moving, scale, radius, middle_lines`` as lists over the k equations.
+    ``fixed, moving, scale, radius, middle_lines`` as lists over the k equations. ``forms`` says the
+    same equation by equation; a family without them is evaluated by ``build`` alone.
     """
 
     name: str
     point_moves: tuple[bool, ...]
     build: Callable[[Array, Array, Array], Iterator[tuple[Array, Array, Array, Array, Array]]]
+    forms: tuple[EquationForm, ...] = ()
 
     @property
     def equations(self) -> int:
