@@ -18,20 +18,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal import algebra as cga
 from ppmcal.calibration.nuisance_columns import NuisanceColumns, lay_out
 from ppmcal.calibration.observation import ResidualJacobian, noise, view, whitener
 from ppmcal.calibration.posterior import Earlier
 from ppmcal.calibration.registration import no_pose, start_registration, unscaled
 from ppmcal.calibration.response import Response
-from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
-from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import by_displacement, displaced
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset, Environment
-from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -249,16 +246,16 @@ class Problem:
         if jacobian or with_noise:
             for end, ((q, pose), model) in enumerate(zip(ends, models, strict=True)):
                 closure = model.closure(q, self.free if jacobian else ())
-                lines = closure.lines(pose)
-                by_equation = self._by_equation(
-                    seen.by_poses[end], closure, pose, lines, model.shift
-                )
-                response = Response(closure, pose, lines, by_equation, seen, rows, end)
-                by_joint.append(by_equation @ closure.joint_matrix(pose, lines))
+                response = Response(closure, pose, seen, rows, end)
                 responses.append(response)
+                if with_noise:
+                    by_joint.append(response.by_joint)
                 if jacobian:
-                    self._geometry(i, full, response, by_joint[-1])
-                    response.effect_columns(full, self.free)
+                    own = np.zeros_like(full) if end else full
+                    response.geometry_columns(own, self.free, self.opens[i].homing)
+                    response.effect_columns(own, self.free)
+                    if end:
+                        full += own
             if jacobian:
                 self._registrations(i, full, seen)
         sigma = np.tile(data.sigma_actuator, len(ends))
@@ -272,28 +269,6 @@ class Problem:
             residual, full = diagonal * seen.residual, diagonal[..., None] * full
         return Rows(i, index, residual, full, seen.observed, seen.residual, white,
                     *responses)
-
-    def _by_equation(self, by_pose: Array, closure: Closure, pose: Array, lines: Array,
-                shift: Shift | None) -> Array:
-        """Return d prediction / d closure equation (n, m, d): -by_pose A^-1."""
-        if shift is not None and shift.pose is not None:
-            # a turn of the closed pose comes out turned by the effects' own rotation
-            turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
-            by_pose = np.concatenate([by_pose[..., :3],
-                                      by_pose[..., 3:] @ cga.rotation_matrix(turn)], axis=-1)
-        return -np.swapaxes(solve_blocks(
-            np.swapaxes(closure.pose_matrix(pose, lines), -1, -2),
-            np.swapaxes(by_pose[..., self.mechanism.dof], -1, -2)), -1, -2)
-
-    def _geometry(self, i: int, out: Array, response: Response, by_joint: Array) -> None:
-        """Fill the columns of geometry and homing."""
-        place = {p: c for c, p in enumerate(self.free)}
-        for rows, parameters, block in response.closure.error_blocks(response.pose,
-                                                                     response.lines):
-            out[..., [place[p] for p in parameters]] += response.by_equation[..., rows] @ block
-        homing = self.opens[i].homing
-        if homing.stop > homing.start:
-            out[..., homing] += by_joint
 
     def _registrations(self, i: int, out: Array, seen: ResidualJacobian) -> None:
         """Fill the columns of frame, target, target rotation and scale."""
