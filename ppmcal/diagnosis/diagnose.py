@@ -128,7 +128,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         told += apart
     if odd is not None:
         told.append(implausible_words(found, odd))
-    named = bool(effects) and verdict != "unnamed"
+    named = verdict in NAMED
     if final is None or not named:
         final = whole
     days = _days(final, options, say)
@@ -174,6 +174,8 @@ def _rows_left_out(found: Found, fit: Fit) -> LeftOut:
     return out
 
 
+NAMED = ("named", "named-set", "partial")
+"""Verdicts that name something."""
 LEARNED_AFTER = ("unnamed", "partial")
 """Verdicts that leave something to learn."""
 

@@ -14,6 +14,7 @@ from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.result import Found, NamedEffect
+from ppmcal.diagnosis.result_tables import measured_against
 from ppmcal.diagnosis.rivals import Rival
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.errors import NoResult
@@ -56,8 +57,10 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
     """
     search = found.first.search
     smallest = float(found.first.log_p.min(initial=0.0))
-    adequate = left.adequate and not out.suspicious
-    if not effects:
+    # names that only imitate, of what is no more than noise without them, are none
+    nothing = not effects or (imitated and start.adequate)
+    adequate = (left if not effects else start).adequate and not out.suspicious
+    if nothing:
         # far beyond chance, but no physical value fits
         if not adequate or smallest < search.name - FAR:
             return "unnamed"
@@ -136,6 +139,9 @@ def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
     if verdict == "named" and gap is not None and not gap.confirmed:
         return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
                        "yet what is named", joints)
+    against = next(measured_against(stage), None) if verdict == "unnamed" else None
+    if against is not None and against.hypothesis.effect is not None:
+        return nothing(against.hypothesis.effect.remedy, joints)
     return nothing({"none": "no further measurement is needed: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "no further measurement is needed: the named effects explain the "
