@@ -20,7 +20,7 @@ from ppmcal.wording import counted
 
 FORMATS = {"klipper": klipper_import.read_printer, "reprap": reprap_import.read_printer}
 LONGEST = 1e5
-"""No rod is longer, mm."""
+"""No rod is longer, and no radius, mm."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,7 +70,8 @@ class ImportResult(Result):
 
 
 def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | float] = (),
-                  mesh: Path_ | Sequence[Path_] = (), scale: str | None = None) -> ImportResult:
+                  mesh: Path_ | Sequence[Path_] = (), scale: str | None = None,
+                  radius: float | None = None) -> ImportResult:
     """Turn a controller's configuration into a machine and its measurements.
 
     What the printer saved of an earlier calibration is a result: the machine has the numbers in
@@ -88,6 +89,8 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
         scale: ``known`` or ``unknown``: whether measured distances are true or, as on a printed
             part, all too small or large by one factor  [default: unknown where the rods are
             known].
+        radius: Klipper's ``delta_radius``, R of M665, as you know it, mm  [default: as the file
+            has it].
 
     Raises:
         BadInput: another format, or anything wrong in the files.
@@ -96,8 +99,12 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
     if name not in FORMATS:
         raise unknown("format", form, tuple(FORMATS))
     length, chosen = _rods(rods)
+    if radius is not None and not 0.0 < radius < LONGEST:
+        raise BadInput(f"{radius} is no radius, mm", "--radius",
+                       "Give it from the joints at a tower to those at the effector, such as "
+                       "--radius 140")
     meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
-    printer = FORMATS[name](Path(file), length, meshes)
+    printer = FORMATS[name](Path(file), length, meshes, radius)
     found = refit(printer) if name == "klipper" and printer.calibrated else None
     off = differences(printer.geometry, found) if found is not None else {}
     scale = scale_of(printer, scale)

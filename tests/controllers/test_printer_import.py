@@ -378,3 +378,44 @@ def test_real_beds_come_out_as_the_steps_that_were_worked_out_of_them(tmp_path: 
         steps = np.array([[float(r[f"stepper_{t}_usteps"]) for t in "abc"] for r in table])
         assert np.max(np.abs(touches[:, 1:4] / mesh["active_geometry"]["stepdists"] - steps)) < 1e-3
         assert touches[:, 4].tolist() == [float(r["approach_dir_x"]) for r in table]
+
+
+# ---------------------------------------------------------------- radius
+
+
+def test_a_radius_that_was_measured_by_hand_is_nominal(tmp_path: Path) -> None:
+    path = written(tmp_path, config(REAL, body="delta_radius: 100.0\n"))
+    said = import_config("klipper", path)
+    assert any("was never this printer's" in f for f in said.findings)
+    found = import_config("klipper", path, radius=140.4)
+    nominal = found.printer.nominal
+    assert nominal.geometry.radius == 140.4 and nominal.origin["delta_radius"] == "--radius"
+    assert nominal.radius == 1.0 and not found.findings
+    found.save(tmp_path / "o")
+    machine = read_mechanism(tmp_path / "o" / "machine.yaml")
+    place = machine.names.index("delta_radius")
+    assert machine.nominals[place] == pytest.approx(0.1404, abs=1e-12)
+    assert machine.parameters[place].prior_sigma == pytest.approx(0.001)
+    run = ppmcal("import", "klipper", "printer.cfg", "--radius", "140.4", "--json", cwd=tmp_path,
+                 expect=0)
+    assert run.json["nominal_from"]["delta_radius"] == "--radius"
+
+
+def test_a_radius_far_from_what_is_printed_with_is_said_and_none_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, config(REAL))
+    found = import_config("klipper", path, radius=160.0)
+    assert any("19.4 mm from the 140.62 mm" in f for f in found.findings)
+    assert found.printer.nominal.radius >= 19.4
+    for wrong in ("0", "-3", "nan", "350"):
+        run = ppmcal("import", "klipper", "printer.cfg", "--radius", wrong, cwd=tmp_path, expect=2)
+        assert "radius" in run.err
+    assert not (tmp_path / "imported").exists()
+
+
+def test_reprap_takes_a_radius_too(tmp_path: Path) -> None:
+    (tmp_path / "config.g").write_text("M665 R140 L300 B110 H290\n")
+    found = import_config("reprap", tmp_path / "config.g", radius=140.7)
+    assert found.printer.nominal.geometry.radius == 140.7
+    assert found.printer.geometry.radius == 140.0    # what touches were made with
+    assert found.printer.nominal.origin["delta_radius"] == "--radius"
+    assert not any("--radius" in f for f in found.findings)
