@@ -32,6 +32,7 @@ class ImportResult(Result):
         printer: what it says, mm and degrees.
         rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
         scale: of measured distances: ``known``, or ``unknown``.
+        choose: whether freedoms are left to what predicts best.
         off: saved number -> by how much it is not what the printer's own fit gives, mm and degrees.
     """
 
@@ -43,10 +44,11 @@ class ImportResult(Result):
     rods: str
     scale: str
     off: Mapping[str, float]
+    choose: bool = True
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return machine.yaml, saved.yaml, and heights, distances and meshes with sidecars."""
-        return dict(files(self.printer, self.rods, self.scale))
+        return dict(files(self.printer, self.rods, self.scale, self.choose))
 
     def headline(self) -> str:
         """Return what the file holds."""
@@ -114,7 +116,7 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
                         "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm short")
     inputs = [file, *(m for m in meshes if Path(m).is_file())]
     return ImportResult(source_of("import_config", inputs, None), tuple(findings), str(file),
-                        printer, rods_of(printer, chosen), scale, off)
+                        printer, rods_of(printer, chosen), scale, off, chosen is None)
 
 
 def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:

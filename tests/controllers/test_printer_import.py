@@ -419,3 +419,32 @@ def test_reprap_takes_a_radius_too(tmp_path: Path) -> None:
     assert found.printer.geometry.radius == 140.0    # what touches were made with
     assert found.printer.nominal.origin["delta_radius"] == "--radius"
     assert not any("--radius" in f for f in found.findings)
+
+
+# ---------------------------------------------------------------- freedoms
+
+
+def test_freedoms_are_left_to_what_predicts_best_unless_chosen(tmp_path: Path) -> None:
+    path = written(tmp_path, config(REAL, pairs=1.0, noise=0.01))
+    for rods, optional in (((), True), ((300,), True), (("shared",), False)):
+        found = import_config("klipper", path, rods=rods)
+        found.save(tmp_path / "o")
+        machine = read_mechanism(tmp_path / "o" / "machine.yaml")
+        assert bool(machine.optional) == optional
+        assert not any("direction" in machine.names[i] for i in machine.free)
+    import_config("klipper", path).save(tmp_path / "o")
+    run = ppmcal("identify", "o/machine.yaml", "o/heights.csv", "o/distances.csv", cwd=tmp_path)
+    assert "are missed by so many times the noise" in " ".join(run.out.split())
+    told = json.loads((tmp_path / "identified" / "identification.json").read_text())["freedoms"]
+    # towers stand upright: what is kept is what the file frees
+    assert [s["kept"] for s in told["sets"]] == [True, True, False]
+    ppmcal("identify", "o/machine.yaml", "o/heights.csv", "o/distances.csv", "--free", "*.offset",
+           "--out", "own", cwd=tmp_path)
+    assert json.loads((tmp_path / "own" / "identification.json").read_text())["freedoms"] is None
+
+
+def test_one_flat_alone_frees_no_leaning_towers(tmp_path: Path) -> None:
+    """It cannot tell them from the bed's own shape."""
+    found = import_config("klipper", written(tmp_path, config(REAL)))
+    found.save(tmp_path / "o")
+    assert read_mechanism(tmp_path / "o" / "machine.yaml").optional == ()
