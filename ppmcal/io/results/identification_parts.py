@@ -248,7 +248,11 @@ def _over(value: float | None, factor: float) -> float | None:
 
 
 class FreedomSetEntry(Part):
-    """A set of freedoms; ``missed``: left-out rows over their noise; see ``freedom_choice``."""
+    """A set of freedoms; ``adds``: parameters beyond the set before.
+
+    ``missed``: rms of left-out rows over their noise, bare; ``behind``: mean square less that of
+    the best set, and ``error``, the standard error of that, both bare; ``kept``: in the fit.
+    """
 
     adds: tuple[Text, ...] = ()
     missed: Finite | None = None
