@@ -18,6 +18,8 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import Progress, Result, silent
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.freedom_choice import choice_sentence, with_chosen_freedoms
 from ppmcal.calibration.misread import Misread, misreading_sentence
 from ppmcal.calibration.misreading import refuse_misread
 from ppmcal.calibration.model_averaging import Readings
@@ -134,10 +136,12 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
+        problem, choice = with_chosen_freedoms(problem, FitOptions(),
+                                               [d.estimated for d in datasets])
         found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)), progress)
-    for line in told:
+    for line in (*told, *([choice_sentence(choice)] if choice else [])):
         progress(line)
     progress("judging the campaign")
     fit = found.identification.fit

@@ -138,7 +138,8 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
     machine = load(mechanism)
     patterns = (free,) if isinstance(free, str) else tuple(free)
     if patterns == ("none",):
-        machine = replace(machine, free=())    # what a file marks as free is not either
+        # what a file marks as free is not either
+        machine = replace(machine, free=(), optional=())
     elif patterns:
         for pattern in unmatched(machine.parameters, patterns):
             raise unknown("parameter", pattern, machine.names, "--free")

@@ -29,6 +29,8 @@ from ppmcal.model.dataset import Dataset
 
 OPEN = ("frame", "target", "rotation", "homing")
 """What a registration may fit, simplest first."""
+OPENED = {"position": ("frame", "target", "homing"), "plane": ("frame",), "distance": ()}
+"""What of it the data of an instrument can demand: of a flat its height and tilt say the rest."""
 FIELDS = {"frame": "frame", "target": "target", "rotation": "target_rotation"}
 MENDS = {"frame": "frame: unknown", "target": "target: unknown",
          "rotation": "target_rotation: unknown", "homing": "homing: per-file",

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.summary import Identification
 from ppmcal.io import write_mechanism
 from ppmcal.io.csv_writer import Content
@@ -21,6 +22,7 @@ from ppmcal.io.results.identification_parts import (
     DoubtfulPart,
     ExcludedRow,
     FittedDataset,
+    FreedomChoiceEntry,
     NoiseCheck,
     ParameterEstimate,
     RegistrationEntry,
@@ -48,8 +50,9 @@ class IdentificationRecord(Record):
     ``observability``: O1 to O5, in tolerances per standard deviation; ``unexplained``: rms of
     what neither model nor noise explains; ``doubtful``: stretches of joints in which rows were
     left out that the model misses; ``campaign``: poses too weak for what was fitted, with those
-    that are missing in next.csv; ``measured_volume``: coordinate -> (low, high);
-    ``earlier``: content hash -> name of the tables behind a calibration carried on.
+    that are missing in next.csv; ``freedoms``: which optional ones were kept;
+    ``measured_volume``: coordinate -> (low, high); ``earlier``: content hash -> name of the
+    tables behind a calibration carried on.
     """
 
     FILE: ClassVar[str] = "identification.json"
@@ -79,14 +82,15 @@ class IdentificationRecord(Record):
     units: UnitNames = UnitNames()
     doubtful: tuple[DoubtfulPart, ...] = ()
     campaign: CampaignSummary | None = None
+    freedoms: FreedomChoiceEntry | None = None
     measured_volume: Mapping[Text, Numbers] = Field(default_factory=dict)
     provenance: Provenance = Provenance()
     earlier: Mapping[Text, Text] = Field(default_factory=dict)
     covariance: CovarianceEntry | None = None
 
     @classmethod
-    def of(cls, result: Identification, provenance: Mapping[str, Any], method: str
-           ) -> IdentificationRecord:
+    def of(cls, result: Identification, provenance: Mapping[str, Any], method: str,
+           freedoms: FreedomChoice | None = None) -> IdentificationRecord:
         """Return the record of an identification."""
         fit, mechanism, units = result.fit, result.mechanism, result.mechanism.units
         carried = {} if result.earlier is None else {"earlier": dict(result.earlier.inputs)}
@@ -109,6 +113,7 @@ class IdentificationRecord(Record):
             excluded=_excluded(result), findings=result.findings, datasets=_datasets(result),
             doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
             campaign=CampaignSummary.of(result.campaign, units),
+            freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
             units=UnitNames.of(units), measured_volume=_volume(result),
             provenance=Provenance.model_validate(provenance), **carried,
             covariance=CovarianceEntry.of(result))
