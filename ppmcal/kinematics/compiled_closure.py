@@ -3,8 +3,7 @@
 The same formulas as :mod:`closure`, :mod:`forward` and :mod:`limb_groups`, fused into one loop over
 the rows, so that nothing of a row's size times the rows is ever stored between them. Importing this
 module imports numba, which takes a quarter of a second: :mod:`compiled_limbs` does so where rows
-are many. What is compiled is kept beside this file, or in the user's cache where that cannot be
-written. No sum is reordered (no fast-math): results are the same on every machine of a kind.
+are many. Pieces are compiled into each function that uses them.
 
 ``chain`` (L, 3, 12) is where the base, middle and platform chain of each limb end: a rotation, row
 by row, and a translation.
@@ -15,8 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ppmcal.kinematics.compilation import compiled, part
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools, Ints
 
@@ -26,9 +25,6 @@ BLOCK = 8
 """Rows whose pairings are made together, so that one instruction serves several."""
 INVERTED = 1e-300
 """A pivot below this: A cannot be inverted."""
-
-compiled = njit(cache=True, error_model="numpy", nogil=True)
-part = njit(error_model="numpy", nogil=True, forceinline=True)
 
 
 @part
