@@ -18,8 +18,10 @@ from ppmcal.kinematics.compiled_closure import (
     by_equation,
     chains_at,
     equations_at,
+    middles_at,
     pairings,
     pose_rows,
+    sizes_at,
     stage_lines,
     unpack,
 )
@@ -179,63 +181,72 @@ def row_squares(sight: InstrumentTables, pose: Array, shown: Array, white: Array
 
 
 @part
-def add_scaled(factor: float, row: Array, out: Array) -> None:
-    """Add factor times a row to another of its length."""
-    # slices from 0 on: an index that might be negative is looked at each time
-    for j in range(row.shape[0]):
-        out[j] += factor * row[j]
-
-
-@part
 def add_four(a: float, b: float, c: float, d: float, w: Array, x: Array, y: Array, z: Array,
              out: Array) -> None:
     """Add four rows times their factors to another of their length, read and written once."""
+    # slices from 0 on: an index that might be negative is looked at each time
     for j in range(out.shape[0]):
         out[j] += (a * w[j] + b * x[j]) + (c * y[j] + d * z[j])
 
 
 @part
-def fill_across(entries: EntryTables, e: int, G: Array, seen: Array, value: Array,
-                across: Array) -> None:
-    """Fill what equation e's entries meet in the columns from its own on (T,)."""
-    m, first = G.shape[1], entries.first
-    for f in range(e, G.shape[0]):
-        w = 0.0
-        for i in range(m):
-            w += G[e, i] * G[f, i]
-        own, there = value[first[f, 0]:first[f, 6]], across[first[f, 0]:first[f, 6]]
-        for s in range(own.shape[0]):
-            there[s] = w * own[s]
-    rest = across[value.shape[0]:]
-    rest[:] = 0.0
-    for i in range(m):
-        add_scaled(G[e, i], seen[i], rest)
+def products(both: Array, pairs: Array) -> None:
+    """Fill the upper half of Q^T Q (b, b, BLOCK) of several Q (m, b, BLOCK) side by side."""
+    m, size = both.shape[0], both.shape[1]
+    for e in range(size):
+        for f in range(e, size):
+            # BLOCK sums held apart: a loop over them would go through memory
+            s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
+            for i in range(m):
+                x, y = both[i, e], both[i, f]
+                s0 += x[0] * y[0]
+                s1 += x[1] * y[1]
+                s2 += x[2] * y[2]
+                s3 += x[3] * y[3]
+                s4 += x[4] * y[4]
+                s5 += x[5] * y[5]
+                s6 += x[6] * y[6]
+                s7 += x[7] * y[7]
+            out = pairs[e, f]
+            out[0], out[1], out[2], out[3] = s0, s1, s2, s3
+            out[4], out[5], out[6], out[7] = s4, s5, s6, s7
 
 
 @part
-def add_normal(entries: EntryTables, G: Array, seen: Array, value: Array, across: Array,
-               out: Array) -> None:
+def add_normal(entries: EntryTables, pairs: Array, value: Array, across: Array, out: Array
+               ) -> None:
     """Add some rows' part of the upper half of (J r)^T (J r) (T, T), T = S + f + 1.
 
-    ``G`` (BLOCK, d, m), ``seen`` (BLOCK, m, f + 1), ``value`` (BLOCK, S), all 0 where there is no
-    row; ``across`` (4, T): scratch.
+    ``pairs`` (d + f + 1, d + f + 1, BLOCK): products of their columns; ``value`` (BLOCK, S);
+    ``across`` (4, T): scratch.
     """
     count, first = value.shape[1], entries.first
-    for w in range(0, BLOCK, 4):
-        for e in range(G.shape[1]):
+    d = first.shape[0]
+    size = pairs.shape[0]
+    for begin in range(0, BLOCK, 4):
+        for e in range(d):
             start = first[e, 0]
             for k in range(4):
-                fill_across(entries, e, G[w + k], seen[w + k], value[w + k], across[k])
+                w = begin + k
+                for f in range(e, d):
+                    factor = pairs[e, f, w]
+                    own = value[w, first[f, 0]:first[f, 6]]
+                    there = across[k, first[f, 0]:first[f, 6]]
+                    for s in range(own.shape[0]):
+                        there[s] = factor * own[s]
+                rest = across[k, count:]
+                for a in range(size - d):
+                    rest[a] = pairs[e, d + a, w]
             for s in range(start, first[e, 6]):
-                add_four(value[w, s], value[w + 1, s], value[w + 2, s], value[w + 3, s],
-                         across[0, start:], across[1, start:], across[2, start:],
-                         across[3, start:], out[s, start:])
-        for a in range(seen.shape[2]):
-            own = out[count + a, count + a:]
-            for i in range(seen.shape[1]):
-                add_four(seen[w, i, a], seen[w + 1, i, a], seen[w + 2, i, a], seen[w + 3, i, a],
-                         seen[w, i, a:], seen[w + 1, i, a:], seen[w + 2, i, a:],
-                         seen[w + 3, i, a:], own)
+                add_four(value[begin, s], value[begin + 1, s], value[begin + 2, s],
+                         value[begin + 3, s], across[0, start:], across[1, start:],
+                         across[2, start:], across[3, start:], out[s, start:])
+    for a in range(d, size):
+        for b in range(a, size):
+            total = 0.0
+            for w in range(BLOCK):
+                total += pairs[a, b, w]
+            out[count - d + a, count - d + b] += total
 
 
 @compiled
@@ -258,15 +269,17 @@ def normal_sums(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables
     size = count + sight.parts.shape[0] + 1
     out, across = np.zeros((size, size)), np.zeros((4, size))
     chain = limbs.ends[:, :, 0].copy()
-    c, line, middle = np.empty(d), np.empty((d, 6)), np.empty((d, 6))
+    c, line, middle, size_of = (np.empty(d), np.empty((d, 6)), np.empty((d, 6)),
+                                np.empty((d, 2)))
     A, order = np.empty((d, d)), np.empty(d, dtype=np.int64)
     rotor, body, arm, point, turned = (np.empty(4), np.empty(12), np.empty(3), np.empty(3),
                                        np.zeros(3))
     R, t = body[:9], body[9:]
     work, more = np.empty((3, 4)), np.empty((4, 9))
     staged, value = np.zeros((d, 6, 6, BLOCK)), np.zeros((BLOCK, count))
-    by, G = np.empty((m, 6)), np.empty((BLOCK, d, m))
-    seen = np.empty((BLOCK, m, size - count))
+    by, G, seen = np.empty((m, 6)), np.empty((d, m)), np.empty((m, size - count))
+    both = np.zeros((m, d + size - count, BLOCK))
+    pairs = np.zeros((d + size - count, d + size - count, BLOCK))
     turns = sight.coordinates[-1] > 2
     for begin in range(0, rows, BLOCK):
         block = min(BLOCK, rows - begin)
@@ -274,16 +287,23 @@ def normal_sums(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables
             n = begin + w
             chains_at(limbs, u[n], chain)
             unpack(pose[n], rotor, R, t)
-            equations_at(limbs, chain, R, t, c, line, middle)
+            sizes_at(limbs, chain, size_of)
+            equations_at(limbs, chain, size_of, R, t, c, line)
+            middles_at(limbs, chain, size_of, middle)
             stage_lines(limbs, entries, chain, body, line, middle, staged, w)
             pose_rows(line, t, limbs.dof, A)
             seen_point(sight, body, arm, point)
             if turns:
                 turn_left(sight, rotor, shown[n], work, turned)
-            sight_rows(sight, body, shown[n], white[n], arm, point, turned, more, by, seen[w])
-            by_equation(A, order, by, limbs.dof, G[w])
+            sight_rows(sight, body, shown[n], white[n], arm, point, turned, more, by, seen)
+            by_equation(A, order, by, limbs.dof, G)
+            for i in range(m):
+                for e in range(d):
+                    both[i, e, w] = G[e, i]
+                for a in range(size - count):
+                    both[i, d + a, w] = seen[i, a]
         pairings(entries, staged, q[begin:begin + block], block, value)
-        G[block:] = 0.0
-        seen[block:] = 0.0
-        add_normal(entries, G, seen, value, across, out)
+        both[:, :, block:] = 0.0
+        products(both, pairs)
+        add_normal(entries, pairs, value, across, out)
     return out

@@ -60,24 +60,46 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
 
 
 def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Array | None:
-    """Return the white squares (n,) of some rows (N,) of a data set; None: no compiled form.
+    """Return the white squares (n,) of some rows (N,) of a data set, which all have poses.
 
-    All of these rows have poses.
+    None where the noise of joints, effects or distances take more than the residual itself.
     """
     at = np.flatnonzero(rows)
-    if not _has_sight(problem, state, index, at.size):
+    if not _has_sight(problem, state, index):
         return None
+    if at.size < compiled_limbs.MANY:
+        return _few_squares(problem, state, index, at)
     from ppmcal.calibration.compiled_rows import row_squares as squares
 
     seen, white, _ = problem.measured[index]
     return squares(_sight(problem, state, index), *_taken(at, state.poses[index], seen, white))
 
 
+def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
+    """Return the same for few rows, by NumPy; None in the plane."""
+    data, registration = problem.datasets[index], state.registrations[index]
+    if problem.mechanism.motion == "planar":
+        return None
+    seen, white, _ = problem.measured[index]
+    pose, seen, white = _taken(rows, state.poses[index], seen, white)
+    placed = cga.compose(registration.frame, pose)
+    scale = 1.0 if data.kind == "plane" else registration.scale
+    left = seen - np.pad(scale * cga.move_point(placed, registration.target), ((0, 0), (0, 3)))
+    parts = list(coordinates(data, problem.mechanism.motion))
+    if parts[-1] > 2:
+        still = np.zeros(3)
+        body = cga.motor_from_rotation_vector(registration.target_rotation, still)
+        shown = cga.motor_from_rotation_vector(seen[:, 3:], still)
+        left[:, 3:] = cga.rotation_vector(cga.compose(
+            shown, cga.reverse(cga.compose(placed, body))))
+    return np.asarray(np.sum((white * left[:, parts]) ** 2, axis=1))
+
+
 def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
                    weights: Array | None) -> tuple[Array, int] | None:
     """Return the sums (C + 1, C + 1) of a data set, None where it has no compiled form."""
     at = np.flatnonzero(keep & finite_rows(state.poses[index]))
-    if not _has_sight(problem, state, index, at.size):
+    if at.size < compiled_limbs.MANY or not _has_sight(problem, state, index):
         return None
     q, pose = _taken(at, problem.joints(index, state), state.poses[index])
     closure = Model(problem.mechanism, state.g).closure(q, problem.free)
@@ -119,11 +141,11 @@ def _taken(rows: Ints, *arrays: Array) -> list[Array]:
     return [np.ascontiguousarray(a) if rows.size == len(a) else a[rows] for a in arrays]
 
 
-def _has_sight(problem: Problem, state: State, index: int, rows: int) -> bool:
-    """Whether so many rows of a data set are seen in a compiled way: no effects, no distances."""
+def _has_sight(problem: Problem, state: State, index: int) -> bool:
+    """Whether what a data set shows is its poses' own: no effects, no distances, sound joints."""
     data = problem.datasets[index]
     own_scale = data.scale.fitted or state.registrations[index].scale != 1.0
-    return (rows >= compiled_limbs.MANY and not problem.mechanism.effects
+    return (not problem.mechanism.effects
             and data.kind != "distance" and not (data.kind == "plane" and own_scale)
             and not np.any(data.sigma_actuator > 0.0))
 
