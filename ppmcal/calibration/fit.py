@@ -54,6 +54,7 @@ class Fit:
         reasons: why rows were left out, by data set: row index -> reason.
         taken_back: rows that had no pose at the start and have one, and belong, at the end.
         start: where the fit began.
+        summed: in how many of the iterations the step came from normal equations.
     """
 
     problem: Problem
@@ -72,6 +73,7 @@ class Fit:
     reasons: tuple[dict[int, str], ...] = ()
     taken_back: int = 0
     start: State | None = None
+    summed: int = 0
 
     @property
     def reached(self) -> str:

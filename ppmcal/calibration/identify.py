@@ -14,15 +14,15 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.gauss_newton import Progress, least_squares
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.least_squares import (
-    Progress,
     column_scale,
-    least_squares,
     parameter_scale,
     prior_weights,
     qr_factor,
 )
+from ppmcal.calibration.normal_equations import normal_sums
 from ppmcal.calibration.observation import coordinates, shown
 from ppmcal.calibration.outliers import REJECT, distances, huber_weights, unchecked, worst
 from ppmcal.calibration.problem import Problem, State
@@ -128,7 +128,7 @@ def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, o
 
     if not near:
         state = _approach(problem, state, keep, prior, weigh, progress)
-    return least_squares(problem, state, keep, prior, options.most, weigh, progress)[0]
+    return least_squares(problem, state, keep, prior, options.most, weigh, progress).state
 
 
 def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -139,23 +139,25 @@ def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     that straight steps leave it. With the prior never weaker than a thousandth of what the
     data know best, the valley is wide, and each stage starts next to its minimum.
     """
-    reduced = qr_factor(problem, state, keep)
-    known_best = float(np.linalg.norm(reduced.triangle * column_scale(problem), 2))
+    scale = column_scale(problem)
+    seen = normal_sums(problem, state, keep).matrix * (scale[:, None] * scale)
+    known_best = float(np.sqrt(np.linalg.norm(seen, 2)))
     weakest = float((prior[prior > 0.0] * column_scale(problem)[prior > 0.0]).min(initial=np.inf))
     excess = known_best / (STIFFEST * weakest)
     while excess > 1.0:
-        state, _, _, _ = least_squares(problem, state, keep, prior * excess, STAGE_ITERATIONS,
-                                      weigh, progress)
+        state = least_squares(problem, state, keep, prior * excess, STAGE_ITERATIONS, weigh,
+                              progress, rough=True).state
         excess /= STAGE
     return state
 
 
 def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequence[dict[int, str]],
          prior: Array, options: FitOptions, progress: Progress | None, scale: float = 1.0) -> Fit:
-    state, reduced, count, converged = least_squares(problem, state, keep, prior,
-                                                    options.most, None, progress)
-    return Fit(problem, state, reduced, prior, column_scale(problem), tuple(keep),
-               count, converged, prior_scale=scale, reasons=tuple(reasons))
+    found = least_squares(problem, state, keep, prior, options.most, None, progress)
+    reduced = found.reduced or qr_factor(problem, found.state, keep)
+    return Fit(problem, found.state, reduced, prior, column_scale(problem), tuple(keep),
+               found.iterations, found.converged, prior_scale=scale, reasons=tuple(reasons),
+               summed=found.summed)
 
 
 def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int, str]]]:
@@ -211,8 +213,8 @@ def start_off_zero(problem: Problem, state: State, keep: Sequence[Bools]) -> Sta
 
 
 def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: Array) -> Bools:
-    reduced = qr_factor(problem, state, keep)
-    norms = np.linalg.norm(reduced.triangle[:, :scale.size], axis=0) * scale
+    squares = np.diagonal(normal_sums(problem, state, keep).matrix)[:scale.size]
+    norms = np.sqrt(squares) * scale
     return np.asarray(norms < 1e-9 * max(float(norms.max(initial=0.0)), 1e-300), dtype=bool)
 
 

@@ -19,7 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.calibration.nuisance_columns import NuisanceColumns, lay_out
-from ppmcal.calibration.observation import ResidualJacobian, noise, view, whitener
+from ppmcal.calibration.observation import (
+    ResidualJacobian,
+    coordinates,
+    noise,
+    shown,
+    view,
+    whitener,
+)
 from ppmcal.calibration.posterior import Earlier
 from ppmcal.calibration.registration import no_pose, start_registration, unscaled
 from ppmcal.calibration.response import Response
@@ -217,13 +224,36 @@ class Problem:
 
         Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
         """
-        for i, data in enumerate(self.datasets):
-            usable = finite_rows(state.poses[i])
-            if keep is not None:
-                usable &= keep[i]
-            index = np.flatnonzero(usable)
-            for begin in range(0, index.size, CHUNK):
-                yield self._chunk(i, data, index[begin:begin + CHUNK], state, jacobian)
+        for i in range(len(self.datasets)):
+            yield from self.rows_of(i, state, jacobian, None if keep is None else keep[i])
+
+    def rows_of(self, i: int, state: State, jacobian: bool = True, keep: Bools | None = None
+                ) -> Iterator[Rows]:
+        """Yield whitened rows of one data set, chunk by chunk; see :meth:`rows`."""
+        usable = finite_rows(state.poses[i])
+        if keep is not None:
+            usable &= keep
+        index = np.flatnonzero(usable)
+        for begin in range(0, index.size, CHUNK):
+            yield self._chunk(i, self.datasets[i], index[begin:begin + CHUNK], state, jacobian)
+
+    @cached_property
+    def measured(self) -> tuple[tuple[Array, Array, Ints], ...]:
+        """What each data set measured: x ... rz (N, 6), 0 where nothing, 1/sigma (N, m), how many.
+
+        The second is 0 where nothing was measured; the third (N,) counts what was.
+        """
+        out = []
+        for data in self.datasets:
+            own = shown(data)
+            if self.mechanism.motion != "planar":
+                own[~finite_rows(own[:, 3:]), 3:] = np.nan
+            motion = self.mechanism.motion
+            seen = np.isfinite(own[:, list(coordinates(data, motion))])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                white = np.where(seen, 1.0 / noise(data, motion), 0.0)
+            out.append((np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)))
+        return tuple(out)
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
         part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion

@@ -16,12 +16,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import (
-    least_squares,
-    normal_step,
-    prior_square,
-    qr_factor,
-)
+from ppmcal.calibration.gauss_newton import least_squares, prior_square
+from ppmcal.calibration.least_squares import normal_step, qr_factor
 from ppmcal.calibration.observation import SCALARS, coordinates
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -238,7 +234,7 @@ def _refitted(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     there = problem.solve(state)
     if any((k & ~finite_rows(p)).any() for k, p in zip(keep, there.poses, strict=True)):
         return None
-    return least_squares(problem, there, keep, prior, ITERATIONS)[0]
+    return least_squares(problem, there, keep, prior, ITERATIONS).state
 
 
 @dataclass(frozen=True)

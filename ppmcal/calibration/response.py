@@ -71,8 +71,16 @@ class Response:
         if tables is not None and tables.error_columns(
                 self.pose, self.by_pose, place, out, homing.start if shifted else None):
             return
-        for rows, parameters, block in self.closure.error_blocks(self.pose, self.lines):
-            out[..., [place[p] for p in parameters]] += self.by_equation[..., rows] @ block
+        for rows, parameters, block in self.closure.error_groups(self.pose, self.lines):
+            # (n, L, m, k) times (n, L, k, P), a limb at a time where limbs share a parameter
+            parts = np.moveaxis(self.by_equation[..., rows], 1, 2) @ block
+            columns = [[place[p] for p in own] for own in parameters]
+            flat = [c for own in columns for c in own]
+            if len(set(flat)) == len(flat):
+                out[..., flat] += np.moveaxis(parts, 1, 2).reshape(*out.shape[:2], -1)
+                continue
+            for limb, own in enumerate(columns):
+                out[..., own] += parts[:, limb]
         if shifted:
             out[..., homing] += self.by_joint
 

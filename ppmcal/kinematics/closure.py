@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.limb_groups import LimbGroup, groups_of, slot_columns
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.effects import Shift
 from ppmcal.model.limbs import ClosureSurface
 from ppmcal.model.limbs.chain import U
@@ -176,7 +176,16 @@ class Closure:
         A platform twist B changes c by their pairing.
         """
         here = self.at(pose)
-        moved, carries = here.carried(pose), here.point_moves[:, None]
+        return here._lines(here.carried(pose))
+
+    def misclosure_and_lines(self, pose: Array) -> tuple[Array, Array]:
+        """Return c (N, d), m, and the legs' lines (N, d, 6), as each of the two alone."""
+        here = self.at(pose)
+        moved = here.carried(pose)
+        return here.scale * cga.inner(here.fixed, moved), here._lines(moved)
+
+    def _lines(self, moved: Array) -> Array:
+        here, carries = self, self.point_moves[:, None]
         point = np.where(carries, moved, here.fixed)
         surface = np.where(carries, here.fixed, moved)
         sign = np.where(here.point_moves, 1.0, -1.0)
@@ -192,7 +201,10 @@ class Closure:
         lines = self.lines(pose) if lines is None else lines
         n, m = lines[..., :3], lines[..., 3:]
         t = cga.translation(np.atleast_2d(pose))[:, None, :]
-        return np.concatenate([n, m - np.cross(t, n)], axis=-1)[..., self.model.mechanism.dof]
+        moment = m - np.stack([t[..., 1] * n[..., 2] - t[..., 2] * n[..., 1],
+                               t[..., 2] * n[..., 0] - t[..., 0] * n[..., 2],
+                               t[..., 0] * n[..., 1] - t[..., 1] * n[..., 0]], axis=-1)
+        return np.concatenate([n, moment], axis=-1)[..., self.model.mechanism.dof]
 
     def joint_matrix(self, pose: Array, lines: Array | None = None, drive: bool = True) -> Array:
         """Return Jq = dc/dq (N, d, k), m per unit of q; dc/du without the ``drive`` ratio."""
@@ -208,23 +220,38 @@ class Closure:
     def error_blocks(self, pose: Array, lines: Array | None = None
                      ) -> list[tuple[slice, tuple[int, ...], Array]]:
         """Return Bg limb by limb: (rows, parameter indices, block (N, k, P_limb))."""
+        return [(slice(int(rows[0]), int(rows[-1]) + 1), columns, block[:, place])
+                for own, named, block in self.error_groups(pose, lines)
+                for place, (rows, columns) in enumerate(zip(own, named, strict=True))]
+
+    def error_groups(self, pose: Array, lines: Array | None = None
+                     ) -> list[tuple[Ints, tuple[tuple[int, ...], ...], Array]]:
+        """Return Bg for limbs together whose columns are as many.
+
+        Returns:
+            rows (L, k), parameter indices of each limb (L times P) and blocks (N, L, k, P).
+        """
         here = self.at(pose)
         lines = here.lines(pose) if lines is None else lines
         out = []
         for group in here.groups:
-            names = list(dict.fromkeys(s for i in group.limbs for s in self.slots[i]))
+            names = tuple(dict.fromkeys(s for i in group.limbs for s in self.slots[i]))
             if not names:
                 continue
             raw = group.slot_columns(group.of_rows(lines), pose, names)
             if "ratio" in names:
                 raw[..., names.index("ratio")] *= self.q[:, group.actuators, None]
+            alike: dict[int, list[int]] = {}
             for place, i in enumerate(group.limbs):
-                if self.columns[i]:
-                    chain = self.model.mechanism.limbs[i].slots.jacobian(
-                        self.model.parameters, names, self.columns[i])
-                    first = int(group.rows[place, 0])
-                    rows = slice(first, first + group.rows.shape[1])
-                    out.append((rows, self.columns[i], raw[:, place] @ chain))
+                alike.setdefault(len(self.columns[i]), []).append(place)
+            for count, places in alike.items():
+                limbs = [group.limbs[place] for place in places]
+                chain = np.stack([self.model.mechanism.limbs[i].slots.jacobian(
+                    self.model.parameters, names, self.columns[i]) for i in limbs])
+                if count:
+                    part = raw if len(places) == len(group.limbs) else raw[:, places]
+                    out.append((group.rows[places], tuple(self.columns[i] for i in limbs),
+                                part @ chain))
         return out
 
     def slot_matrix(self, pose: Array, limb: int, slots: Sequence[str],

@@ -3,8 +3,7 @@
 The same formulas as :mod:`closure`, :mod:`forward` and :mod:`limb_groups`, fused into one loop over
 the rows, so that nothing of a row's size times the rows is ever stored between them. Importing this
 module imports numba, which takes a quarter of a second: :mod:`compiled_limbs` does so where rows
-are many. What is compiled is kept beside this file, or in the user's cache where that cannot be
-written. No sum is reordered (no fast-math): results are the same on every machine of a kind.
+are many. Pieces are compiled into each function that uses them.
 
 ``chain`` (L, 3, 12) is where the base, middle and platform chain of each limb end: a rotation, row
 by row, and a translation.
@@ -15,8 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ppmcal.kinematics.compilation import compiled, part
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools, Ints
 
@@ -24,11 +23,11 @@ SPHERE, BASE_PLANE, PLATFORM_PLANE = 0, 1, 2
 STILL, SLIDES, TURNS = 0, 1, 2
 BLOCK = 8
 """Rows whose pairings are made together, so that one instruction serves several."""
+SAME = 1e-4
+"""After a step below this (translations in parts of the length scale, rad) A is not made anew: the
+step after it is off by this part of itself."""
 INVERTED = 1e-300
 """A pivot below this: A cannot be inverted."""
-
-compiled = njit(cache=True, error_model="numpy", nogil=True)
-part = njit(error_model="numpy", nogil=True, forceinline=True)
 
 
 @part
@@ -48,9 +47,20 @@ def chains_at(limbs: LimbTables, u: Array, chain: Array) -> None:
 
 
 @part
-def equations_at(limbs: LimbTables, chain: Array, R: Array, t: Array, c: Array, line: Array,
-                 middle: Array) -> None:
-    """Fill misclosures (d,), lines (d, 6) and middle lines (d, 6) at a pose R (9,), t (3,)."""
+def sizes_at(limbs: LimbTables, chain: Array, size: Array) -> None:
+    """Fill of each equation (d, 2) its radius and one over it, 1 where there is none."""
+    for e in range(limbs.form.shape[0]):
+        mid = chain[limbs.limb[e], 1]
+        r = 0.0
+        if limbs.form[e] == SPHERE:
+            r = math.sqrt(mid[9] * mid[9] + mid[10] * mid[10] + mid[11] * mid[11])
+        size[e, 0], size[e, 1] = r, 1.0 / r if r > 0.0 else 1.0
+
+
+@part
+def equations_at(limbs: LimbTables, chain: Array, size: Array, R: Array, t: Array, c: Array,
+                 line: Array) -> None:
+    """Fill misclosures (d,) and lines (d, 6) at a pose R (9,), t (3,)."""
     for leg in range(limbs.drive.shape[0]):
         base, mid, end = chain[leg, 0], chain[leg, 1], chain[leg, 2]
         x = R[0] * end[9] + R[1] * end[10] + R[2] * end[11] + t[0]
@@ -58,28 +68,16 @@ def equations_at(limbs: LimbTables, chain: Array, R: Array, t: Array, c: Array, 
         z = R[6] * end[9] + R[7] * end[10] + R[8] * end[11] + t[2]
         for e in range(limbs.first[leg], limbs.first[leg + 1]):
             a = limbs.axis[e]
+            p1, p2, p3 = x, y, z
             if limbs.form[e] == SPHERE:
-                square = mid[9] * mid[9] + mid[10] * mid[10] + mid[11] * mid[11]
-                r = math.sqrt(square)
-                size = r if r > 0.0 else 1.0
+                r, f = size[e, 0], size[e, 1]
                 n1, n2, n3 = x - base[9], y - base[10], z - base[11]
-                c[e] = (n1 * n1 + n2 * n2 + n3 * n3 - square) / (2.0 * size)
-                n1, n2, n3 = n1 / size, n2 / size, n3 / size
-                p1, p2, p3 = x, y, z
-                for i in range(3):
-                    middle[e, i] = mid[9 + i] / size
-                    middle[e, 3 + i] = 0.0
+                c[e] = 0.5 * f * (n1 * n1 + n2 * n2 + n3 * n3 - r * r)
+                n1, n2, n3 = f * n1, f * n2, f * n3
             elif limbs.form[e] == BASE_PLANE:
                 n1, n2, n3 = base[a], base[3 + a], base[6 + a]
                 c[e] = (n1 * (x - base[9]) + n2 * (y - base[10]) + n3 * (z - base[11])
                         - mid[9 + a])
-                p1, p2, p3 = x, y, z
-                for i in range(6):
-                    middle[e, i] = 0.0
-                middle[e, a] = 1.0
-                i, j = (a + 1) % 3, (a + 2) % 3
-                middle[e, 3 + i] = mid[9 + j]
-                middle[e, 3 + j] = -mid[9 + i]
             else:
                 m1, m2, m3 = end[a], end[3 + a], end[6 + a]
                 n1 = R[0] * m1 + R[1] * m2 + R[2] * m3
@@ -88,13 +86,30 @@ def equations_at(limbs: LimbTables, chain: Array, R: Array, t: Array, c: Array, 
                 off = mid[a] * mid[9] + mid[3 + a] * mid[10] + mid[6 + a] * mid[11]
                 p1, p2, p3 = base[9], base[10], base[11]
                 c[e] = n1 * (x - p1) + n2 * (y - p2) + n3 * (z - p3) - off
-                for i in range(3):
-                    middle[e, i] = mid[3 * i + a]
-                    middle[e, 3 + i] = 0.0
             line[e, 0], line[e, 1], line[e, 2] = n1, n2, n3
             line[e, 3] = p2 * n3 - p3 * n2
             line[e, 4] = p3 * n1 - p1 * n3
             line[e, 5] = p1 * n2 - p2 * n1
+
+
+@part
+def middles_at(limbs: LimbTables, chain: Array, size: Array, middle: Array) -> None:
+    """Fill each equation's line in the middle chain's root axes (d, 6)."""
+    for e in range(limbs.form.shape[0]):
+        mid, a = chain[limbs.limb[e], 1], limbs.axis[e]
+        for i in range(6):
+            middle[e, i] = 0.0
+        if limbs.form[e] == SPHERE:
+            for i in range(3):
+                middle[e, i] = mid[9 + i] * size[e, 1]
+        elif limbs.form[e] == BASE_PLANE:
+            middle[e, a] = 1.0
+            i, j = (a + 1) % 3, (a + 2) % 3
+            middle[e, 3 + i] = mid[9 + j]
+            middle[e, 3 + j] = -mid[9 + i]
+        else:
+            for i in range(3):
+                middle[e, i] = mid[3 * i + a]
 
 
 @part
@@ -244,20 +259,24 @@ def newton_rows(limbs: LimbTables, u: Array, pose: Array, scale: float, reach: f
     converged = np.zeros(count, dtype=np.bool_)
     sizes, signs = np.zeros((count, 2)), np.zeros((count, 2))
     chain = limbs.ends[:, :, 0].copy()
-    c, line, middle = np.empty(d), np.empty((d, 6)), np.empty((d, 6))
+    c, line, size_of = np.empty(d), np.empty((d, 6)), np.empty((d, 2))
     A, order, step = np.empty((d, d)), np.empty(d, dtype=np.int64), np.empty(6)
     quaternion, body = np.empty(4), np.empty(12)
     R, t = body[:9], body[9:]
     for n in range(count):
         chains_at(limbs, u[n], chain)
+        sizes_at(limbs, chain, size_of)
         unpack(pose[n], quaternion, R, t)
+        size, sign = math.inf, 1.0
         for k in range(iterations):
-            equations_at(limbs, chain, R, t, c, line, middle)
-            pose_rows(line, t, limbs.dof, A)
-            sign = factorise(A, order)
-            signs[n, 1] = sign
-            if k == 0:
-                signs[n, 0] = sign
+            equations_at(limbs, chain, size_of, R, t, c, line)
+            # after a small step A is what it was, and the next one as good as with its own
+            if not size < SAME:
+                pose_rows(line, t, limbs.dof, A)
+                sign = factorise(A, order)
+                signs[n, 1] = sign
+                if k == 0:
+                    signs[n, 0] = sign
             worst = 0.0
             for e in range(d):
                 worst = max(worst, abs(c[e]))
@@ -393,7 +412,8 @@ def fill_columns(limbs: LimbTables, entries: EntryTables, u: Array, q: Array, po
     """
     count, m, d = out.shape[0], out.shape[1], limbs.dof.shape[0]
     chain = limbs.ends[:, :, 0].copy()
-    c, line, middle = np.empty(d), np.empty((d, 6)), np.empty((d, 6))
+    c, line, middle, size_of = (np.empty(d), np.empty((d, 6)), np.empty((d, 6)),
+                                np.empty((d, 2)))
     A, order = np.empty((d, d)), np.empty(d, dtype=np.int64)
     quaternion, body = np.empty(4), np.empty(12)
     R, t = body[:9], body[9:]
@@ -405,7 +425,9 @@ def fill_columns(limbs: LimbTables, entries: EntryTables, u: Array, q: Array, po
             n = begin + w
             chains_at(limbs, u[n], chain)
             unpack(pose[n], quaternion, R, t)
-            equations_at(limbs, chain, R, t, c, line, middle)
+            sizes_at(limbs, chain, size_of)
+            equations_at(limbs, chain, size_of, R, t, c, line)
+            middles_at(limbs, chain, size_of, middle)
             stage_lines(limbs, entries, chain, body, line, middle, seen, w)
             pose_rows(line, t, limbs.dof, A)
             by_equation(A, order, by_pose[n if by_pose.shape[0] > 1 else 0], limbs.dof, G[w])

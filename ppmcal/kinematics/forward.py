@@ -131,8 +131,7 @@ def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS
     converged = np.zeros(pose.shape[0], dtype=bool)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
-            here = closure.at(pose)
-            c, lines = here.misclosure(pose), here.lines(pose)
+            c, lines = closure.misclosure_and_lines(pose)
             step = np.zeros((pose.shape[0], 6))
             step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), c)
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
@@ -158,11 +157,11 @@ def _contraction(sizes: Array) -> Array:
 
 def moved(pose: Array, step: Array) -> Array:
     """Return motors (N, 8) moved by (origin displacement, rotation) steps (N, 6)."""
-    turn = step[:, 3:]
-    t = cga.translation(pose)
-    stay = cga.motor_from_rotation_vector(turn, np.zeros(3))
-    shift = t + step[:, :3] - cga.move_point(stay, t)
-    return cga.compose(cga.motor_from_rotation_vector(turn, shift), pose)
+    turn = np.zeros_like(step)
+    turn[:, :3] = step[:, 3:]
+    rotor = cga.compose(cga.motor_exp(turn), pose)
+    rotor[:, 4:] = 0.0
+    return cga.compose(cga.translator(cga.translation(pose) + step[:, :3]), rotor)
 
 
 def smallest_singular_value(closure: Closure, pose: Array) -> tuple[Array, Array]:

@@ -47,6 +47,8 @@ STRONGEST = 50
 class IdentificationRecord(Record):
     """identification.json, in ``units``; rank, columns, iterations, prior_scale are bare.
 
+    ``by_normal_equations``: of the iterations, those whose step came from normal equations and not
+    from QR of the rows, their condition allowing it; the last one never does.
     ``observability``: O1 to O5, in tolerances per standard deviation; ``unexplained``: rms of
     what neither model nor noise explains; ``doubtful``: stretches of joints in which rows were
     left out that the model misses; ``campaign``: poses too weak for what was fitted, with those
@@ -65,6 +67,7 @@ class IdentificationRecord(Record):
     columns: Whole | None = None
     redundant: tuple[Combination, ...] = ()
     iterations: Whole | None = None
+    by_normal_equations: Whole | None = None
     converged: Flag | None = None
     prior_scale: Finite | None = None
     residual: ResidualStages = ResidualStages()
@@ -102,7 +105,8 @@ class IdentificationRecord(Record):
             parameters=tuple(ParameterEstimate.of(e, units) for e in result.estimates),
             rank=result.rank, columns=len(result.columns),
             redundant=tuple(Combination.of(d, mechanism) for d in result.redundant),
-            iterations=fit.iterations, converged=fit.converged, prior_scale=fit.prior_scale,
+            iterations=fit.iterations, by_normal_equations=fit.summed, converged=fit.converged,
+            prior_scale=fit.prior_scale,
             residual=stages, unexplained=summaries(
                 {k: {"rms": v} for k, v in result.unexplained.items()}, units),
             holdout_note=result.holdout_note, noise=NoiseCheck.of(result.noise),

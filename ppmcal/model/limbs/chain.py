@@ -271,7 +271,7 @@ class Chain:
 
         Joint frames whose components are all zero and unwanted are skipped.
         """
-        total = cga.identity_motor()
+        total, moved = cga.identity_motor(), False
         carried: list[ErrorTwists] = []
         for step in self.steps:
             if step.joint and not any(s.name in wanted or np.any(values.get(s.name, 0.0))
@@ -283,5 +283,6 @@ class Chain:
             if mine:
                 stacked = np.stack(np.broadcast_arrays(*(t for _, t in mine)), axis=-2)
                 carried.append(ErrorTwists(tuple(n for n, _ in mine), total, stacked))
-            total = cga.compose(total, step.motor(values))
+            motor = step.motor(values)
+            total, moved = cga.compose(total, motor) if moved else motor, True
         return total, tuple(carried)
