@@ -13,13 +13,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import betainc, betaln
 
-from ppmcal.linalg import Array, Ints, column_lengths, unit_columns
+from ppmcal.linalg import Array, Ints, column_lengths
 
 VISIBLE = 1e-8
 """Squared length left of a column, over its own, below which the geometry swallows it."""
 TINY = 1e-200
 
 
+BLOCK = 256
+"""Columns that are worked on at a time."""
 CHUNK = 2**23
 """So many numbers of columns are gathered at a time."""
 
@@ -37,7 +39,8 @@ class AddedVariableTest:
         more: (M C)^T (E, n) of columns that were added; they are counted after the others.
         taken: columns that are in the model; cross: C^T M C_taken (T + E, s); back: the same
             times the inverse of its rows ``taken``.
-        blocks: C^T M C of groups of columns, once it was asked for.
+        blocks, rows: C^T M C of groups of columns, and of single ones with the first T, once they
+            were asked for.
     """
 
     unit: Array
@@ -53,6 +56,7 @@ class AddedVariableTest:
     cross: Array | None = None
     back: Array | None = None
     blocks: dict[tuple[tuple[int, ...], bytes], Array] = field(default_factory=dict)
+    rows: dict[int, Array] = field(default_factory=dict)
 
     def given(self, chosen: Sequence[int]) -> AddedVariableTest:
         """Return the tests that are left when the columns ``chosen`` are in the model.
@@ -62,8 +66,7 @@ class AddedVariableTest:
         if not chosen:
             return self
         s = list(chosen)
-        own = self._columns(np.array(s))
-        cross = np.concatenate([self.unit @ own.T, self.more @ own.T])
+        cross = np.concatenate([self._with_first(s), self.more @ self._columns(np.array(s)).T])
         inverse = pseudo_inverse(cross[s])
         back = cross @ inverse
         rank = int(np.round(np.trace(inverse @ cross[s])))
@@ -77,12 +80,21 @@ class AddedVariableTest:
         which = np.array(columns, dtype=np.int64)
         return replace(self, unit=self._columns(which), right=self.right[which],
                        length=self.length[which], hidden=self.hidden[:, which],
-                       null=self.null[:0], more=self.more[:0], blocks={})
+                       null=self.null[:0], more=self.more[:0], blocks={}, rows={})
 
     def block(self, rows: Ints, columns: Ints) -> Array:
         """Return C^T M C between columns (..., a) and (..., b), the chosen ones taken out."""
         found = self._columns(rows) @ np.swapaxes(self._columns(columns), -1, -2)
         return self._without_chosen(found, rows, columns)
+
+    def _with_first(self, chosen: Sequence[int]) -> Array:
+        """Return C^T M C (T, s) of the first T columns with some, none taken out."""
+        first = len(self.unit)
+        new = list(dict.fromkeys(c for c in chosen if c < first and c not in self.rows))
+        if new:
+            self.rows.update(zip(new, self.unit[new] @ self.unit.T, strict=True))
+        return np.stack([self.rows[c] if c < first else self.unit @ self.more[c - first]
+                         for c in chosen], axis=1)
 
     def _columns(self, which: Ints) -> Array:
         """Return columns (..., n), none taken out."""
@@ -178,14 +190,23 @@ def build_test(
     ``count``: how many of the n values were measured, the others being zero everywhere;
     ``noise`` (n, B): simulated, for the thresholds.
     """
-    unit, length = unit_columns(columns), column_lengths(columns)
-    hidden = basis.T @ unit
-    unit = np.ascontiguousarray((unit - basis @ hidden).T)
+    length = column_lengths(columns)
+    unit = np.array(columns.T, order="C")
+    unit /= length[:, None]
+    hidden = basis.T @ unit.T
+    for begin in range(0, len(unit), BLOCK):
+        some = slice(begin, begin + BLOCK)
+        unit[some] -= hidden[:, some].T @ basis.T
     across = basis.T @ noise
     clean = residual - basis @ (basis.T @ residual)
     return AddedVariableTest(
         unit, unit @ clean, length, float(clean @ clean), count - basis.shape[1], hidden,
-        unit @ noise, np.sum(noise**2, axis=0) - np.sum(across**2, axis=0), unit[:0])
+        unit @ noise, squares(noise) - squares(across), unit[:0])
+
+
+def squares(columns: Array) -> Array:
+    """Return the squared lengths (c,) of columns (n, c)."""
+    return np.asarray(np.einsum("nc,nc->c", columns, columns))
 
 
 def probability(value: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -74,7 +75,7 @@ class Hypothesis:
         """Whether a grid has chosen constants of it, or might have chosen others."""
         return len(self.constants) > len(self.strokes)
 
-    @property
+    @cached_property
     def family(self) -> str:
         """What it is told apart as: the kind, the frozen slot, or the shape's place."""
         if self.anonymous:
@@ -176,9 +177,10 @@ class Collector:
 
     def library(self) -> Library:
         """Return what was collected."""
-        shape = (*self.system.residual.shape, 0)
-        columns = np.stack(self.columns, axis=-1) if self.columns else np.zeros(shape)
-        return Library(columns, tuple(self.hypotheses), tuple(self.untestable),
+        # column by column in memory, as they are made and asked for
+        columns = np.stack(self.columns) if self.columns else np.zeros(
+            (0, *self.system.residual.shape))
+        return Library(np.moveaxis(columns, 0, -1), tuple(self.hypotheses), tuple(self.untestable),
                        tuple(self.unrecorded), tuple(self.courses))
 
 

@@ -89,12 +89,17 @@ def _scanned(test: AddedVariableTest, groups: Sequence[Group], count: int) -> Ar
 
 def null_scan(test: AddedVariableTest, hypotheses: Sequence[Hypothesis]) -> Array:
     """Return the smallest log p over all hypotheses for each draw of noise (B,)."""
-    smallest = np.zeros(test.null.shape[1])
+    # of one rank the largest square has the smallest p
+    largest: dict[int, Array] = {}
     for _, columns in by_size(hypotheses):
         for begin in range(0, len(columns), 256):
-            square, rank = test.explained(columns[begin:begin + 256], null=True)
-            values = log_p(square, test.null_square, rank[:, None], test.freedom)
-            smallest = np.minimum(smallest, values.min(axis=0))
+            square, ranks = test.explained(columns[begin:begin + 256], null=True)
+            for rank in np.unique(ranks).tolist():
+                most = square[ranks == rank].max(axis=0)
+                largest[rank] = np.maximum(largest.get(rank, most), most)
+    smallest = np.zeros(test.null.shape[1])
+    for rank, most in largest.items():
+        smallest = np.minimum(smallest, log_p(most, test.null_square, rank, test.freedom))
     return smallest
 
 

@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 from ppmcal.diagnosis.event_pairs import best_pair
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
-from ppmcal.linalg import Array, unit_columns
+from ppmcal.linalg import Array, column_lengths, unit_columns
 from ppmcal.model.effects import GEOMETRY
 
 SIGNIFICANT = 1e-3
@@ -110,8 +110,11 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     grid: dict[tuple[str, tuple[str, ...]], tuple[float, list[int]]] = {}
     flat = library.columns.reshape(-1, library.columns.shape[-1])
     residual = system.residual.reshape(-1)
+    alone = (residual @ flat / column_lengths(flat)) ** 2
 
     def explains(columns: Sequence[int]) -> float:
+        if len(columns) == 1:
+            return float(alone[columns[0]])
         unit = unit_columns(flat[:, list(columns)])
         return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
