@@ -170,8 +170,8 @@ class AddedVariableTest:
         use = w > VISIBLE
         root = np.where(use, 1.0 / np.sqrt(np.where(use, w, 1.0)), 0.0)
         right = self.null[groups] if null else self.right[groups][..., None]
-        parts = root[..., None] * (np.swapaxes(v, -1, -2) @ right)
-        square = np.sum(parts**2, axis=1)
+        parts = (root[..., None] * np.swapaxes(v, -1, -2)) @ right
+        square = np.einsum("fkb,fkb->fb", parts, parts)
         return (square if null else square[:, 0]), use.sum(axis=1)
 
 

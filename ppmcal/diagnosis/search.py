@@ -20,6 +20,8 @@ from ppmcal.linalg import Array
 DETECT, NAME = 0.03, 0.01
 """False alarms of the search. The tests of what is left have another 0.01; what remains of
 0.05 is for noise that is not quite what was simulated."""
+BLOCK = 16
+"""Hypotheses of which noise is looked at together: what is in between stays in the cache."""
 Group = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Hypotheses with as many columns: their indices (f,) and columns (f, k)."""
 
@@ -92,8 +94,8 @@ def null_scan(test: AddedVariableTest, hypotheses: Sequence[Hypothesis]) -> Arra
     # of one rank the largest square has the smallest p
     largest: dict[int, Array] = {}
     for _, columns in by_size(hypotheses):
-        for begin in range(0, len(columns), 256):
-            square, ranks = test.explained(columns[begin:begin + 256], null=True)
+        for begin in range(0, len(columns), BLOCK):
+            square, ranks = test.explained(columns[begin:begin + BLOCK], null=True)
             for rank in np.unique(ranks).tolist():
                 most = square[ranks == rank].max(axis=0)
                 largest[rank] = np.maximum(largest.get(rank, most), most)

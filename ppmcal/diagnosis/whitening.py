@@ -82,9 +82,11 @@ def _of_rest(system: System, library: Library, columns: Sequence[int]) -> Whiten
     """Return the whitening with columns of the library projected out."""
     noise = plain(system)
     everything = np.concatenate([system.jacobian, library.columns[..., columns]], axis=-1)
-    basis, left = _cleaned(system, everything, noise)
+    shape = system.residual.shape
+    plane = range_basis(unit_columns(noise.apply(everything, system))).reshape(*shape, -1)
+    basis, left = _cleaned(system, plane, noise)
     noise = _within_rows(system, basis, left, noise)
-    basis, left = _cleaned(system, everything, noise)
+    basis, left = _cleaned(system, plane, noise)
     rho = 0.0
     for _ in range(3):
         more, pairs = _correlation(system, basis, left)
@@ -95,7 +97,7 @@ def _of_rest(system: System, library: Library, columns: Sequence[int]) -> Whiten
             break
         rho = float(np.clip((rho + more) / (1.0 + rho * more), -0.98, 0.98))
         noise = replace(noise, rho=rho)
-        basis, left = _cleaned(system, everything, noise)
+        basis, left = _cleaned(system, plane, noise)
     return noise
 
 
@@ -147,10 +149,9 @@ def _slow(hypothesis: Hypothesis) -> bool:
         for motion in kind.motions for s in kind.parameters(motion)))
 
 
-def _cleaned(system: System, columns: Array, noise: Whitening) -> tuple[Array, Array]:
-    """Return a basis of the columns and the residual freed of them, (N, m, ...)."""
-    flat = noise.apply(columns, system)
-    basis = range_basis(unit_columns(flat))
+def _cleaned(system: System, plane: Array, noise: Whitening) -> tuple[Array, Array]:
+    """Return a basis of what spans a plane (N, m, r) and the residual freed of it, whitened."""
+    basis = np.linalg.qr(noise.apply(plane, system))[0]
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     left = residual - basis @ (basis.T @ residual)
     shape = system.residual.shape
