@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ppmcal.diagnosis.library_columns import LibraryColumns
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, EffectKind, Shift
@@ -156,7 +157,7 @@ class Collector:
 
     def __init__(self, system: System) -> None:
         self.system = system
-        self.columns: list[Array] = []
+        self.columns = LibraryColumns(system)
         self.hypotheses: list[Hypothesis] = []
         self.untestable: list[Untestable] = []
         self.unrecorded: list[Hypothesis] = []
@@ -166,21 +167,9 @@ class Collector:
         self.motion = mechanism.motion
         self.turning = np.array([q == "angle" for q in mechanism.actuator_quantity])
 
-    def add(self, column: Array) -> int:
-        """Add one white column (N, m); return where it is."""
-        self.columns.append(column)
-        return len(self.columns) - 1
-
-    def shifted(self, shifts: list[Shift]) -> int:
-        """Add the column of one shift per part; return where it is."""
-        return self.add(self.system.column(shifts))
-
     def library(self) -> Library:
         """Return what was collected."""
-        # column by column in memory, as they are made and asked for
-        columns = np.stack(self.columns) if self.columns else np.zeros(
-            (0, *self.system.residual.shape))
-        return Library(np.moveaxis(columns, 0, -1), tuple(self.hypotheses), tuple(self.untestable),
+        return Library(self.columns.made(), tuple(self.hypotheses), tuple(self.untestable),
                        tuple(self.unrecorded), tuple(self.courses))
 
 
@@ -197,7 +186,7 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
                  if any(i == p for _, i in limb.slots.direct)
                  or any(p in (r, a) for _, _, r, a in limb.slots.polar)]
         on = tuple(dict.fromkeys(to.actuators[limb.actuator] for limb in limbs))
-        column = to.shifted(shifts)
+        column = to.columns.shifted(shifts)
         to.hypotheses.append(
             Hypothesis(
                 GEOMETRY,
@@ -248,7 +237,7 @@ def shapes(to: Collector) -> None:
                       for p in to.system.parts]
             to.hypotheses.append(Hypothesis(
                 LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
-                (to.shifted(shifts),), anonymous=True,
+                (to.columns.shifted(shifts),), anonymous=True,
                 follows=name, searched=2 if width else 1))
     points = [p.response.seen.points[p.response.end] for p in to.system.parts]
     middle = np.concatenate(points).mean(axis=0)
@@ -260,7 +249,7 @@ def shapes(to: Collector) -> None:
         turn = np.eye(3) - middle[:, None] * point[:, None, :] / along
         shifts.append(Shift(stretch=swell[:, None, None] * turn))
     to.hypotheses.append(Hypothesis(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
-                           (to.shifted(shifts),), anonymous=True,
+                           (to.columns.shifted(shifts),), anonymous=True,
                            follows="position"))
 
 

@@ -49,7 +49,7 @@ def add_courses(to: Collector) -> None:
         ways[name] = [p.setting.at_joints(np.ones_like(p.setting.travel), one) for p in parts]
     for way, shifts in ways.items():
         unit = to.system.column(shifts)
-        columns = tuple(to.add(unit * wave[:, None]) for wave in waves.T)
+        columns = tuple(to.columns.add(unit * wave[:, None]) for wave in waves.T)
         to.courses += [Hypothesis(
             WANDERING, (), True, tuple(f"wave{k}" for k in range(1, count + 1)),
             (-np.inf,) * count, (np.inf,) * count, columns[:count], anonymous=True,
