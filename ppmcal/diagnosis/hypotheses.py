@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ppmcal.diagnosis.library_columns import LibraryColumns
+from ppmcal.diagnosis.library_columns import LibraryColumns, Products
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, EffectKind, Shift
@@ -142,7 +142,8 @@ class Library:
     """All hypotheses: ``columns`` (N, m, T) white, ``hypotheses`` over them, what is untestable.
 
     ``unrecorded``: what might be there too, but cannot be tested for want of a column;
-    ``courses``: how machine and instrument may have wandered while rows were measured.
+    ``courses``: how machine and instrument may have wandered while rows were measured;
+    ``products``: how the columns are made, where that is known.
     """
 
     columns: Array
@@ -150,6 +151,7 @@ class Library:
     untestable: tuple[Untestable, ...]
     unrecorded: tuple[Hypothesis, ...] = ()
     courses: tuple[Hypothesis, ...] = ()
+    products: Products | None = None
 
 
 class Collector:
@@ -169,8 +171,9 @@ class Collector:
 
     def library(self) -> Library:
         """Return what was collected."""
-        return Library(self.columns.made(), tuple(self.hypotheses), tuple(self.untestable),
-                       tuple(self.unrecorded), tuple(self.courses))
+        columns, products = self.columns.made()
+        return Library(columns, tuple(self.hypotheses), tuple(self.untestable),
+                       tuple(self.unrecorded), tuple(self.courses), products)
 
 
 def frozen_slots(to: Collector, tried: Sequence[int]) -> None:

@@ -170,6 +170,23 @@ class Whitening:
             out *= system.observed
         return out.reshape(count, n * m).T
 
+    def transposed(self, values: Array, system: System) -> Array:
+        """Return values (N m, b) times the transpose of what :meth:`apply` does, (N, m, b).
+
+        Inner products with whitened columns are those of plain columns with these.
+        """
+        out = values.reshape(*system.residual.shape, -1) * system.observed[..., None]
+        if self.rho:
+            tie = np.where(system.apart > 0, self.rho ** np.maximum(system.apart, 1), 0.0)
+            tie = tie[:, None, None]
+            out[1:] /= np.sqrt(1.0 - tie**2)
+            out[:-1] -= tie * out[1:]
+        for i, inner in enumerate(self.inner):
+            if not np.array_equal(inner, np.eye(len(inner))):
+                mine = system.dataset == i
+                out[mine] = inner.T @ out[mine]
+        return np.asarray(out)
+
 
 def plain(system: System) -> Whitening:
     """Return the whitening that changes nothing."""

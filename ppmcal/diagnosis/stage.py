@@ -161,8 +161,11 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     columns = noise.apply(found.columns, system)
     left = residual - basis @ (basis.T @ residual)
-    test = build_test(basis, columns, residual, system.count,
-                      simulated(noise, system, basis, left, 0 if like else draws, rng))
+    products = found.products
+    test = build_test(
+        basis, columns, residual, system.count,
+        simulated(noise, system, basis, left, 0 if like else draws, rng),
+        None if products is None else lambda z: products.along(noise.transposed(z, system)))
     search = prepare(test, _cautious(found.hypotheses, noise), like)
     start = search.values()
     search, chosen = wandered(*settled(search, choose(search)), found.courses)
