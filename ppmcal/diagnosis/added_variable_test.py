@@ -7,7 +7,7 @@ large, only those parts are made that a test asks for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,8 +20,8 @@ VISIBLE = 1e-8
 TINY = 1e-200
 
 
-BLOCK = 256
-"""Columns that are worked on at a time."""
+BLOCK, DRAWS = 256, 250
+"""Columns, and draws of noise, that are worked on at a time."""
 CHUNK = 2**23
 """So many numbers of columns are gathered at a time."""
 
@@ -35,7 +35,6 @@ class AddedVariableTest:
         length: their length (T,) before M.
         square: |M r|^2; freedom: n - rank J.
         hidden: Q^T C (r, T), the part that geometry swallows.
-        null: C^T M z of simulated noise (T, B), and null_square (B,).
         more: (M C)^T (E, n) of columns that were added; they are counted after the others.
         taken: columns that are in the model; cross: C^T M C_taken (T + E, s); back: the same
             times the inverse of its rows ``taken``.
@@ -49,8 +48,6 @@ class AddedVariableTest:
     square: float
     freedom: int
     hidden: Array
-    null: Array
-    null_square: Array
     more: Array
     taken: tuple[int, ...] = ()
     cross: Array | None = None
@@ -59,10 +56,7 @@ class AddedVariableTest:
     rows: dict[int, Array] = field(default_factory=dict)
 
     def given(self, chosen: Sequence[int]) -> AddedVariableTest:
-        """Return the tests that are left when the columns ``chosen`` are in the model.
-
-        The simulated noise is not carried along: thresholds are made once, at the start.
-        """
+        """Return the tests that are left when the columns ``chosen`` are in the model."""
         if not chosen:
             return self
         s = list(chosen)
@@ -72,15 +66,14 @@ class AddedVariableTest:
         rank = int(np.round(np.trace(inverse @ cross[s])))
         return replace(
             self, right=self.right - back @ self.right[s], square=self.left(s),
-            freedom=self.freedom - rank, null=self.null[:, :0],
-            null_square=self.null_square[:0], taken=tuple(s), cross=cross, back=back)
+            freedom=self.freedom - rank, taken=tuple(s), cross=cross, back=back)
 
     def only(self, columns: Sequence[int]) -> AddedVariableTest:
         """Return the tests of a few columns, counted anew; none must be in the model."""
         which = np.array(columns, dtype=np.int64)
         return replace(self, unit=self._columns(which), right=self.right[which],
                        length=self.length[which], hidden=self.hidden[:, which],
-                       null=self.null[:0], more=self.more[:0], blocks={}, rows={})
+                       more=self.more[:0], blocks={}, rows={})
 
     def block(self, rows: Ints, columns: Ints) -> Array:
         """Return C^T M C between columns (..., a) and (..., b), the chosen ones taken out."""
@@ -131,10 +124,7 @@ class AddedVariableTest:
         return self.square - float(self.right[s] @ self._inverse(s) @ self.right[s])
 
     def extended(self, weights: Array) -> AddedVariableTest:
-        """Return the tests with further columns: combinations C ``weights`` (T + E, e).
-
-        The simulated noise is not carried along.
-        """
+        """Return the tests with further columns: combinations C ``weights`` (T + E, e)."""
         used = np.flatnonzero(weights.any(axis=1))
         w = weights[used] * self.length[used, None]
         made = w.T @ self._columns(used)
@@ -143,8 +133,7 @@ class AddedVariableTest:
         return replace(self, more=np.concatenate([self.more, made / norm[:, None]]),
                        right=np.append(self.right, self.right[used] @ w / norm),
                        length=np.append(self.length, norm),
-                       hidden=np.concatenate([self.hidden, hidden / norm], axis=1),
-                       null=self.null[:, :0], null_square=self.null_square[:0])
+                       hidden=np.concatenate([self.hidden, hidden / norm], axis=1))
 
     def fit(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Return coefficients of the columns ``chosen`` and their covariance, SI."""
@@ -160,19 +149,24 @@ class AddedVariableTest:
         own = self._columns(np.array(chosen, dtype=np.int64))
         return float(np.sqrt(np.mean(np.sum(own**2, axis=1))))
 
-    def explained(self, groups: Ints, null: bool = False) -> tuple[Array, Ints]:
-        """Return |P^T r|^2 of groups of columns (F, k), and the ranks (F,).
+    def explained(self, groups: Ints) -> tuple[Array, Ints]:
+        """Return |P^T r|^2 of groups of columns (F, k), and the ranks (F,)."""
+        root, rank = self.roots(groups)
+        return squares_of(root, self.right[groups][..., None])[:, 0], rank
 
-        With ``null`` of the simulated noise, (F, B).
-        """
+    def roots(self, groups: Ints) -> tuple[Array, Ints]:
+        """Return roots (F, k, k) of the inverse blocks of groups of columns (F, k), and ranks."""
         blocks = self._without_chosen(self._own_blocks(groups), groups, groups)
         w, v = np.linalg.eigh(blocks)
         use = w > VISIBLE
         root = np.where(use, 1.0 / np.sqrt(np.where(use, w, 1.0)), 0.0)
-        right = self.null[groups] if null else self.right[groups][..., None]
-        parts = (root[..., None] * np.swapaxes(v, -1, -2)) @ right
-        square = np.einsum("fkb,fkb->fb", parts, parts)
-        return (square if null else square[:, 0]), use.sum(axis=1)
+        return root[..., None] * np.swapaxes(v, -1, -2), use.sum(axis=1)
+
+
+def squares_of(root: Array, right: Array) -> Array:
+    """Return the squared lengths (F, B) of roots (F, k, k) times what they act on (F, k, B)."""
+    parts = root @ right
+    return np.asarray(np.einsum("fkb,fkb->fb", parts, parts))
 
 
 def pseudo_inverse(block: Array) -> Array:
@@ -182,36 +176,56 @@ def pseudo_inverse(block: Array) -> Array:
     return np.asarray((v[:, use] / w[use]) @ v[:, use].T)
 
 
-def build_test(
-    basis: Array, columns: Array, residual: Array, count: int, noise: Array,
-    along: Callable[[Array], Array] | None = None
-) -> AddedVariableTest:
+def build_test(basis: Array, columns: Array | Iterable[Array], residual: Array, count: int
+               ) -> AddedVariableTest:
     """Return the tests of columns (n, T) on a residual (n,), J having the basis (n, r).
 
-    ``count``: how many of the n values were measured, the others being zero everywhere;
-    ``noise`` (n, B): simulated, for the thresholds; ``along``: values (n, B) -> C^T values, where
-    there is a faster way than the product.
+    ``columns``: all of them, or blocks of them (n, t) in their order, which are not kept;
+    ``count``: how many of the n values were measured, the others being zero everywhere.
     """
-    length = column_lengths(columns)
-    unit = np.array(columns.T, order="C")
-    unit /= length[:, None]
-    hidden = basis.T @ unit.T
-    for begin in range(0, len(unit), BLOCK):
-        some = slice(begin, begin + BLOCK)
-        unit[some] -= hidden[:, some].T @ basis.T
-    across = basis.T @ noise
     clean = residual - basis @ (basis.T @ residual)
-    if along is None or not noise.shape[1]:
-        null = unit @ noise
-    else:
-        null = along(noise)
-        for begin in range(0, len(unit), BLOCK):
-            some = slice(begin, begin + BLOCK)
-            null[some] /= length[some, None]
-            null[some] -= hidden[:, some].T @ across
-    return AddedVariableTest(
-        unit, unit @ clean, length, float(clean @ clean), count - basis.shape[1], hidden,
-        null, squares(noise) - squares(across), unit[:0])
+    lengths, hiddens, units = [], [], []
+    for block in [columns] if isinstance(columns, np.ndarray) else columns:
+        length = column_lengths(block)
+        unit = np.array(block.T, order="C")
+        unit /= length[:, None]
+        hidden = unit @ basis
+        unit -= hidden @ basis.T
+        lengths.append(length)
+        hiddens.append(hidden)
+        units.append(unit)
+    unit, hidden = np.concatenate(units), np.concatenate(hiddens).T
+    return AddedVariableTest(unit, unit @ clean, np.concatenate(lengths), float(clean @ clean),
+                             count - basis.shape[1], hidden, unit[:0])
+
+
+Noise = Iterable[tuple[Array, Array]]
+"""Simulated noise as tests see it, some draws at a time: C^T M z (T, b) and |M z|^2 (b,)."""
+
+
+def seen_noise(
+    test: AddedVariableTest, basis: Array, noise: Array,
+    along: Callable[[Array, Array], Array] | None = None
+) -> Iterator[tuple[Array, Array]]:
+    """Yield simulated noise (n, B) as tests see it; each block is good until the next.
+
+    ``along``: values (n, b), out (T, b) -> C^T values, where there is a faster way.
+    """
+    count = len(test.unit)
+    room = np.empty((count, DRAWS))
+    for begin in range(0, noise.shape[1], DRAWS):
+        draws = noise[:, begin:begin + DRAWS]
+        across, right = basis.T @ draws, room[:, :draws.shape[1]]
+        square = squares(draws) - squares(across)
+        if along is None:
+            yield test.unit @ draws, square
+            continue
+        along(draws, right)
+        for i in range(0, count, BLOCK):
+            some = slice(i, i + BLOCK)
+            right[some] /= test.length[some, None]
+            right[some] -= test.hidden[:, some].T @ across
+        yield right, square
 
 
 def squares(columns: Array) -> Array:

@@ -36,13 +36,13 @@ def best_pair(system: System, library: Library, projected: Sequence[int], noise:
         noise: the whitening found without a pair; its ``rho`` is not used.
     """
     white = replace(noise, rho=0.0)
-    fixed = np.concatenate([system.jacobian, library.columns[..., list(projected)]], axis=-1)
+    fixed = np.concatenate([system.jacobian, library.some(projected)], axis=-1)
     basis = range_basis(unit_columns(white.apply(fixed, system)))
     left = white.apply(system.residual[..., None], system)[:, 0]
     left = left - basis @ (basis.T @ left)
     tried, best = 0, (0.0, list[int]())
     for onsets in _places(library.hypotheses):
-        columns = white.apply(library.columns[..., onsets], system)
+        columns = white.apply(library.some(onsets), system)
         pairs = np.array(list(combinations(range(len(onsets)), 2)), dtype=np.int64)
         tried += len(pairs)
         gain, pair = _strongest(unit_columns(columns - basis @ (basis.T @ columns)), left, pairs)
@@ -50,7 +50,7 @@ def best_pair(system: System, library: Library, projected: Sequence[int], noise:
             best = gain, [onsets[pair[0]], onsets[pair[1]]]
     if not best[1]:
         return []
-    with_pair = np.concatenate([fixed, library.columns[..., best[1]]], axis=-1)
+    with_pair = np.concatenate([fixed, library.some(best[1])], axis=-1)
     before, rank = _likeliest(system, fixed, white)
     after, more = _likeliest(system, with_pair, white)
     freedom = system.count - rank - 1

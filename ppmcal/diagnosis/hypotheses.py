@@ -139,19 +139,31 @@ class Untestable:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """All hypotheses: ``columns`` (N, m, T) white, ``hypotheses`` over them, what is untestable.
+    """All hypotheses: over white columns as ``products`` (N, m, T), and what is untestable.
 
     ``unrecorded``: what might be there too, but cannot be tested for want of a column;
-    ``courses``: how machine and instrument may have wandered while rows were measured;
-    ``products``: how the columns are made, where that is known.
+    ``courses``: how machine and instrument may have wandered while rows were measured.
     """
 
-    columns: Array
+    products: Products
     hypotheses: tuple[Hypothesis, ...]
     untestable: tuple[Untestable, ...]
     unrecorded: tuple[Hypothesis, ...] = ()
     courses: tuple[Hypothesis, ...] = ()
-    products: Products | None = None
+
+    @property
+    def count(self) -> int:
+        """How many columns there are."""
+        return self.products.shape[0]
+
+    @property
+    def columns(self) -> Array:
+        """All columns (N, m, T), made where they are asked for."""
+        return self.some(range(self.count))
+
+    def some(self, which: Sequence[int]) -> Array:
+        """Return some columns (N, m, k)."""
+        return self.products.some(which)
 
 
 class Collector:
@@ -171,9 +183,8 @@ class Collector:
 
     def library(self) -> Library:
         """Return what was collected."""
-        columns, products = self.columns.made()
-        return Library(columns, tuple(self.hypotheses), tuple(self.untestable),
-                       tuple(self.unrecorded), tuple(self.courses), products)
+        return Library(self.columns.made(), tuple(self.hypotheses), tuple(self.untestable),
+                       tuple(self.unrecorded), tuple(self.courses))
 
 
 def frozen_slots(to: Collector, tried: Sequence[int]) -> None:

@@ -22,42 +22,62 @@ def only_slots(shift: Shift) -> bool:
     return all(v is None for v in (shift.pose, shift.stretch, shift.frame, shift.target))
 
 
+FEW = 4
+"""So many columns of one slot are worth a product of their own."""
+
+
 @dataclass(frozen=True, eq=False)
 class Outer:
-    """Columns ``at`` (F,) that are ``unit`` (n, m) times ``change`` (F, n) in ``rows``."""
+    """Columns ``at`` (F,) that are ``unit`` (N, m) times ``change`` (F, N)."""
 
     at: Ints
-    rows: slice
     change: Array
     unit: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Products:
-    """How columns of a library are made: inner products with them take a row for its coordinates.
+    """Columns (T,) of N rows and m coordinates, as what they are made of.
 
-    ``whole``: which columns stand for themselves, and ``given`` (W, N, m) what they are; ``outer``:
-    those that are products; ``sums``: those that are sums of others.
+    ``whole``: which stand for themselves, and ``given`` (W, N, m) what they are; ``outer``: those
+    that are products, so that inner products with them take a row for its coordinates; ``sums``:
+    those that are sums of others.
     """
 
-    count: int
-    whole: tuple[int, ...]
+    shape: tuple[int, int, int]
+    whole: Ints
     given: Array
     outer: tuple[Outer, ...]
-    sums: tuple[tuple[int, Sequence[int]], ...]
+    sums: dict[int, Sequence[int]]
 
-    def along(self, values: Array) -> Array:
+    def some(self, which: Sequence[int]) -> Array:
+        """Return some columns (N, m, k), no two the same, one after the other in memory."""
+        need = [*which, *{c for t in which for c in self.sums.get(t, ())}.difference(which)]
+        place = np.full(self.shape[0], -1)
+        place[need] = np.arange(len(need))
+        out = np.zeros((len(need), *self.shape[1:]))
+        own = place[self.whole]
+        out[own[own >= 0]] = self.given[own >= 0]
+        for product in self.outer:
+            own = place[product.at]
+            if (own >= 0).any():
+                out[own[own >= 0]] = product.change[own >= 0, :, None] * product.unit
+        for at, columns in self.sums.items():
+            if place[at] >= 0:
+                np.sum(out[place[list(columns)]], axis=0, out=out[place[at]])
+        return np.moveaxis(out[:len(which)], 0, -1)
+
+    def along(self, values: Array, out: Array | None = None) -> Array:
         """Return the inner products (T, B) of all columns with values (N, m, B)."""
-        out = np.zeros((self.count, values.shape[2]))
-        out[list(self.whole)] = self.given.reshape(len(self.given), -1) @ values.reshape(
+        out = np.empty((self.shape[0], values.shape[2])) if out is None else out
+        out[self.whole] = self.given.reshape(len(self.given), -1) @ values.reshape(
             -1, values.shape[2])
         for product in self.outer:
-            seen = np.einsum("nm,nmb->nb", product.unit,
-                             values[product.rows, :product.unit.shape[1]])
+            seen = np.einsum("nm,nmb->nb", product.unit, values)
             for begin in range(0, len(product.at), BLOCK):
                 some = slice(begin, begin + BLOCK)
-                out[product.at[some]] += product.change[some] @ seen
-        for at, columns in self.sums:
+                out[product.at[some]] = product.change[some] @ seen
+        for at, columns in self.sums.items():
             np.sum(out[list(columns)], axis=0, out=out[at])
         return out
 
@@ -68,74 +88,76 @@ class LibraryColumns:
     def __init__(self, system: System) -> None:
         self.system = system
         self.count = 0
-        self._given: list[tuple[int, Array]] = []
-        self._shifted: list[tuple[int, float, Sequence[Shift]]] = []
-        self._later: list[tuple[int, Array, Bools]] = []
-        self._sums: list[tuple[int, Sequence[int]]] = []
+        self._given: dict[int, Array] = {}
+        self._shifted: dict[int, tuple[float, Sequence[Shift]]] = {}
+        self._later: dict[int, tuple[Array, Bools]] = {}
+        self._sums: dict[int, Sequence[int]] = {}
 
     def add(self, column: Array) -> int:
         """Add one white column (N, m); return where it is."""
-        self._given.append((self.count, column))
+        self._given[self.count] = column
         return self._next()
 
     def shifted(self, shifts: Sequence[Shift], factor: float = 1.0) -> int:
         """Add the column of one shift per part, times a factor; return where it is."""
-        self._shifted.append((self.count, factor, shifts))
+        self._shifted[self.count] = factor, shifts
         return self._next()
 
     def later(self, column: Array, rows: Bools) -> int:
         """Add what a column (N, m) is in some rows (N,), and 0 in the others."""
-        self._later.append((self.count, column, rows))
+        self._later[self.count] = column, rows
         return self._next()
 
     def sum_of(self, columns: Sequence[int]) -> int:
-        """Add the sum of columns that were added before; return where it is."""
-        self._sums.append((self.count, columns))
+        """Add the sum of columns that were added before, and are no sums; return where it is."""
+        self._sums[self.count] = columns
         return self._next()
 
-    def made(self) -> tuple[Array, Products]:
-        """Return all columns (N, m, T), one after the other in memory, and how they are made."""
-        out = np.zeros((self.count, *self.system.residual.shape))
-        whole = [at for at, _ in self._given]
-        for at, column in self._given:
-            out[at] = column
-        for at, factor, shifts in self._shifted:
-            if not all(map(only_slots, shifts)):
-                out[at] = factor * self.system.column(shifts)
-                whole.append(at)
+    def made(self) -> Products:
+        """Return all columns as what they are made of."""
         outer = [*self._by_slot(), *self._by_event()]
-        for product in outer:
-            for begin in range(0, len(product.at), BLOCK):
-                some = slice(begin, begin + BLOCK)
-                out[product.at[some], product.rows, :product.unit.shape[1]] += (
-                    product.change[some, :, None] * product.unit)
-        for at, columns in self._sums:
-            np.sum(out[list(columns)], axis=0, out=out[at])
-        return np.moveaxis(out, 0, -1), Products(
-            self.count, tuple(whole), out[whole], tuple(outer), tuple(self._sums))
+        there = {int(c) for product in outer for c in product.at}
+        given = self._given | {
+            at: column * rows[:, None] for at, (column, rows) in self._later.items()
+            if at not in there} | {
+            at: factor * self.system.column(shifts)
+            for at, (factor, shifts) in self._shifted.items() if at not in there}
+        shape = self.system.residual.shape
+        return Products((self.count, *shape), np.array(list(given), dtype=np.int64),
+                        np.array(list(given.values())).reshape(-1, *shape), tuple(outer),
+                        self._sums)
 
     def _next(self) -> int:
         self.count += 1
         return self.count - 1
 
     def _by_slot(self) -> Iterator[Outer]:
-        """Yield the columns of shifts of slots alone, part by part and slot by slot."""
-        for number, part in enumerate(self.system.parts):
-            rows = part.at.stop - part.at.start
-            told: dict[tuple[int, str], list[tuple[int, Array]]] = defaultdict(list)
-            for at, factor, shifts in self._shifted:
-                if all(map(only_slots, shifts)):
-                    for slot, change in shifts[number].slots.items():
-                        told[slot].append((at, np.broadcast_to(factor * change, (rows,))))
-            for slot, own in told.items():
-                yield Outer(np.array([at for at, _ in own]), part.at, np.stack([c for _, c in own]),
-                            part.column(Shift({slot: np.ones(rows)})))
+        """Yield the columns of shifts of one slot alone, slot by slot."""
+        parts = self.system.parts
+        if len(parts) > len(self.system.firsts):
+            return      # a row with two ends is a sum of two products
+        told: dict[tuple[int, str], list[int]] = defaultdict(list)
+        for at, (_, shifts) in self._shifted.items():
+            slots = [tuple(shift.slots) for shift in shifts]
+            if len(set(slots)) == 1 == len(slots[0]) and all(map(only_slots, shifts)):
+                told[slots[0][0]].append(at)
+        ones = [np.ones(p.at.stop - p.at.start) for p in parts]
+        for slot, own in told.items():
+            if len(own) >= FEW:
+                change = np.array([np.concatenate([
+                    factor * one * shift.slots[slot]
+                    for one, shift in zip(ones, shifts, strict=True)])
+                    for factor, shifts in map(self._shifted.__getitem__, own)])
+                yield Outer(np.array(own), change,
+                            self.system.column([Shift({slot: one}) for one in ones]))
 
     def _by_event(self) -> Iterator[Outer]:
         """Yield the columns that are another one in some rows."""
-        told: dict[int, list[tuple[int, Array, Bools]]] = defaultdict(list)
-        for event in self._later:
-            told[id(event[1])].append(event)
+        told: dict[int, list[int]] = defaultdict(list)
+        for at, (column, _) in self._later.items():
+            told[id(column)].append(at)
         for own in told.values():
-            yield Outer(np.array([at for at, *_ in own]), slice(None),
-                        np.stack([rows for *_, rows in own]).astype(float), own[0][1])
+            if len(own) >= FEW:
+                yield Outer(np.array(own),
+                            np.array([self._later[at][1] for at in own], dtype=float),
+                            self._later[own[0]][0])

@@ -22,7 +22,7 @@ from ppmcal.model.effects import Setting, Shift
 
 MOST_ROWS = 1500
 """Effects are searched in at most so many rows, evenly spread; fits use them all."""
-BLOCK = 64
+BLOCK = 256
 """Columns that are worked on at a time, so that what is in between stays small."""
 RANK = 1e-9
 """Directions below this part of the strongest are round-off."""

@@ -6,7 +6,7 @@ not whitened away as if it were noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 from ppmcal.diagnosis.event_pairs import best_pair
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
-from ppmcal.linalg import Array, column_lengths, unit_columns
+from ppmcal.linalg import Array, unit_columns
 from ppmcal.model.effects import GEOMETRY
 
 SIGNIFICANT = 1e-3
@@ -81,7 +81,7 @@ def estimate(system: System, library: Library, extra: Sequence[int] = ()) -> Whi
 def _of_rest(system: System, library: Library, columns: Sequence[int]) -> Whitening:
     """Return the whitening with columns of the library projected out."""
     noise = plain(system)
-    everything = np.concatenate([system.jacobian, library.columns[..., columns]], axis=-1)
+    everything = np.concatenate([system.jacobian, library.some(columns)], axis=-1)
     shape = system.residual.shape
     plane = range_basis(unit_columns(noise.apply(everything, system))).reshape(*shape, -1)
     basis, left = _cleaned(system, plane, noise)
@@ -110,16 +110,7 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     chosen = list(dict.fromkeys(extra))
     hypotheses: dict[str, list[int]] = {}
     grid: dict[tuple[str, tuple[str, ...]], tuple[float, list[int]]] = {}
-    flat = library.columns.reshape(-1, library.columns.shape[-1])
-    residual = system.residual.reshape(-1)
-    alone = (residual @ flat / column_lengths(flat)) ** 2
-
-    def explains(columns: Sequence[int]) -> float:
-        if len(columns) == 1:
-            return float(alone[columns[0]])
-        unit = unit_columns(flat[:, list(columns)])
-        return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
-
+    explains = _gains(system, library)
     for hypothesis in library.hypotheses:
         if hypothesis.effect is not None and hypothesis.effect.title:
             continue    # made of a kind that is there itself, which has most of what it does
@@ -139,6 +130,28 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
         if len(chosen) + len(found) <= room:
             chosen += [c for c in found if c not in chosen]
     return chosen
+
+
+def _gains(system: System, library: Library) -> Callable[[Sequence[int]], float]:
+    """Return columns of the library -> what they explain of the residual."""
+    residual = system.residual.reshape(-1)
+    often = {c for f in library.hypotheses if f.constants and f.searched and f.shared
+             for c in f.columns}
+    place = {c: n for n, c in enumerate(sorted(often))}
+    units = unit_columns(library.some(list(place)).reshape(residual.size, -1))
+    alone = (units.T @ residual) ** 2
+
+    def explains(columns: Sequence[int]) -> float:
+        at = [place[c] for c in columns if c in place]
+        if len(at) < len(columns):
+            unit = unit_columns(library.some(columns).reshape(residual.size, -1))
+        elif len(at) == 1:
+            return float(alone[at[0]])
+        else:
+            unit = units[:, at]
+        return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
+
+    return explains
 
 
 def _slow(hypothesis: Hypothesis) -> bool:
