@@ -176,27 +176,29 @@ def pseudo_inverse(block: Array) -> Array:
     return np.asarray((v[:, use] / w[use]) @ v[:, use].T)
 
 
-def build_test(basis: Array, columns: Array | Iterable[Array], residual: Array, count: int
-               ) -> AddedVariableTest:
+def build_test(basis: Array, columns: Array, residual: Array, count: int) -> AddedVariableTest:
     """Return the tests of columns (n, T) on a residual (n,), J having the basis (n, r).
 
-    ``columns``: all of them, or blocks of them (n, t) in their order, which are not kept;
     ``count``: how many of the n values were measured, the others being zero everywhere.
     """
+    return test_of_blocks(basis, [columns], columns.shape[1], residual, count)
+
+
+def test_of_blocks(basis: Array, blocks: Iterable[Array], total: int, residual: Array, count: int
+                   ) -> AddedVariableTest:
+    """Return the same of ``total`` columns that come in blocks (n, t), which are not kept."""
+    unit, length = np.empty((total, len(basis))), np.empty(total)
+    hidden, begin = np.empty((total, basis.shape[1])), 0
+    for block in blocks:
+        some = slice(begin, begin + block.shape[1])
+        length[some] = column_lengths(block)
+        np.divide(block.T, length[some, None], out=unit[some])
+        np.matmul(unit[some], basis, out=hidden[some])
+        unit[some] -= hidden[some] @ basis.T
+        begin = some.stop
     clean = residual - basis @ (basis.T @ residual)
-    lengths, hiddens, units = [], [], []
-    for block in [columns] if isinstance(columns, np.ndarray) else columns:
-        length = column_lengths(block)
-        unit = np.array(block.T, order="C")
-        unit /= length[:, None]
-        hidden = unit @ basis
-        unit -= hidden @ basis.T
-        lengths.append(length)
-        hiddens.append(hidden)
-        units.append(unit)
-    unit, hidden = np.concatenate(units), np.concatenate(hiddens).T
-    return AddedVariableTest(unit, unit @ clean, np.concatenate(lengths), float(clean @ clean),
-                             count - basis.shape[1], hidden, unit[:0])
+    return AddedVariableTest(unit, unit @ clean, length, float(clean @ clean),
+                             count - basis.shape[1], hidden.T, unit[:0])
 
 
 Noise = Iterable[tuple[Array, Array]]

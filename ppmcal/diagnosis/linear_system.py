@@ -22,8 +22,8 @@ from ppmcal.model.effects import Setting, Shift
 
 MOST_ROWS = 1500
 """Effects are searched in at most so many rows, evenly spread; fits use them all."""
-BLOCK = 256
-"""Columns that are worked on at a time, so that what is in between stays small."""
+BLOCK, TOGETHER = 64, 2**20
+"""Columns, and numbers of columns, that are worked on at a time: what is in between stays small."""
 RANK = 1e-9
 """Directions below this part of the strongest are round-off."""
 INVISIBLE = 0.3

@@ -9,13 +9,13 @@ import numpy as np
 
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.diagnosis.added_variable_test import build_test, seen_noise
+from ppmcal.diagnosis.added_variable_test import seen_noise, test_of_blocks
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import (
-    BLOCK,
     INVISIBLE,
     MOST_ROWS,
+    TOGETHER,
     System,
     Whitening,
     build,
@@ -167,10 +167,11 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     jacobian = noise.apply(system.jacobian, system)
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
-    columns = (noise.apply(found.some(range(i, min(i + BLOCK, found.count))), system)
-               for i in range(0, found.count, BLOCK))
+    step = max(1, TOGETHER // residual.size)
+    blocks = (noise.apply(found.some(range(i, min(i + step, found.count))), system)
+              for i in range(0, found.count, step))
     left = residual - basis @ (basis.T @ residual)
-    test = build_test(basis, columns, residual, system.count)
+    test = test_of_blocks(basis, blocks, found.count, residual, system.count)
     drawn = simulated(noise, system, basis, left, 0 if like else draws, rng)
 
     def along(values: Array, out: Array) -> Array:

@@ -6,7 +6,7 @@ not whitened away as if it were noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 
 from ppmcal.diagnosis.event_pairs import best_pair
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
-from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
+from ppmcal.diagnosis.linear_system import TOGETHER, System, Whitening, plain, range_basis
 from ppmcal.linalg import Array, unit_columns
 from ppmcal.model.effects import GEOMETRY
 
@@ -110,48 +110,57 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     chosen = list(dict.fromkeys(extra))
     hypotheses: dict[str, list[int]] = {}
     grid: dict[tuple[str, tuple[str, ...]], tuple[float, list[int]]] = {}
-    explains = _gains(system, library)
-    for hypothesis in library.hypotheses:
-        if hypothesis.effect is not None and hypothesis.effect.title:
-            continue    # made of a kind that is there itself, which has most of what it does
+    # what is made of a kind that is there itself has most of what it does
+    own = [f for f in library.hypotheses if f.effect is None or not f.effect.title]
+    scanned = [f for f in own if f.constants and f.searched]
+    shared = [f for f in scanned if f.shared]
+    for hypothesis, gain in zip(shared, _gains(system, library, [f.columns for f in shared]),
+                                strict=True):
+        # steps at will, or lags, follow any slow noise: of all only the best one counts
+        key = ("slow", ()) if _slow(hypothesis) else (hypothesis.family, hypothesis.on)
+        if gain > grid.get(key, (0.0, []))[0]:
+            grid[key] = gain, list(hypothesis.columns)
+    for hypothesis in own:
         if hypothesis.constants and hypothesis.searched:
-            if hypothesis.shared:
-                # steps at will, or lags, follow any slow noise: of all only the best one counts
-                key = ("slow", ()) if _slow(hypothesis) else (hypothesis.family, hypothesis.on)
-                gain = explains(hypothesis.columns)
-                if gain > grid.get(key, (0.0, []))[0]:
-                    grid[key] = gain, list(hypothesis.columns)
-        elif hypothesis.kind == GEOMETRY:
+            continue
+        if hypothesis.kind == GEOMETRY:
             hypotheses[GEOMETRY] = [*hypotheses.get(GEOMETRY, []), *hypothesis.columns]
         elif len(hypothesis.columns) > len(hypotheses.get(hypothesis.family, [])):
             hypotheses[hypothesis.family] = list(hypothesis.columns)
-    plain_forms = sorted(hypotheses.values(), key=lambda c: -explains(c) / len(c))
-    for found in [*plain_forms, *(c for _, c in sorted(grid.values(), reverse=True))]:
+    plain_forms = list(hypotheses.values())
+    gains = _gains(system, library, plain_forms)
+    ranked = sorted(zip(gains, plain_forms, strict=True), key=lambda g: -g[0] / len(g[1]))
+    for _, found in [*ranked, *sorted(grid.values(), reverse=True)]:
         if len(chosen) + len(found) <= room:
             chosen += [c for c in found if c not in chosen]
     return chosen
 
 
-def _gains(system: System, library: Library) -> Callable[[Sequence[int]], float]:
-    """Return columns of the library -> what they explain of the residual."""
+def _gains(system: System, library: Library, groups: Sequence[Sequence[int]]) -> list[float]:
+    """Return what groups of columns of the library explain of the residual, each alone."""
     residual = system.residual.reshape(-1)
-    often = {c for f in library.hypotheses if f.constants and f.searched and f.shared
-             for c in f.columns}
-    place = {c: n for n, c in enumerate(sorted(often))}
-    units = unit_columns(library.some(list(place)).reshape(residual.size, -1))
-    alone = (units.T @ residual) ** 2
+    out: list[float] = []
+    for begin, end in _runs([len(g) for g in groups], TOGETHER // residual.size):
+        place = {c: n for n, c in enumerate(dict.fromkeys(c for g in groups[begin:end] for c in g))}
+        units = unit_columns(library.some(list(place)).reshape(residual.size, -1))
+        along = units.T @ residual
+        for group in groups[begin:end]:
+            at = [place[c] for c in group]
+            out.append(float(along[at[0]] ** 2) if len(at) == 1 else float(np.sum((units[
+                :, at] @ np.linalg.lstsq(units[:, at], residual, rcond=None)[0]) ** 2)))
+    return out
 
-    def explains(columns: Sequence[int]) -> float:
-        at = [place[c] for c in columns if c in place]
-        if len(at) < len(columns):
-            unit = unit_columns(library.some(columns).reshape(residual.size, -1))
-        elif len(at) == 1:
-            return float(alone[at[0]])
-        else:
-            unit = units[:, at]
-        return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
-    return explains
+def _runs(sizes: Sequence[int], most: int) -> Iterator[tuple[int, int]]:
+    """Yield runs of items, from and to, that are together at most so large, or of one item."""
+    begin, size = 0, 0
+    for n, own in enumerate(sizes):
+        if n > begin and size + own > most:
+            yield begin, n
+            begin, size = n, 0
+        size += own
+    if sizes:
+        yield begin, len(sizes)
 
 
 def _slow(hypothesis: Hypothesis) -> bool:
@@ -239,7 +248,9 @@ def simulated(noise: Whitening, system: System, basis: Array, left: Array, count
                 _resample(out, mine, scaled, system, rng)
     if noise.rho_error > 0.0:
         _correlate(out, noise, system, rng)
-    return np.asarray(out * system.observed[..., None]).reshape(n * m, count)
+    if not system.observed.all():
+        out *= system.observed[..., None]
+    return out.reshape(n * m, count)
 
 
 def heavy(values: Array) -> bool:
