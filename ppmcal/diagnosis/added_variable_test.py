@@ -7,8 +7,9 @@ large, only those parts are made that a test asks for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.special import betainc, betaln
@@ -20,10 +21,42 @@ VISIBLE = 1e-8
 TINY = 1e-200
 
 
-BLOCK, DRAWS = 256, 250
-"""Columns, and draws of noise, that are worked on at a time."""
-CHUNK = 2**23
+DRAWS = 250
+"""Draws of noise that are worked on at a time."""
+CHUNK = 2**20
 """So many numbers of columns are gathered at a time."""
+
+
+class Columns(Protocol):
+    """Columns M C of unit length before M, however they are kept."""
+
+    def __len__(self) -> int:
+        """How many there are."""
+
+    def some(self, which: Sequence[int]) -> Array:
+        """Return some of them, no two the same (k, n)."""
+
+    def along(self, values: Array, out: Array | None = None) -> Array:
+        """Return the inner products (T, b) of all of them with values (n, b)."""
+
+
+@dataclass(frozen=True, eq=False)
+class GivenColumns:
+    """Columns that are there (T, n)."""
+
+    unit: Array
+
+    def __len__(self) -> int:
+        """See :class:`Columns`."""
+        return len(self.unit)
+
+    def some(self, which: Sequence[int]) -> Array:
+        """See :class:`Columns`."""
+        return self.unit[list(which)]
+
+    def along(self, values: Array, out: Array | None = None) -> Array:
+        """See :class:`Columns`."""
+        return np.matmul(self.unit, values, out=out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +64,7 @@ class AddedVariableTest:
     """Tests for T columns of n values.
 
     Attributes:
-        unit: (M C)^T (T, n) and right: C^T M r (T,) of columns scaled to unit length.
+        first: M C (T columns) and right: C^T M r (T,) of columns scaled to unit length.
         length: their length (T,) before M.
         square: |M r|^2; freedom: n - rank J.
         hidden: Q^T C (r, T), the part that geometry swallows.
@@ -42,7 +75,7 @@ class AddedVariableTest:
             were asked for.
     """
 
-    unit: Array
+    first: Columns
     right: Array
     length: Array
     square: float
@@ -71,7 +104,7 @@ class AddedVariableTest:
     def only(self, columns: Sequence[int]) -> AddedVariableTest:
         """Return the tests of a few columns, counted anew; none must be in the model."""
         which = np.array(columns, dtype=np.int64)
-        return replace(self, unit=self._columns(which), right=self.right[which],
+        return replace(self, first=GivenColumns(self._columns(which)), right=self.right[which],
                        length=self.length[which], hidden=self.hidden[:, which],
                        more=self.more[:0], blocks={}, rows={})
 
@@ -82,21 +115,22 @@ class AddedVariableTest:
 
     def _with_first(self, chosen: Sequence[int]) -> Array:
         """Return C^T M C (T, s) of the first T columns with some, none taken out."""
-        first = len(self.unit)
+        first = len(self.first)
         new = list(dict.fromkeys(c for c in chosen if c < first and c not in self.rows))
         if new:
-            self.rows.update(zip(new, self.unit[new] @ self.unit.T, strict=True))
-        return np.stack([self.rows[c] if c < first else self.unit @ self.more[c - first]
+            self.rows.update(zip(new, self.first.along(self.first.some(new).T).T, strict=True))
+        return np.stack([self.rows[c] if c < first else
+                         self.first.along(self.more[c - first, :, None])[:, 0]
                          for c in chosen], axis=1)
 
     def _columns(self, which: Ints) -> Array:
         """Return columns (..., n), none taken out."""
-        first = len(self.unit)
-        if not which.size or which.max() < first:
-            return self.unit[which]
-        out = self.unit[np.minimum(which, first - 1)]
-        out[which >= first] = self.more[which[which >= first] - first]
-        return out
+        first = len(self.first)
+        need, place = np.unique(which, return_inverse=True)
+        out = self.first.some(need[need < first].tolist())
+        if len(out) < need.size:
+            out = np.concatenate([out, self.more[need[need >= first] - first]])
+        return np.asarray(out[place.reshape(which.shape)])
 
     def _without_chosen(self, found: Array, rows: Ints, columns: Ints) -> Array:
         if self.back is None or self.cross is None:
@@ -107,9 +141,15 @@ class AddedVariableTest:
         """Return the blocks (F, k, k) of groups of columns (F, k), none taken out."""
         key = groups.shape, groups.tobytes()
         if key not in self.blocks:
-            step = max(1, CHUNK // max(groups.shape[1] * self.unit.shape[1], 1))
-            parts = [self._columns(groups[i:i + step]) for i in range(0, len(groups), step)]
-            self.blocks[key] = np.concatenate([c @ np.swapaxes(c, -1, -2) for c in parts])
+            keys = [(g.shape, g.tobytes()) for g in groups]
+            new = np.array([n for n, k in enumerate(keys) if k not in self.blocks], dtype=np.int64)
+            step = max(1, CHUNK // max(groups.shape[1] * self.more.shape[1], 1))
+            for begin in range(0, len(new), step):
+                some = new[begin:begin + step]
+                own = self._columns(groups[some])
+                self.blocks.update(zip([keys[n] for n in some], own @ np.swapaxes(own, -1, -2),
+                                       strict=True))
+            self.blocks[key] = np.stack([self.blocks[k] for k in keys])
         return self.blocks[key]
 
     def _inverse(self, chosen: Sequence[int]) -> Array:
@@ -130,7 +170,9 @@ class AddedVariableTest:
         made = w.T @ self._columns(used)
         hidden = self.hidden[:, used] @ w
         norm = np.sqrt(np.sum(made**2, axis=1) + np.sum(hidden**2, axis=0))
-        return replace(self, more=np.concatenate([self.more, made / norm[:, None]]),
+        # blocks of the first columns alone stay what they are
+        return replace(self, blocks=dict(self.blocks),
+                       more=np.concatenate([self.more, made / norm[:, None]]),
                        right=np.append(self.right, self.right[used] @ w / norm),
                        length=np.append(self.length, norm),
                        hidden=np.concatenate([self.hidden, hidden / norm], axis=1))
@@ -181,53 +223,34 @@ def build_test(basis: Array, columns: Array, residual: Array, count: int) -> Add
 
     ``count``: how many of the n values were measured, the others being zero everywhere.
     """
-    return test_of_blocks(basis, [columns], columns.shape[1], residual, count)
+    length = column_lengths(columns)
+    unit = columns.T / length[:, None]
+    hidden = unit @ basis
+    unit -= hidden @ basis.T
+    return test_of(GivenColumns(unit), length, hidden.T, basis, residual, count)
 
 
-def test_of_blocks(basis: Array, blocks: Iterable[Array], total: int, residual: Array, count: int
-                   ) -> AddedVariableTest:
-    """Return the same of ``total`` columns that come in blocks (n, t), which are not kept."""
-    unit, length = np.empty((total, len(basis))), np.empty(total)
-    hidden, begin = np.empty((total, basis.shape[1])), 0
-    for block in blocks:
-        some = slice(begin, begin + block.shape[1])
-        length[some] = column_lengths(block)
-        np.divide(block.T, length[some, None], out=unit[some])
-        np.matmul(unit[some], basis, out=hidden[some])
-        unit[some] -= hidden[some] @ basis.T
-        begin = some.stop
+def test_of(first: Columns, length: Array, hidden: Array, basis: Array, residual: Array, count: int
+            ) -> AddedVariableTest:
+    """Return the tests of columns that were scaled and projected already; as :func:`build_test`."""
     clean = residual - basis @ (basis.T @ residual)
-    return AddedVariableTest(unit, unit @ clean, length, float(clean @ clean),
-                             count - basis.shape[1], hidden.T, unit[:0])
+    return AddedVariableTest(first, first.along(clean[:, None])[:, 0], length, float(clean @ clean),
+                             count - basis.shape[1], hidden, np.zeros((0, len(basis))))
 
 
 Noise = Iterable[tuple[Array, Array]]
 """Simulated noise as tests see it, some draws at a time: C^T M z (T, b) and |M z|^2 (b,)."""
 
 
-def seen_noise(
-    test: AddedVariableTest, basis: Array, noise: Array,
-    along: Callable[[Array, Array], Array] | None = None
-) -> Iterator[tuple[Array, Array]]:
-    """Yield simulated noise (n, B) as tests see it; each block is good until the next.
-
-    ``along``: values (n, b), out (T, b) -> C^T values, where there is a faster way.
-    """
-    count = len(test.unit)
-    room = np.empty((count, DRAWS))
+def seen_noise(first: Columns, basis: Array, noise: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield simulated noise (n, B) as tests see it; each block is good until the next."""
+    room = np.empty((len(first), DRAWS))
     for begin in range(0, noise.shape[1], DRAWS):
         draws = noise[:, begin:begin + DRAWS]
-        across, right = basis.T @ draws, room[:, :draws.shape[1]]
-        square = squares(draws) - squares(across)
-        if along is None:
-            yield test.unit @ draws, square
-            continue
-        along(draws, right)
-        for i in range(0, count, BLOCK):
-            some = slice(i, i + BLOCK)
-            right[some] /= test.length[some, None]
-            right[some] -= test.hidden[:, some].T @ across
-        yield right, square
+        across = basis.T @ draws
+        # columns of unit length are M C already
+        right = first.along(draws, room if draws.shape[1] == DRAWS else None)
+        yield right, squares(draws) - squares(across)
 
 
 def squares(columns: Array) -> Array:

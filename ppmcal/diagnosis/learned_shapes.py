@@ -180,7 +180,7 @@ def _near(stage: Stage, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[
     free = whole - stage.basis @ (stage.basis.T @ whole)
     square = float(free @ free)
     test, count = stage.search.test, stage.library.count
-    right = test.unit @ free
+    right = test.first.along(free[:, None])[:, 0]
     likened = replace(test, right=np.append(right, np.zeros(test.right.size - count)))
     some = [h for h in stage.hypotheses if not h.anonymous and not h.slot
             and max(h.columns) < count]

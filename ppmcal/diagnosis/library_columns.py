@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,20 +53,30 @@ class Products:
 
     def some(self, which: Sequence[int]) -> Array:
         """Return some columns (N, m, k), no two the same, one after the other in memory."""
-        need = [*which, *{c for t in which for c in self.sums.get(t, ())}.difference(which)]
-        place = np.full(self.shape[0], -1)
-        place[need] = np.arange(len(need))
-        out = np.zeros((len(need), *self.shape[1:]))
-        own = place[self.whole]
-        out[own[own >= 0]] = self.given[own >= 0]
-        for product in self.outer:
-            own = place[product.at]
-            if (own >= 0).any():
-                out[own[own >= 0]] = product.change[own >= 0, :, None] * product.unit
-        for at, columns in self.sums.items():
-            if place[at] >= 0:
-                np.sum(out[place[list(columns)]], axis=0, out=out[place[at]])
+        sums = [t for t in which if t in self.sums]
+        need = [*which, *{c for t in sums for c in self.sums[t]}.difference(which)]
+        home, place = self._homes
+        at, out = home[need], np.empty((len(need), *self.shape[1:]))
+        for h in np.unique(at).tolist():
+            own = np.flatnonzero(at == h)
+            inside = place[np.take(need, own)]
+            if h == len(self.outer):
+                out[own] = self.given[inside]
+            elif h >= 0:
+                product = self.outer[h]
+                out[own] = product.change[inside, :, None] * product.unit
+        found = {c: n for n, c in enumerate(need)}
+        for t in sums:
+            np.sum(out[[found[c] for c in self.sums[t]]], axis=0, out=out[found[t]])
         return np.moveaxis(out[:len(which)], 0, -1)
+
+    @cached_property
+    def _homes(self) -> tuple[Ints, Ints]:
+        """By column (T,): number of its product, or that after the last; where it is there."""
+        home, place = np.full(self.shape[0], -1), np.zeros(self.shape[0], dtype=np.int64)
+        for n, at in enumerate([*(p.at for p in self.outer), self.whole]):
+            home[at], place[at] = n, np.arange(at.size)
+        return home, place
 
     def along(self, values: Array, out: Array | None = None) -> Array:
         """Return the inner products (T, B) of all columns with values (N, m, B)."""

@@ -9,13 +9,11 @@ import numpy as np
 
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.diagnosis.added_variable_test import seen_noise, test_of_blocks
+from ppmcal.diagnosis.added_variable_test import seen_noise, test_of
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import (
     INVISIBLE,
-    MOST_ROWS,
-    TOGETHER,
     System,
     Whitening,
     build,
@@ -24,9 +22,11 @@ from ppmcal.diagnosis.linear_system import (
 from ppmcal.diagnosis.rivals import held, settled
 from ppmcal.diagnosis.search import Search, prepare
 from ppmcal.diagnosis.selection import choose
+from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.wandering import WANDERING, instead, wandered
+from ppmcal.diagnosis.white_columns import WhiteColumns
 from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
-from ppmcal.linalg import Array, Bools, subsample, unit_columns
+from ppmcal.linalg import Array, Bools, unit_columns
 
 DRAWS = 2000
 SURE_OF_NOISE = 2.0
@@ -107,7 +107,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         like: an earlier search of the same library and rows, whose thresholds hold.
         hold: what was chosen before, which stays unless something is better.
     """
-    system = without(build(problem, state, subsample(keep, MOST_ROWS)), added)
+    system = without(build(problem, state, thinned(problem, keep)), added)
     found = library(system, kinds, [problem.free[c] for c in added])
     noise = estimate(system, found)
     rng = np.random.default_rng(seed)
@@ -167,18 +167,12 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     jacobian = noise.apply(system.jacobian, system)
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
-    step = max(1, TOGETHER // residual.size)
-    blocks = (noise.apply(found.some(range(i, min(i + step, found.count))), system)
-              for i in range(0, found.count, step))
+    columns = WhiteColumns.of(found.products, noise, system, basis)
+    test = test_of(columns, columns.length, columns.hidden, basis, residual, system.count)
     left = residual - basis @ (basis.T @ residual)
-    test = test_of_blocks(basis, blocks, found.count, residual, system.count)
     drawn = simulated(noise, system, basis, left, 0 if like else draws, rng)
-
-    def along(values: Array, out: Array) -> Array:
-        return found.products.along(noise.transposed(values, system), out)
-
-    search = prepare(test, _cautious(found.hypotheses, noise),
-                     seen_noise(test, basis, drawn, along), like)
+    search = prepare(test, _cautious(found.hypotheses, noise), seen_noise(columns, basis, drawn),
+                     like)
     start = search.values()
     search, chosen = wandered(*settled(search, choose(search)), found.courses)
     search, chosen = held(search, chosen, hold)

@@ -137,14 +137,15 @@ def test_given_takes_the_chosen_columns_out_of_the_others() -> None:
     """C^T M C of what is left of unit columns, for several groups at once; G itself stays."""
     jacobian, columns, _, test = random_case()
     found = test.given([0, 5])
-    assert found.unit is test.unit
+    assert found.first is test.first
     assert found.taken == (0, 5)
     left = off(np.concatenate([jacobian, columns[:, [0, 5]]], axis=1),
                columns / np.linalg.norm(columns, axis=0))
     rows, others = np.array([[1, 2], [3, 0]]), np.array([[4, 6, 8], [3, 5, 7]])
     for block, a, b in zip(found.block(rows, others), rows, others, strict=True):
         assert np.allclose(block, left[:, a].T @ left[:, b], atol=1e-12)
-    assert np.allclose(test.block(rows, others)[0], test.unit[[1, 2]] @ test.unit[[4, 6, 8]].T)
+    one, two = test.first.some([1, 2]), test.first.some([4, 6, 8])
+    assert np.allclose(test.block(rows, others)[0], one @ two.T)
 
 
 @pytest.mark.parametrize("group", [[4], [0, 5], [7, 1, 3]])
@@ -268,7 +269,7 @@ def test_thresholds_hold_on_fresh_noise() -> None:
     search, forms = stage.search, stage.library.hypotheses
     fresh, draws = np.random.default_rng(77), 1500
     test, noise = search.test, noise_of(stage, draws, fresh)
-    smallest = null_scan(test, forms, seen_noise(test, stage.basis, noise))
+    smallest = null_scan(test, forms, seen_noise(test.first, stage.basis, noise))
     for level, limit in ((DETECT, search.detect), (NAME, search.name)):
         # both the threshold and the count are drawn
         spread = np.sqrt(level * (1.0 - level) * (1.0 / draws + 1.0 / search.smallest.size))
@@ -290,7 +291,7 @@ def test_p_values_of_noise_are_uniform() -> None:
     assert len(sizes) > 2
     for form in sizes.values():
         root, rank = test.roots(np.array([form.columns]))
-        square = squares_of(root, (test.unit[list(form.columns)] @ clean)[None])
+        square = squares_of(root, (test.first.some(form.columns) @ clean)[None])
         p = np.exp(log_p(square[0], np.sum(clean**2, axis=0), rank[0], test.freedom))
         assert abs(np.mean(p < 0.1) - 0.1) < 3.5 * np.sqrt(0.1 * 0.9 / 1000), form.label
         assert abs(np.mean(p) - 0.5) < 3.5 / np.sqrt(12 * 1000), form.label
