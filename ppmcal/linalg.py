@@ -43,7 +43,7 @@ def unit_columns(matrix: Array) -> Array:
 
 def column_lengths(matrix: Array) -> Array:
     """Return the lengths (n,) of the columns of a matrix (m, n), 1 for empty ones."""
-    norms = np.linalg.norm(matrix, axis=0)
+    norms = np.sqrt(np.einsum("nc,nc->c", matrix, matrix))
     return np.where(norms > 0.0, norms, 1.0)
 
 

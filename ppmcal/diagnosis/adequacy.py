@@ -7,6 +7,7 @@ that went through the same projections. It describes; it never names.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, gammaincc, ndtri
 
 from ppmcal.calibration.noise import ENOUGH_REPEATS
+from ppmcal.diagnosis.added_variable_test import squares
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.stage import Stage, explained
 from ppmcal.diagnosis.whitening import PureError, simulated
@@ -22,6 +24,10 @@ from ppmcal.linalg import Array
 
 MOST_ROWS = 600
 DRAWS = 1000
+LEAST_PIVOT = 1e-12
+"""Of a kernel's trace: what is left of it is round-off then."""
+COLUMNS = 512
+"""Values of all rows that are worked on at a time."""
 LEVEL = 0.01
 """What is left follows an input where chance would show it more rarely over all inputs."""
 LEAST_SKEW = 0.05
@@ -124,22 +130,61 @@ def kernel_test(stage: Stage, basis: Array, left: Array, seed: int
     system = stage.system
     n, m = system.residual.shape
     draws = simulated(stage.noise, system, basis, left, DRAWS, rng)
-    draws -= basis @ (basis.T @ draws)
-    both = np.concatenate([left[:, None], draws], axis=1)
-    both /= np.sqrt(np.mean(both**2, axis=0))
-    both = both.reshape(n, m, -1)
+    across = basis.T @ draws
+    square = np.append(left @ left, squares(draws) - squares(across))
     some = np.sort(rng.permutation(n)[:MOST_ROWS])
-    p_values: dict[str, float] = {}
-    tails = []
-    for name, (values, widths) in inputs(system).items():
-        smooth = _kernel(values[some], widths)
-        figure = np.einsum("nmb,nk,kmb->b", both[some], smooth, both[some], optimize=True)
-        p_values[name] = float(np.mean(figure >= figure[0]))
-        tails.append(_tail(figure))
+    both = np.empty((some.size, m, DRAWS + 1))
+    both[..., 0] = left.reshape(n, m)[some]
+    both[..., 1:] = draws.reshape(n, m, -1)[some]
+    both[..., 1:] -= basis.reshape(n, m, -1)[some] @ across
+    both /= np.sqrt(square / (n * m))
+    known = inputs(system)
+    figures = _along([_kernel(values[some], widths) for values, widths in known.values()], both)
+    p_values = {name: float(np.mean(figure >= figure[0]))
+                for name, figure in zip(known, figures, strict=True)}
+    tails = [_tail(figure) for figure in figures]
     table = np.stack(tails)
     smallest = table.min(axis=0)
     p = float(np.mean(smallest <= smallest[0]))
     return p_values, p, list(p_values)[int(np.argmin(table[:, 0]))]
+
+
+def _along(kernels: Sequence[Array], values: Array) -> Array:
+    """Return v^T K v (k, B) over the rows of values (N, m, B), for centred kernels K (N, N).
+
+    Without K's diagonal: a row's likeness to itself says nothing of its neighbours. Kernels of one
+    input or two are of low rank.
+    """
+    flat = values.reshape(len(values), -1)
+    roots = [low_rank(kernel, len(kernel) // 2) for kernel in kernels]
+    own = np.array([np.diagonal(kernel) for kernel in kernels])
+    out = np.empty((len(kernels), flat.shape[1]))
+    for begin in range(0, flat.shape[1], COLUMNS):
+        some = flat[:, begin:begin + COLUMNS]
+        square = out[:, begin:begin + COLUMNS]
+        for n, (root, kernel) in enumerate(zip(roots, kernels, strict=True)):
+            seen = some if root is None else root.T @ some
+            np.einsum("nc,nc->c", seen, kernel @ some if root is None else seen, out=square[n])
+        square -= own @ some**2
+    return np.asarray(out.reshape(len(kernels), *values.shape[1:]).sum(axis=1))
+
+
+def low_rank(matrix: Array, most: int) -> Array | None:
+    """Return R (n, r) with R R^T a positive matrix (n, n) to round-off; None beyond ``most``.
+
+    Cholesky's factorisation with pivots, stopped where nothing is left (Higham 1990).
+    """
+    left = np.diagonal(matrix).copy()
+    least = LEAST_PIVOT * float(left.sum())
+    root = np.zeros((most, len(matrix)))
+    for k in range(most):
+        if left.sum() <= least:
+            return root[:k].T
+        at = int(np.argmax(left))
+        row = (matrix[at] - root[:k, at] @ root[:k]) / np.sqrt(left[at])
+        root[k] = row
+        left = np.maximum(left - row**2, 0.0)
+    return None
 
 
 def _tail(figure: Array) -> Array:
@@ -165,6 +210,4 @@ def _kernel(values: Array, widths: tuple[float, ...]) -> Array:
     apart = np.maximum(square[:, None] + square[None, :] - 2.0 * x @ x.T, 0.0) / x.shape[1]
     kernel = sum((np.exp(-apart / (2.0 * w * w)) for w in widths), np.zeros_like(apart))
     kernel = kernel - kernel.mean(axis=0)
-    centred = kernel - kernel.mean(axis=1, keepdims=True)
-    # a row's likeness to itself says nothing of its neighbours
-    return np.asarray(centred - np.diag(np.diagonal(centred)))
+    return np.asarray(kernel - kernel.mean(axis=1, keepdims=True))

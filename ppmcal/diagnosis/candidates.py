@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -18,12 +17,14 @@ from ppmcal.diagnosis.hypotheses import (
     frozen_slots,
     shapes,
 )
-from ppmcal.diagnosis.linear_system import System, SystemPart
+from ppmcal.diagnosis.library_columns import only_slots
+from ppmcal.diagnosis.linear_system import System
 from ppmcal.diagnosis.search import Search, columns_of
+from ppmcal.diagnosis.unrecorded_load import unrecorded_load
 from ppmcal.diagnosis.wandering import add_courses
-from ppmcal.kinematics.effect_response import carried_by, setting
+from ppmcal.kinematics.effect_response import carried_by
 from ppmcal.kinematics.needed_columns import lacking
-from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import WRENCH
 from ppmcal.model.effects import (
     GEOMETRY,
@@ -38,43 +39,6 @@ from ppmcal.model.mechanism import limbs_with_free
 UNBORNE = "it shows only through what gives way to the load, of which the model has nothing"
 ALIKE = 0.5
 """It looks like an effect if it explains this part of what the effect does."""
-
-
-def unrecorded_load(to: Collector) -> None:
-    """Add what kinds do under a constant weight of 1 N, where no load was recorded."""
-    if any(finite_rows(p.response.rows.wrench).any() for p in to.system.parts):
-        return
-    settings = [_weighed(p, to) for p in to.system.parts]
-    for kind in effect_kinds().values():
-        if kind.under_weight and to.motion in kind.motions:
-            _under_weight(to, kind, settings)
-
-
-def _under_weight(to: Collector, kind: EffectKind, settings: Sequence[Setting]) -> None:
-    specs = [s for s in kind.parameters(to.motion) if not (s.constant or s.optional)]
-    values = start_values(kind, to.motion)
-    own = {}
-    for a, name in enumerate(to.actuators):
-        one = np.arange(len(to.actuators)) == a
-        terms = [kind.evaluate(s, one, values).by for s in settings]
-        own[name] = tuple(to.add(sign(s) * to.system.column([by[s.name] for by in terms]))
-                          for s in specs)
-    whole = tuple(to.add(np.sum([to.columns[c] for c in cs], axis=0))
-                  for cs in zip(*own.values(), strict=True))
-    for on, columns in [((name,), cs) for name, cs in own.items()] + [(to.actuators, whole)]:
-        to.unrecorded.append(Hypothesis(
-            kind.name, tuple(on), True, tuple(s.name for s in specs),
-            tuple(lowest(s) for s in specs), tuple(s.high for s in specs), columns, effect=kind))
-
-
-def _weighed(part: SystemPart, to: Collector) -> Setting:
-    """Return the setting of a part under the weight."""
-    response = part.response
-    wrench = np.zeros((len(response.pose), 6))
-    wrench[:, :3] = to.system.problem.mechanism.gravity
-    model = response.closure.model
-    return setting(replace(model, shift=None), replace(response.rows, wrench=wrench),
-                   response.closure.q, response.pose, model)
 
 
 def look_alikes(search: Search, hypotheses: Sequence[Hypothesis], chosen: Sequence[int], effect: int
@@ -178,16 +142,16 @@ class _Kinds(Collector):
         if not kind.per_actuator:
             add((), self._columns(kind, on, values, specs), shown)
             return
-        own: dict[int, tuple[int, ...]] = {}
+        own = {} if strokes or kind.onset else self._each(kind, on, values, specs)
         for a in np.flatnonzero(on):
             ends = self.grids.ends(strokes, int(a))
-            own[int(a)] = self._columns(kind, np.arange(on.size) == a, values | ends, specs)
+            if a not in own:
+                own[int(a)] = self._columns(kind, np.arange(on.size) == a, values | ends, specs)
             add((self.actuators[a],), own[int(a)], shown | ends)
         same = len(set(self.turning[on].tolist())) == 1
         if len(own) > 1 and same:
             where = self._columns(kind, on, values, specs) if strokes else tuple(
-                self.add(np.sum([self.columns[c] for c in cs], axis=0))
-                for cs in zip(*own.values(), strict=True))
+                self.columns.sum_of(cs) for cs in zip(*own.values(), strict=True))
             on_names = tuple(self.actuators[a] for a in own)
             add(on_names, where, shown)
             self.hypotheses.append(of_kind(
@@ -200,24 +164,44 @@ class _Kinds(Collector):
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
         """Add one column for each parameter of an effect; return where they are."""
         if not kind.onset:
-            return tuple(map(self.add, self._made(kind, on, values, specs)))
+            return tuple(self.columns.shifted(shifts, factor)
+                         for factor, shifts in self._shifts(kind, on, values, specs))
         # an event is the same whenever it happens: of its columns the rows before are 0
         key = kind.label, tuple(on.tolist())
         if key not in self._steps:
-            self._steps[key] = self._made(kind, on, values | {kind.onset: -np.inf}, specs)
-        after = (self._row_numbers >= values[kind.onset])[:, None]
-        return tuple(self.add(column * after) for column in self._steps[key])
+            self._steps[key] = [
+                factor * self.system.column(shifts) for factor, shifts in self._shifts(
+                    kind, on, values | {kind.onset: -np.inf}, specs)]
+        after = self._row_numbers >= values[kind.onset]
+        return tuple(self.columns.later(column, after) for column in self._steps[key])
 
-    def _made(self, kind: EffectKind, on: Bools, values: dict[str, float],
-              specs: Sequence[EffectParameter]) -> list[Array]:
+    def _each(self, kind: EffectKind, on: Bools, values: dict[str, float],
+              specs: Sequence[EffectParameter]) -> dict[int, tuple[int, ...]]:
+        """Add the columns of a kind on each actuator alone, all of them evaluated at once.
+
+        Nothing where the kind moves more than the slots of its own limbs.
+        """
+        if kind.carried is not None:
+            return {}
+        found = self._shifts(kind, on, values, specs)
+        if not all(only_slots(s) for _, shifts in found for s in shifts):
+            return {}
+        limbs = self.system.problem.mechanism.limbs
+        return {int(a): tuple(
+            self.columns.shifted([Shift({(i, slot): v for (i, slot), v in s.slots.items()
+                                         if limbs[i].actuator == a}) for s in shifts], factor)
+            for factor, shifts in found) for a in np.flatnonzero(on)}
+
+    def _shifts(self, kind: EffectKind, on: Bools, values: dict[str, float],
+                specs: Sequence[EffectParameter]) -> list[tuple[float, list[Shift]]]:
+        """Return for each parameter a factor, and the shifts of all parts times which it is."""
         if kind.carried is not None:
             by = [carried_by(kind, p.response.closure.model, p.setting, self._borne(on))
                   for p in self.system.parts]
-            return [self.system.column([b[s.name] for b in by]) for s in specs]
+            return [(1.0, [b[s.name] for b in by]) for s in specs]
         terms = [kind.evaluate(p.setting, on, values) for p in self.system.parts]
-        return [sign(s) * self.system.column([
-            t.shift.times(1.0 / values[s.name]) if s.scaling else t.by[s.name] for t in terms])
-            for s in specs]
+        return [(sign(s) / values[s.name], [t.shift for t in terms]) if s.scaling
+                else (sign(s), [t.by[s.name] for t in terms]) for s in specs]
 
     @cached_property
     def _row_numbers(self) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
-from ppmcal.diagnosis.linear_system import System, Whitening, range_basis
+from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
 from ppmcal.linalg import Array, unit_columns
 
 LEVEL = float(np.log(0.01))
@@ -36,13 +36,13 @@ def best_pair(system: System, library: Library, projected: Sequence[int], noise:
         noise: the whitening found without a pair; its ``rho`` is not used.
     """
     white = replace(noise, rho=0.0)
-    fixed = np.concatenate([system.jacobian, library.columns[..., list(projected)]], axis=-1)
+    fixed = np.concatenate([system.jacobian, library.some(projected)], axis=-1)
     basis = range_basis(unit_columns(white.apply(fixed, system)))
     left = white.apply(system.residual[..., None], system)[:, 0]
     left = left - basis @ (basis.T @ left)
     tried, best = 0, (0.0, list[int]())
     for onsets in _places(library.hypotheses):
-        columns = white.apply(library.columns[..., onsets], system)
+        columns = white.apply(library.some(onsets), system)
         pairs = np.array(list(combinations(range(len(onsets)), 2)), dtype=np.int64)
         tried += len(pairs)
         gain, pair = _strongest(unit_columns(columns - basis @ (basis.T @ columns)), left, pairs)
@@ -50,7 +50,7 @@ def best_pair(system: System, library: Library, projected: Sequence[int], noise:
             best = gain, [onsets[pair[0]], onsets[pair[1]]]
     if not best[1]:
         return []
-    with_pair = np.concatenate([fixed, library.columns[..., best[1]]], axis=-1)
+    with_pair = np.concatenate([fixed, library.some(best[1])], axis=-1)
     before, rank = _likeliest(system, fixed, white)
     after, more = _likeliest(system, with_pair, white)
     freedom = system.count - rank - 1
@@ -84,16 +84,23 @@ def _strongest(columns: Array, left: Array, pairs: NDArray[np.int64]
 
 def _likeliest(system: System, columns: Array, white: Whitening) -> tuple[float, int]:
     """Return -2 log likelihood at the likeliest AR(1) coefficient, and the columns' rank."""
-    found = [_deviance(system, columns, replace(white, rho=float(r))) for r in RHOS]
-    return min(found)
+    plane = range_basis(unit_columns(white.apply(columns, system)))
+    both = np.concatenate([plane, white.apply(system.residual[..., None], system)], axis=1)
+    both = both.reshape(*system.residual.shape, -1)
+    rows = plain(system)
+    found = [_deviance(system, both, replace(rows, rho=float(r))) for r in RHOS]
+    return min(found), plane.shape[1]
 
 
-def _deviance(system: System, columns: Array, noise: Whitening) -> tuple[float, int]:
-    """Return n log RSS + the sum of log(1 - rho^2gap) over values, and the columns' rank."""
-    basis = range_basis(unit_columns(noise.apply(columns, system)))
-    residual = noise.apply(system.residual[..., None], system)[:, 0]
-    square = float(residual @ residual - np.sum((basis.T @ residual) ** 2))
+def _deviance(system: System, both: Array, noise: Whitening) -> float:
+    """Return n log RSS + the sum of log(1 - rho^2gap) over values.
+
+    ``both`` (N, m, r + 1): a basis, which no AR(1) makes ill-conditioned, and the residual.
+    """
+    seen = noise.apply(both, system)
+    gram = seen.T @ seen
+    square = float(gram[-1, -1] - gram[-1, :-1] @ np.linalg.solve(gram[:-1, :-1], gram[:-1, -1]))
     apart = system.apart
     tie = np.where(apart > 0, noise.rho ** np.maximum(apart, 1), 0.0)
     spread = float(np.sum(np.log(1.0 - tie**2) * system.observed[1:].sum(axis=1)))
-    return system.count * float(np.log(max(square, 1e-300))) + spread, basis.shape[1]
+    return system.count * float(np.log(max(square, 1e-300))) + spread

@@ -18,7 +18,7 @@ from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.left_out_rows import thirds
-from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.problem import Problem, Rows
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, errors_of, gap_of
 from ppmcal.linalg import Array, Bools, range_basis
@@ -74,9 +74,11 @@ def block_gaps(before: Fit, after: Fit, noise: float, seed: int) -> tuple[BlockG
     """
     # rows that looked like outliers without the effects are those that tell most
     keep = after.keep
+    seen = [_all_rows(fit, keep) for fit in (before, after)]
     out = []
     for by, folds in schemes(after.problem):
-        pairs = [(_left_out(before, fold, keep), _left_out(after, fold, keep)) for fold in folds]
+        pairs = [(_left_out(before, fold, keep, seen[0]), _left_out(after, fold, keep, seen[1]))
+                 for fold in folds]
         pairs = [(old, new) for old, new in pairs if old.square.size == new.square.size > 0]
         if len(pairs) == len(folds):
             old, new = (HeldOutErrors.joined([p[k] for p in pairs]) for k in (0, 1))
@@ -124,14 +126,36 @@ def _varies(values: Array) -> bool:
                 and np.ptp(values) > 1e-9 * max(np.abs(values).max(), 1e-300))
 
 
-def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools]) -> HeldOutErrors:
+MOST_KEPT = 2**25
+"""A Jacobian of more numbers is made anew for each block that is left out."""
+
+
+def _all_rows(fit: Fit, keep: Sequence[Bools]) -> list[Rows] | None:
+    """Return the rows of a fit, without how they respond; None where they are too many."""
+    width = 6 * fit.scale.size
+    if width * sum(int(k.sum()) for k in keep) > MOST_KEPT:
+        return None
+    return [replace(r, response=None, second=None) for r in fit.problem.rows(fit.state, True, keep)]
+
+
+def _some(rows: Rows, mask: Bools) -> Rows:
+    return replace(rows, index=rows.index[mask], residual=rows.residual[mask],
+                   jacobian=rows.jacobian[mask], observed=rows.observed[mask], raw=rows.raw[mask],
+                   whitener=rows.whitener[mask])
+
+
+def _left_out(fit: Fit, fold: Sequence[Bools], keep: Sequence[Bools],
+              seen: Sequence[Rows] | None = None) -> HeldOutErrors:
     """Return the errors of a block's rows as the fit without them predicts them.
 
     Rows that the fit has left out anyway are predicted by it as it is. A frame or target that
-    nothing else tells of, that of a whole session, stays fitted to the block's own rows.
+    nothing else tells of, that of a whole session, stays fitted to the block's own rows. ``seen``:
+    all rows, where they are known.
     """
-    own = [f & k for f, k in zip(fold, keep, strict=True)]
-    rows = list(fit.problem.rows(fit.state, True, own))
+    if seen is None:
+        seen = list(fit.problem.rows(fit.state, True, [f & k for f, k in zip(
+            fold, keep, strict=True)]))
+    rows = [_some(r, fold[r.dataset][r.index]) for r in seen]
     width = fit.scale.size
     flat = [r.jacobian.reshape(-1, width) * fit.scale for r in rows]
     triangle = fit.reduced.triangle * fit.scale

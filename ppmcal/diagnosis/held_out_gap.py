@@ -15,6 +15,8 @@ from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset
 
 DRAWS = 2000
+TOGETHER = 2**19
+"""So many poses are drawn together."""
 UNPREDICTED = 100.0
 """Variance of a prediction over that of the noise, beyond which it is none."""
 REJECT = 0.05
@@ -79,7 +81,7 @@ def errors_of(problem: Problem, predicted: Iterable[tuple[Rows, Array]], covaria
     parts: list[list[Array]] = [[], [], [], []]
     for rows, error in predicted:
         parts[0].append(np.sum(error**2, axis=1))
-        parts[1].append(np.einsum("nmc,cd,nmd->n", rows.jacobian, covariance, rows.jacobian))
+        parts[1].append(np.einsum("nmc,nmc->n", rows.jacobian @ covariance, rows.jacobian))
         parts[2].append(rows.observed.sum(axis=1).astype(float))
         groups = problem.datasets[rows.dataset].groups[rows.index].astype(float)
         parts[3].append(groups * len(problem.datasets) + rows.dataset)
@@ -131,8 +133,7 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
     table = np.stack([per_pose(v) for v in (old.square, new.square, old.variance, new.variance,
                                             new.count)])
     whole = table.sum(axis=1)
-    drawn = np.random.default_rng(seed).integers(labels.size, size=(DRAWS, labels.size))
-    sums = table[:, drawn].sum(axis=-1)
+    sums = _bootstrap(table, seed)
     closed, change = _closed(whole, noise), (sums[0] - sums[1]) / sums[4]
     interval = None
     if closed is not None:
@@ -144,6 +145,20 @@ def gap_of(old: HeldOutErrors, new: HeldOutErrors, noise: float, seed: int) -> G
     worse = bool(np.quantile(change, 0.975) < 0.0) or last**2 - first**2 > 1.0
     return Gap(noise, first, last, closed, interval, bool(np.quantile(change, 0.025) > 0.0),
                worse, int(labels.size))
+
+
+def _bootstrap(table: Array, seed: int) -> Array:
+    """Return sums (k, B) over poses of a table (k, P) drawn with replacement."""
+    rng, poses = np.random.default_rng(seed), table.shape[1]
+    out = np.empty((len(table), DRAWS))
+    step = max(1, TOGETHER // poses)
+    for begin in range(0, DRAWS, step):
+        sums = out[:, begin:begin + step]
+        drawn = rng.integers(poses, size=(sums.shape[1], poses))
+        drawn += poses * np.arange(len(drawn))[:, None]
+        often = np.bincount(drawn.ravel(), minlength=drawn.size).reshape(drawn.shape)
+        sums[...] = table @ often.T
+    return out
 
 
 def _closed(sums: Array, noise: float) -> float | None:

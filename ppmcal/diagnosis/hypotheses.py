@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
+from ppmcal.diagnosis.library_columns import LibraryColumns, Products
 from ppmcal.diagnosis.linear_system import System
 from ppmcal.linalg import Array
 from ppmcal.model.effects import GEOMETRY, EffectKind, Shift
@@ -76,7 +78,7 @@ class Hypothesis:
         """Whether a grid has chosen constants of it, or might have chosen others."""
         return len(self.constants) > len(self.strokes)
 
-    @property
+    @cached_property
     def family(self) -> str:
         """What it is told apart as: the kind, the frozen slot, or the shape's place."""
         if self.anonymous:
@@ -140,17 +142,31 @@ class Untestable:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """All hypotheses: ``columns`` (N, m, T) white, ``hypotheses`` over them, what is untestable.
+    """All hypotheses: over white columns as ``products`` (N, m, T), and what is untestable.
 
     ``unrecorded``: what might be there too, but cannot be tested for want of a column;
     ``courses``: how machine and instrument may have wandered while rows were measured.
     """
 
-    columns: Array
+    products: Products
     hypotheses: tuple[Hypothesis, ...]
     untestable: tuple[Untestable, ...]
     unrecorded: tuple[Hypothesis, ...] = ()
     courses: tuple[Hypothesis, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How many columns there are."""
+        return self.products.shape[0]
+
+    @property
+    def columns(self) -> Array:
+        """All columns (N, m, T), made where they are asked for."""
+        return self.some(range(self.count))
+
+    def some(self, which: Sequence[int]) -> Array:
+        """Return some columns (N, m, k)."""
+        return self.products.some(which)
 
 
 class Collector:
@@ -158,7 +174,7 @@ class Collector:
 
     def __init__(self, system: System) -> None:
         self.system = system
-        self.columns: list[Array] = []
+        self.columns = LibraryColumns(system)
         self.hypotheses: list[Hypothesis] = []
         self.untestable: list[Untestable] = []
         self.unrecorded: list[Hypothesis] = []
@@ -168,20 +184,9 @@ class Collector:
         self.motion = mechanism.motion
         self.turning = np.array([q == "angle" for q in mechanism.actuator_quantity])
 
-    def add(self, column: Array) -> int:
-        """Add one white column (N, m); return where it is."""
-        self.columns.append(column)
-        return len(self.columns) - 1
-
-    def shifted(self, shifts: list[Shift]) -> int:
-        """Add the column of one shift per part; return where it is."""
-        return self.add(self.system.column(shifts))
-
     def library(self) -> Library:
         """Return what was collected."""
-        shape = (*self.system.residual.shape, 0)
-        columns = np.stack(self.columns, axis=-1) if self.columns else np.zeros(shape)
-        return Library(columns, tuple(self.hypotheses), tuple(self.untestable),
+        return Library(self.columns.made(), tuple(self.hypotheses), tuple(self.untestable),
                        tuple(self.unrecorded), tuple(self.courses))
 
 
@@ -198,7 +203,7 @@ def frozen_slots(to: Collector, tried: Sequence[int]) -> None:
                  if any(i == p for _, i in limb.slots.direct)
                  or any(p in (r, a) for _, _, r, a in limb.slots.polar)]
         on = tuple(dict.fromkeys(to.actuators[limb.actuator] for limb in limbs))
-        column = to.shifted(shifts)
+        column = to.columns.shifted(shifts)
         to.hypotheses.append(
             Hypothesis(
                 GEOMETRY,
@@ -249,7 +254,7 @@ def shapes(to: Collector) -> None:
                       for p in to.system.parts]
             to.hypotheses.append(Hypothesis(
                 LOCAL, (name,), True, ("height",), (-np.inf,), (np.inf,),
-                (to.shifted(shifts),), anonymous=True,
+                (to.columns.shifted(shifts),), anonymous=True,
                 follows=name, searched=2 if width else 1))
     points = [p.response.seen.points[p.response.end] for p in to.system.parts]
     middle = np.concatenate(points).mean(axis=0)
@@ -261,7 +266,7 @@ def shapes(to: Collector) -> None:
         turn = np.eye(3) - middle[:, None] * point[:, None, :] / along
         shifts.append(Shift(stretch=swell[:, None, None] * turn))
     to.hypotheses.append(Hypothesis(DISTORTION, (), True, ("cubic",), (-np.inf,), (np.inf,),
-                           (to.shifted(shifts),), anonymous=True,
+                           (to.columns.shifted(shifts),), anonymous=True,
                            follows="position"))
 
 

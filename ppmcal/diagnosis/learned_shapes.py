@@ -179,8 +179,8 @@ def _near(stage: Stage, curve: LearnedCurve, on: Sequence[bool]) -> tuple[tuple[
     whole = columns @ curve.values
     free = whole - stage.basis @ (stage.basis.T @ whole)
     square = float(free @ free)
-    test, count = stage.search.test, stage.columns.shape[1]
-    right = stage.columns.T @ free / test.length[:count]
+    test, count = stage.search.test, stage.library.count
+    right = test.first.along(free[:, None])[:, 0]
     likened = replace(test, right=np.append(right, np.zeros(test.right.size - count)))
     some = [h for h in stage.hypotheses if not h.anonymous and not h.slot
             and max(h.columns) < count]

@@ -22,6 +22,8 @@ from ppmcal.model.effects import Setting, Shift
 
 MOST_ROWS = 1500
 """Effects are searched in at most so many rows, evenly spread; fits use them all."""
+BLOCK, TOGETHER = 64, 2**20
+"""Columns, and numbers of columns, that are worked on at a time: what is in between stays small."""
 RANK = 1e-9
 """Directions below this part of the strongest are round-off."""
 INVISIBLE = 0.3
@@ -150,15 +152,40 @@ class Whitening:
     rho_error: float = 0.0
 
     def apply(self, values: Array, system: System) -> Array:
-        """Return values (N, m, c) whitened, as a matrix (N m, c)."""
-        out = self.inner[system.dataset] @ values
+        """Return values (N, m, c) whitened, as a matrix (N m, c); column by column in memory."""
+        n, m, count = values.shape
+        out = np.empty((count, n, m))
+        out[...] = np.moveaxis(values, -1, 0)
+        for i, inner in enumerate(self.inner):
+            if not np.array_equal(inner, np.eye(m)):
+                mine = system.dataset == i
+                out[:, mine] = out[:, mine] @ inner.T
         if self.rho:
             # rows in between that are not used weaken the correlation
+            tie = np.where(system.apart > 0, self.rho ** np.maximum(system.apart, 1), 0.0)[:, None]
+            root = np.sqrt(1.0 - tie**2)
+            for some in np.split(out, range(BLOCK, count, BLOCK)):
+                some[:, 1:] = (some[:, 1:] - tie * some[:, :-1]) / root
+        if not system.observed.all():
+            out *= system.observed
+        return out.reshape(count, n * m).T
+
+    def transposed(self, values: Array, system: System) -> Array:
+        """Return values (N m, b) times the transpose of what :meth:`apply` does, (N, m, b).
+
+        Inner products with whitened columns are those of plain columns with these.
+        """
+        out = values.reshape(*system.residual.shape, -1) * system.observed[..., None]
+        if self.rho:
             tie = np.where(system.apart > 0, self.rho ** np.maximum(system.apart, 1), 0.0)
             tie = tie[:, None, None]
-            out = np.concatenate([out[:1], (out[1:] - tie * out[:-1]) / np.sqrt(1.0 - tie**2)])
-        return np.asarray(np.where(system.observed[..., None], out, 0.0)).reshape(
-            -1, values.shape[-1])
+            out[1:] /= np.sqrt(1.0 - tie**2)
+            out[:-1] -= tie * out[1:]
+        for i, inner in enumerate(self.inner):
+            if not np.array_equal(inner, np.eye(len(inner))):
+                mine = system.dataset == i
+                out[mine] = inner.T @ out[mine]
+        return np.asarray(out)
 
 
 def plain(system: System) -> Whitening:

@@ -226,7 +226,7 @@ def _new_blocks(stage: Stage, a: Hypothesis, b: Hypothesis, data: Dataset) -> Bl
         if not match:
             return of_single(found.columns, found.hypotheses, hypothesis)
         nearest = min(match, key=lambda f: f.apart(hypothesis))
-        return np.asarray(found.columns[..., nearest.columns])
+        return found.some(nearest.columns)
 
     # other data sets' frames and targets are open too, and new rows do not feel them
     here, there = ([n for c, n in enumerate(p.columns) if c not in set(stage.added)]

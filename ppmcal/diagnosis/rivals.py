@@ -196,8 +196,9 @@ def simplified(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int
 
 def _within(search: Search, columns: Sequence[int], others: Sequence[int]) -> bool:
     """Whether columns are combinations of others, seen past the geometry."""
-    rest = search.test.given(others)
-    return not rest.explained(np.array([list(columns)]))[1].any()
+    both = list(dict.fromkeys([*others, *columns]))
+    rest = search.test.only(both).given(range(len(set(others))))
+    return not rest.explained(np.array([[both.index(c) for c in columns]]))[1].any()
 
 
 def merged(search: Search, chosen: Sequence[int]) -> tuple[Search, tuple[int, ...]]:

@@ -13,13 +13,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.diagnosis.added_variable_test import AddedVariableTest, log_p
+from ppmcal.diagnosis.added_variable_test import AddedVariableTest, Noise, log_p, squares_of
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.linalg import Array
 
 DETECT, NAME = 0.03, 0.01
 """False alarms of the search. The tests of what is left have another 0.01; what remains of
 0.05 is for noise that is not quite what was simulated."""
+TOGETHER = 2**16
+"""So many numbers of simulated noise are looked at together: what is in between stays in cache."""
 Group = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Hypotheses with as many columns: their indices (f,) and columns (f, k)."""
 
@@ -87,24 +89,34 @@ def _scanned(test: AddedVariableTest, groups: Sequence[Group], count: int) -> Ar
     return out
 
 
-def null_scan(test: AddedVariableTest, hypotheses: Sequence[Hypothesis]) -> Array:
+def null_scan(test: AddedVariableTest, hypotheses: Sequence[Hypothesis], noise: Noise) -> Array:
     """Return the smallest log p over all hypotheses for each draw of noise (B,)."""
-    smallest = np.zeros(test.null.shape[1])
-    for _, columns in by_size(hypotheses):
-        for begin in range(0, len(columns), 256):
-            square, rank = test.explained(columns[begin:begin + 256], null=True)
-            values = log_p(square, test.null_square, rank[:, None], test.freedom)
-            smallest = np.minimum(smallest, values.min(axis=0))
-    return smallest
+    groups = [(columns, *test.roots(columns)) for _, columns in by_size(hypotheses)]
+    smallest = [np.zeros(0)]
+    for right, total in noise:
+        # of one rank the largest square has the smallest p
+        largest: dict[int, Array] = {}
+        for columns, roots, ranks in groups:
+            step = max(1, TOGETHER // (columns.shape[1] * total.size))
+            for begin in range(0, len(columns), step):
+                some = slice(begin, begin + step)
+                square = squares_of(roots[some], right[columns[some]])
+                for rank in np.unique(ranks[some]).tolist():
+                    most = square[ranks[some] == rank].max(axis=0)
+                    largest[rank] = np.maximum(largest.get(rank, most), most)
+        values = np.zeros(total.size)
+        for rank, most in largest.items():
+            values = np.minimum(values, log_p(most, total, rank, test.freedom))
+        smallest.append(values)
+    return np.concatenate(smallest)
 
 
-def prepare(
-    test: AddedVariableTest, hypotheses: Sequence[Hypothesis], like: Search | None = None
-) -> Search:
+def prepare(test: AddedVariableTest, hypotheses: Sequence[Hypothesis], noise: Noise = (),
+            like: Search | None = None) -> Search:
     """Return the search with its thresholds from simulated noise, or those of ``like``."""
     if like is not None:
         return replace(like, test=test, hypotheses=tuple(hypotheses))
-    smallest = null_scan(test, hypotheses) if hypotheses else np.zeros(test.null.shape[1])
+    smallest = null_scan(test, hypotheses, noise)
     # without freedom nothing can be shown, however small the smallest
     detect, name = np.minimum(np.quantile(smallest, [DETECT, NAME]), np.log([DETECT, NAME]))
     return Search(test, tuple(hypotheses), float(detect), float(name), smallest)

@@ -9,12 +9,11 @@ import numpy as np
 
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.diagnosis.added_variable_test import build_test
+from ppmcal.diagnosis.added_variable_test import seen_noise, test_of
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import (
     INVISIBLE,
-    MOST_ROWS,
     System,
     Whitening,
     build,
@@ -23,9 +22,11 @@ from ppmcal.diagnosis.linear_system import (
 from ppmcal.diagnosis.rivals import held, settled
 from ppmcal.diagnosis.search import Search, prepare
 from ppmcal.diagnosis.selection import choose
+from ppmcal.diagnosis.thinning import thinned
 from ppmcal.diagnosis.wandering import WANDERING, instead, wandered
+from ppmcal.diagnosis.white_columns import WhiteColumns
 from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
-from ppmcal.linalg import Array, Bools, subsample, unit_columns
+from ppmcal.linalg import Array, Bools, unit_columns
 
 DRAWS = 2000
 SURE_OF_NOISE = 2.0
@@ -41,7 +42,6 @@ class Stage:
         system, library, noise: rows, hypotheses, whitening.
         basis: of the geometry, whitened (n, r); residual (n,) whitened, the contributions
             of effects that the state already has added back.
-        columns: whitened library (n, T).
         search: tests and thresholds; chosen: indices of hypotheses.
         log_p: of every hypothesis before anything is chosen (F,).
         pure: scatter of repeats, if there are any.
@@ -54,13 +54,21 @@ class Stage:
     noise: Whitening
     basis: Array
     residual: Array
-    columns: Array
     search: Search
     chosen: tuple[int, ...]
     log_p: Array
     pure: PureError | None
     added: tuple[int, ...] = ()
     as_named: bool = False
+
+    @property
+    def columns(self) -> Array:
+        """The whitened library (n, T), made where it is asked for."""
+        return self.some(range(self.library.count))
+
+    def some(self, which: Sequence[int]) -> Array:
+        """Return some whitened columns (n, k)."""
+        return self.noise.apply(self.library.some(which), self.system)
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -102,14 +110,14 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         hold: what was chosen before, which stays unless something is better.
         as_named: effects only in the range in which they are named.
     """
-    system = without(build(problem, state, subsample(keep, MOST_ROWS)), added)
+    system = without(build(problem, state, thinned(problem, keep)), added)
     found = library(system, kinds, [problem.free[c] for c in added], as_named)
     noise = estimate(system, found)
     rng = np.random.default_rng(seed)
     for _ in range(2):
         stage = _tested(system, found, noise, rng, draws, like, hold)
         grids = [c for i in stage.chosen for c in stage.hypotheses[i].columns
-                 if stage.hypotheses[i].constants and c < found.columns.shape[-1]]
+                 if stage.hypotheses[i].constants and c < found.count]
         grids += instead(stage.search, stage.chosen, found.courses)
         if not grids or noise.rho == 0.0:
             break
@@ -162,17 +170,18 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     jacobian = noise.apply(system.jacobian, system)
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
-    columns = noise.apply(found.columns, system)
+    columns = WhiteColumns.of(found.products, noise, system, basis)
+    test = test_of(columns, columns.length, columns.hidden, basis, residual, system.count)
     left = residual - basis @ (basis.T @ residual)
-    test = build_test(basis, columns, residual, system.count,
-                      simulated(noise, system, basis, left, 0 if like else draws, rng))
-    search = prepare(test, _cautious(found.hypotheses, noise), like)
+    drawn = simulated(noise, system, basis, left, 0 if like else draws, rng)
+    search = prepare(test, _cautious(found.hypotheses, noise), seen_noise(columns, basis, drawn),
+                     like)
     start = search.values()
     search, chosen = wandered(*settled(search, choose(search)), found.courses)
     search, chosen = held(search, chosen, hold)
     # in the library's order, whichever was found first
-    return Stage(system, found, noise, basis, residual, columns, search, tuple(sorted(chosen)),
-                 start, pure_error(system))
+    return Stage(system, found, noise, basis, residual, search, tuple(sorted(chosen)), start,
+                 pure_error(system))
 
 
 def _cautious(hypotheses: Sequence[Hypothesis], noise: Whitening) -> list[Hypothesis]:
@@ -202,9 +211,10 @@ def explained(stage: Stage) -> tuple[Array, Array]:
 
 def form_columns(stage: Stage, hypothesis: Hypothesis) -> Array:
     """Return a hypothesis's whitened columns (n, k)."""
-    if max(hypothesis.columns) < stage.columns.shape[1]:
-        return stage.columns[:, hypothesis.columns]
-    return of_single(stage.columns, stage.hypotheses, hypothesis)
+    if max(hypothesis.columns) < stage.library.count:
+        return stage.some(hypothesis.columns)
+    each = [stage.some(c) for c in single_columns(stage.hypotheses, hypothesis)]
+    return np.sum(each, axis=0) if hypothesis.shared else np.concatenate(each, axis=-1)
 
 
 def of_single(columns: Array, hypotheses: Sequence[Hypothesis], hypothesis: Hypothesis) -> Array:
@@ -213,7 +223,13 @@ def of_single(columns: Array, hypotheses: Sequence[Hypothesis], hypothesis: Hypo
     Raises:
         KeyError: an actuator has no hypothesis of its own.
     """
+    each = [columns[..., c] for c in single_columns(hypotheses, hypothesis)]
+    return np.sum(each, axis=0) if hypothesis.shared else np.concatenate(each, axis=-1)
+
+
+def single_columns(hypotheses: Sequence[Hypothesis], hypothesis: Hypothesis
+                   ) -> list[tuple[int, ...]]:
+    """Return the columns of each actuator alone; raises KeyError as :func:`of_single`."""
     own = {f.on[0]: f for f in hypotheses if f.family == hypothesis.family and len(f.on) == 1
            and f.alike(hypothesis)}
-    each = [columns[..., own[a].columns] for a in hypothesis.on]
-    return np.sum(each, axis=0) if hypothesis.shared else np.concatenate(each, axis=-1)
+    return [own[a].columns for a in hypothesis.on]

@@ -49,7 +49,7 @@ def add_courses(to: Collector) -> None:
         ways[name] = [p.setting.at_joints(np.ones_like(p.setting.travel), one) for p in parts]
     for way, shifts in ways.items():
         unit = to.system.column(shifts)
-        columns = tuple(to.add(unit * wave[:, None]) for wave in waves.T)
+        columns = tuple(to.columns.add(unit * wave[:, None]) for wave in waves.T)
         to.courses += [Hypothesis(
             WANDERING, (), True, tuple(f"wave{k}" for k in range(1, count + 1)),
             (-np.inf,) * count, (np.inf,) * count, columns[:count], anonymous=True,
@@ -140,18 +140,18 @@ def _likeliest(rest: AddedVariableTest, courses: Sequence[Hypothesis]
     gram, right = rest.block(columns, columns), rest.right[columns]
     place = {way: n * max(COURSES) + np.arange(max(COURSES)) for n, way in enumerate(ways)}
 
-    def evidence(priors: Mapping[str, Array]) -> float:
-        at = np.concatenate([place[way] for way in priors])
-        size = np.concatenate(list(priors.values()))
-        return _evidence(gram[np.ix_(at, at)], right[at], size, rest)
+    def trials(priors: Mapping[str, Array], way: str) -> list[tuple[float, str, Array]]:
+        at = np.concatenate([place[w] for w in (*priors, way)])
+        size = np.stack([np.concatenate([*priors.values(), own]) for own in _priors()])
+        found = _evidence(gram[np.ix_(at, at)], right[at], size, rest)
+        return [(float(v), way, own) for v, own in zip(found, _priors(), strict=True)]
 
     priors: dict[str, Array] = {}
     value = 0.0
     cost = ANONYMOUS + 2.0 * np.log(max(len(ways), 1))
     while len(priors) < MOST:
-        trials = [(evidence(priors | {way: prior}), way, prior)
-                  for way in ways if way not in priors for prior in _priors()]
-        best = min(trials, key=lambda t: t[0], default=(np.inf, "", np.zeros(0)))
+        best = min((t for way in ways if way not in priors for t in trials(priors, way)),
+                   key=lambda t: t[0], default=(np.inf, "", np.zeros(0)))
         if best[0] + cost * (len(priors) + 1) >= value:
             break
         value = best[0] + cost * (len(priors) + 1)
@@ -170,15 +170,16 @@ def _priors() -> list[Array]:
     return out
 
 
-def _evidence(gram: Array, right: Array, size: Array, rest: AddedVariableTest) -> float:
-    """Return minus twice the log marginal likelihood of waves, less that of none.
+def _evidence(gram: Array, right: Array, size: Array, rest: AddedVariableTest) -> Array:
+    """Return minus twice the log marginal likelihood of waves, less that of none (P,).
 
-    ``gram`` (w, w), ``right`` (w,): of their columns; ``size`` (w,): their standard deviations.
+    ``gram`` (w, w), ``right`` (w,): of their columns; ``size`` (P, w): their standard deviations.
     """
-    root = np.linalg.cholesky(np.eye(size.size) + size[:, None] * gram * size)
-    gone = np.sum(np.linalg.solve(root, size * right) ** 2)
-    left = max(1.0 - float(gone) / rest.square, 1e-9)
-    return float(2.0 * np.sum(np.log(np.diagonal(root))) + rest.freedom * np.log(left))
+    root = np.linalg.cholesky(np.eye(right.size) + size[:, :, None] * gram * size[:, None, :])
+    gone = np.sum(np.linalg.solve(root, (size * right)[..., None]) ** 2, axis=(1, 2))
+    left = np.maximum(1.0 - gone / rest.square, 1e-9)
+    lost = 2.0 * np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
+    return np.asarray(lost + rest.freedom * np.log(left))
 
 
 def _long_enough(rest: AddedVariableTest, courses: Sequence[Hypothesis]) -> Hypothesis:

@@ -6,7 +6,7 @@ not whitened away as if it were noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 
 from ppmcal.diagnosis.event_pairs import best_pair
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
-from ppmcal.diagnosis.linear_system import System, Whitening, plain, range_basis
+from ppmcal.diagnosis.linear_system import TOGETHER, System, Whitening, plain, range_basis
 from ppmcal.linalg import Array, unit_columns
 from ppmcal.model.effects import GEOMETRY
 
@@ -81,10 +81,12 @@ def estimate(system: System, library: Library, extra: Sequence[int] = ()) -> Whi
 def _of_rest(system: System, library: Library, columns: Sequence[int]) -> Whitening:
     """Return the whitening with columns of the library projected out."""
     noise = plain(system)
-    everything = np.concatenate([system.jacobian, library.columns[..., columns]], axis=-1)
-    basis, left = _cleaned(system, everything, noise)
+    everything = np.concatenate([system.jacobian, library.some(columns)], axis=-1)
+    shape = system.residual.shape
+    plane = range_basis(unit_columns(noise.apply(everything, system))).reshape(*shape, -1)
+    basis, left = _cleaned(system, plane, noise)
     noise = _within_rows(system, basis, left, noise)
-    basis, left = _cleaned(system, everything, noise)
+    basis, left = _cleaned(system, plane, noise)
     rho = 0.0
     for _ in range(3):
         more, pairs = _correlation(system, basis, left)
@@ -95,7 +97,7 @@ def _of_rest(system: System, library: Library, columns: Sequence[int]) -> Whiten
             break
         rho = float(np.clip((rho + more) / (1.0 + rho * more), -0.98, 0.98))
         noise = replace(noise, rho=rho)
-        basis, left = _cleaned(system, everything, noise)
+        basis, left = _cleaned(system, plane, noise)
     return noise
 
 
@@ -108,32 +110,57 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     chosen = list(dict.fromkeys(extra))
     hypotheses: dict[str, list[int]] = {}
     grid: dict[tuple[str, tuple[str, ...]], tuple[float, list[int]]] = {}
-    flat = library.columns.reshape(-1, library.columns.shape[-1])
-    residual = system.residual.reshape(-1)
-
-    def explains(columns: Sequence[int]) -> float:
-        unit = unit_columns(flat[:, list(columns)])
-        return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
-
-    for hypothesis in library.hypotheses:
-        if hypothesis.effect is not None and hypothesis.effect.title:
-            continue    # made of a kind that is there itself, which has most of what it does
+    # what is made of a kind that is there itself has most of what it does
+    own = [f for f in library.hypotheses if f.effect is None or not f.effect.title]
+    scanned = [f for f in own if f.constants and f.searched]
+    shared = [f for f in scanned if f.shared]
+    for hypothesis, gain in zip(shared, _gains(system, library, [f.columns for f in shared]),
+                                strict=True):
+        # steps at will, or lags, follow any slow noise: of all only the best one counts
+        key = ("slow", ()) if _slow(hypothesis) else (hypothesis.family, hypothesis.on)
+        if gain > grid.get(key, (0.0, []))[0]:
+            grid[key] = gain, list(hypothesis.columns)
+    for hypothesis in own:
         if hypothesis.constants and hypothesis.searched:
-            if hypothesis.shared:
-                # steps at will, or lags, follow any slow noise: of all only the best one counts
-                key = ("slow", ()) if _slow(hypothesis) else (hypothesis.family, hypothesis.on)
-                gain = explains(hypothesis.columns)
-                if gain > grid.get(key, (0.0, []))[0]:
-                    grid[key] = gain, list(hypothesis.columns)
-        elif hypothesis.kind == GEOMETRY:
+            continue
+        if hypothesis.kind == GEOMETRY:
             hypotheses[GEOMETRY] = [*hypotheses.get(GEOMETRY, []), *hypothesis.columns]
         elif len(hypothesis.columns) > len(hypotheses.get(hypothesis.family, [])):
             hypotheses[hypothesis.family] = list(hypothesis.columns)
-    plain_forms = sorted(hypotheses.values(), key=lambda c: -explains(c) / len(c))
-    for found in [*plain_forms, *(c for _, c in sorted(grid.values(), reverse=True))]:
+    plain_forms = list(hypotheses.values())
+    gains = _gains(system, library, plain_forms)
+    ranked = sorted(zip(gains, plain_forms, strict=True), key=lambda g: -g[0] / len(g[1]))
+    for _, found in [*ranked, *sorted(grid.values(), reverse=True)]:
         if len(chosen) + len(found) <= room:
             chosen += [c for c in found if c not in chosen]
     return chosen
+
+
+def _gains(system: System, library: Library, groups: Sequence[Sequence[int]]) -> list[float]:
+    """Return what groups of columns of the library explain of the residual, each alone."""
+    residual = system.residual.reshape(-1)
+    out: list[float] = []
+    for begin, end in _runs([len(g) for g in groups], TOGETHER // residual.size):
+        place = {c: n for n, c in enumerate(dict.fromkeys(c for g in groups[begin:end] for c in g))}
+        units = unit_columns(library.some(list(place)).reshape(residual.size, -1))
+        along = units.T @ residual
+        for group in groups[begin:end]:
+            at = [place[c] for c in group]
+            out.append(float(along[at[0]] ** 2) if len(at) == 1 else float(np.sum((units[
+                :, at] @ np.linalg.lstsq(units[:, at], residual, rcond=None)[0]) ** 2)))
+    return out
+
+
+def _runs(sizes: Sequence[int], most: int) -> Iterator[tuple[int, int]]:
+    """Yield runs of items, from and to, that are together at most so large, or of one item."""
+    begin, size = 0, 0
+    for n, own in enumerate(sizes):
+        if n > begin and size + own > most:
+            yield begin, n
+            begin, size = n, 0
+        size += own
+    if sizes:
+        yield begin, len(sizes)
 
 
 def _slow(hypothesis: Hypothesis) -> bool:
@@ -144,10 +171,9 @@ def _slow(hypothesis: Hypothesis) -> bool:
         for motion in kind.motions for s in kind.parameters(motion)))
 
 
-def _cleaned(system: System, columns: Array, noise: Whitening) -> tuple[Array, Array]:
-    """Return a basis of the columns and the residual freed of them, (N, m, ...)."""
-    flat = noise.apply(columns, system)
-    basis = range_basis(unit_columns(flat))
+def _cleaned(system: System, plane: Array, noise: Whitening) -> tuple[Array, Array]:
+    """Return a basis of what spans a plane (N, m, r) and the residual freed of it, whitened."""
+    basis = np.linalg.qr(noise.apply(plane, system))[0]
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     left = residual - basis @ (basis.T @ residual)
     shape = system.residual.shape
@@ -222,7 +248,9 @@ def simulated(noise: Whitening, system: System, basis: Array, left: Array, count
                 _resample(out, mine, scaled, system, rng)
     if noise.rho_error > 0.0:
         _correlate(out, noise, system, rng)
-    return np.asarray(out * system.observed[..., None]).reshape(n * m, count)
+    if not system.observed.all():
+        out *= system.observed[..., None]
+    return out.reshape(n * m, count)
 
 
 def heavy(values: Array) -> bool:

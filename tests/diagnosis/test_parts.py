@@ -17,7 +17,13 @@ from scipy.stats import f as fisher
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis import held_out_gap as gaps
-from ppmcal.diagnosis.added_variable_test import AddedVariableTest, build_test, log_p
+from ppmcal.diagnosis.added_variable_test import (
+    AddedVariableTest,
+    build_test,
+    log_p,
+    seen_noise,
+    squares_of,
+)
 from ppmcal.diagnosis.adequacy import kernel_test
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.diagnose import _untestable
@@ -97,7 +103,7 @@ def random_case(seed: int = 0) -> tuple[Array, Array, Array, AddedVariableTest]:
     jacobian, residual = rng.normal(size=(60, 7)), rng.normal(size=60)
     columns = rng.normal(size=(60, 9)) * 10.0 ** rng.uniform(-4, 4, 9)
     basis = np.linalg.qr(jacobian)[0]
-    test = build_test(basis, columns, residual, 60, rng.normal(size=(60, 5)))
+    test = build_test(basis, columns, residual, 60)
     return jacobian, columns, residual, test
 
 
@@ -131,14 +137,15 @@ def test_given_takes_the_chosen_columns_out_of_the_others() -> None:
     """C^T M C of what is left of unit columns, for several groups at once; G itself stays."""
     jacobian, columns, _, test = random_case()
     found = test.given([0, 5])
-    assert found.unit is test.unit
+    assert found.first is test.first
     assert found.taken == (0, 5)
     left = off(np.concatenate([jacobian, columns[:, [0, 5]]], axis=1),
                columns / np.linalg.norm(columns, axis=0))
     rows, others = np.array([[1, 2], [3, 0]]), np.array([[4, 6, 8], [3, 5, 7]])
     for block, a, b in zip(found.block(rows, others), rows, others, strict=True):
         assert np.allclose(block, left[:, a].T @ left[:, b], atol=1e-12)
-    assert np.allclose(test.block(rows, others)[0], test.unit[[1, 2]] @ test.unit[[4, 6, 8]].T)
+    one, two = test.first.some([1, 2]), test.first.some([4, 6, 8])
+    assert np.allclose(test.block(rows, others)[0], one @ two.T)
 
 
 @pytest.mark.parametrize("group", [[4], [0, 5], [7, 1, 3]])
@@ -155,10 +162,9 @@ def test_explained_is_the_gain_of_a_fit(group: list[int]) -> None:
 
 def test_columns_of_the_geometry_explain_nothing() -> None:
     jacobian, columns, residual, _ = random_case()
-    rng = np.random.default_rng(1)
-    inside = jacobian @ rng.normal(size=7)
+    inside = jacobian @ np.random.default_rng(1).normal(size=7)
     test = build_test(np.linalg.qr(jacobian)[0], np.stack([inside, columns[:, 0]], axis=1),
-                      residual, 60, rng.normal(size=(60, 5)))
+                      residual, 60)
     found, rank = test.explained(np.array([[0]]))
     assert rank[0] == 0
     assert found[0] < 1e-12
@@ -217,7 +223,7 @@ def test_survival_of_a_sum_of_columns() -> None:
     rng = np.random.default_rng(5)
     jacobian, first = rng.normal(size=(60, 7)), rng.normal(size=60)
     columns = np.stack([first, first + 0.1 * rng.normal(size=60)], axis=1)
-    test = build_test(np.linalg.qr(jacobian)[0], columns, first, 60, rng.normal(size=(60, 5)))
+    test = build_test(np.linalg.qr(jacobian)[0], columns, first, 60)
     total = columns.sum(axis=1)
     wanted = np.linalg.norm(off(jacobian, total)) / np.linalg.norm(total)
     assert test.extended(np.ones((2, 1))).survival([2]) == pytest.approx(wanted, rel=1e-8)
@@ -262,9 +268,8 @@ def test_thresholds_hold_on_fresh_noise() -> None:
     stage = stage_of("3-RPR", 3, (), 1.0, SMALL)
     search, forms = stage.search, stage.library.hypotheses
     fresh, draws = np.random.default_rng(77), 1500
-    test = build_test(stage.basis, stage.columns, stage.residual, stage.system.count,
-                      noise_of(stage, draws, fresh))
-    smallest = null_scan(test, forms)
+    test, noise = search.test, noise_of(stage, draws, fresh)
+    smallest = null_scan(test, forms, seen_noise(test.first, stage.basis, noise))
     for level, limit in ((DETECT, search.detect), (NAME, search.name)):
         # both the threshold and the count are drawn
         spread = np.sqrt(level * (1.0 - level) * (1.0 / draws + 1.0 / search.smallest.size))
@@ -272,21 +277,22 @@ def test_thresholds_hold_on_fresh_noise() -> None:
     assert search.name < search.detect < np.log(DETECT)
     # the test of data and that of simulated noise are the same test
     for b in range(20):
-        data = replace(test, right=test.null[:, b], square=float(test.null_square[b]))
+        data = build_test(stage.basis, stage.columns, noise[:, b], stage.system.count)
         assert scan(data, forms).min() == pytest.approx(smallest[b], rel=1e-9)
 
 
 def test_p_values_of_noise_are_uniform() -> None:
     """Each hypothesis alone rejects as often as it says, whatever its size."""
     stage = stage_of("3-RPR", 3, (), 1.0, SMALL)
-    test = build_test(stage.basis, stage.columns, stage.residual, stage.system.count,
-                      noise_of(stage, 1000, np.random.default_rng(5)))
-    forms = stage.library.hypotheses
+    test, forms = stage.search.test, stage.library.hypotheses
+    noise = noise_of(stage, 1000, np.random.default_rng(5))
+    clean = noise - stage.basis @ (stage.basis.T @ noise)
     sizes = {f.size: f for f in forms if test.survival(f.columns) > 0.01}
     assert len(sizes) > 2
     for form in sizes.values():
-        square, rank = test.explained(np.array([form.columns]), null=True)
-        p = np.exp(log_p(square[0], test.null_square, rank[0], test.freedom))
+        root, rank = test.roots(np.array([form.columns]))
+        square = squares_of(root, (test.first.some(form.columns) @ clean)[None])
+        p = np.exp(log_p(square[0], np.sum(clean**2, axis=0), rank[0], test.freedom))
         assert abs(np.mean(p < 0.1) - 0.1) < 3.5 * np.sqrt(0.1 * 0.9 / 1000), form.label
         assert abs(np.mean(p) - 0.5) < 3.5 / np.sqrt(12 * 1000), form.label
 
