@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.api.campaign import COMPARE, Job, finished, run_campaign
+from ppmcal.api.campaign import COMPARE, BatchPlace, finished, run_campaign
 from ppmcal.api.inputs import Path_, source_of
 from ppmcal.api.result import Progress, Result, silent
 from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import Output, csv_text
-from ppmcal.io.batch_manifest import Campaign, read_manifest
+from ppmcal.io.batch_manifest import CampaignJob, read_manifest
 from ppmcal.io.folder import current, running
 from ppmcal.io.parquet import refuse_without_pyarrow
 from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table
@@ -109,59 +109,77 @@ def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: s
     campaigns = read_manifest(manifest)
     refuse_without_pyarrow(str(Path(out) / TABLE))
     folder = Path(manifest).absolute().parent
-    job = Job(str(folder), os.path.relpath(Path(out).absolute(), folder), force)
+    at = BatchPlace(str(folder), os.path.relpath(Path(out).absolute(), folder), force)
     with contextlib.nullcontext() if current().command else running("batch", Path(out), force):
         Output(out).write()    # the folder is ours from now on, whatever happens
-    processes = cores or all_cores()
-    records, before = _run(job, campaigns, processes, scheduler, progress)
-    later, known = _run(job, since_last_time(campaigns, records, job), processes, scheduler,
-                        progress)
-    records += later
-    source = source_of("batch", [str(manifest)], None)
-    return BatchResult(source, tuple(_findings(records)), tuple(records), (*before, *known))
+    with contextlib.chdir(folder):
+        lines = lines_of(campaigns, at)
+        found = _finished(at, lines)
+    before = tuple(found)
+    todo = [tuple(c for c in line if c.name not in found) for line in lines]
+    todo = [line for line in todo if line]
+    for codes in over(run_line, at, todo, cores or all_cores(), scheduler):
+        found |= _read(at, todo, codes)
+        failed = sum(r.failed for r in found.values())
+        progress(f"{len(found)} of {sum(map(len, lines))} campaigns" + f", {failed} failed" * (
+            failed > 0))
+    named = [*campaigns, *(c for line in lines for c in line if c.command == COMPARE)]
+    records = tuple(found[c.name] for c in named if c.name in found)
+    return BatchResult(source_of("batch", [str(manifest)], None), tuple(_findings(records)),
+                       records, before)
 
 
-def _run(job: Job, campaigns: Sequence[Campaign], processes: int, scheduler: str | None,
-         progress: Progress) -> tuple[list[CampaignRecord], list[str]]:
-    """Run the campaigns that are not finished; return all records, and who was finished."""
+def lines_of(campaigns: Sequence[CampaignJob], at: BatchPlace) -> list[tuple[CampaignJob, ...]]:
+    """Return what one process does in a row: a campaign, or the last two of a machine.
+
+    After the last two that were identified comes the comparison of the one with the other.
+    """
+    groups: dict[tuple[str, str], list[CampaignJob]] = {}
+    for c in campaigns:
+        if c.command == "identify":
+            groups.setdefault((c.machine, c.name.rpartition("/")[2]), []).append(c)
+    rows = {}
+    for (machine, kind), own in groups.items():
+        if len(own) > 1:
+            old, new = sorted(own, key=lambda c: c.date)[-2:]
+            rows[new.name] = (old, new, CampaignJob(
+                f"{new.name.removesuffix(kind)}{COMPARE}-{kind}", machine, new.date, new.design,
+                COMPARE, at.place(old), (at.place(new),)))
+    earlier = {old.name for old, *_ in rows.values()}
+    return [rows.get(c.name, (c,)) for c in campaigns if c.name not in earlier]
+
+
+def run_line(at: BatchPlace, line: tuple[CampaignJob, ...]) -> dict[str, int]:
+    """Run campaigns one after the other; return the exit code of each that was run, by name."""
+    codes: dict[str, int] = {}
+    for campaign in line:
+        if campaign.command != COMPARE or all(code < 2 for code in codes.values()):
+            codes[campaign.name] = run_campaign(at, campaign)
+    return codes
+
+
+def _finished(at: BatchPlace, lines: Sequence[Sequence[CampaignJob]]) -> dict[str, CampaignRecord]:
+    """Return what is known of campaigns before, comparisons only where nothing else is to do."""
     found: dict[str, CampaignRecord] = {}
-    with contextlib.chdir(job.folder):
-        for campaign in campaigns:
-            record = finished(job, campaign)
+    for line in lines:
+        for campaign in line:
+            record = None
+            if campaign.command != COMPARE or all(c.name in found for c in line[:-1]):
+                record = finished(at, campaign)
             if record is not None:
                 found[campaign.name] = record
-    before = list(found)
-    todo = [c for c in campaigns if c.name not in found]
-    failed = 0
-    for campaign, code in zip(todo, over(run_campaign, job, todo, processes, scheduler),
-                              strict=True):
-        failed += code > 1
-        try:
-            found[campaign.name] = CampaignRecord.read(job.kept(campaign))
-        except BadInput:
-            raise NoResult("is not there, though a worker has written it", str(job.kept(campaign)),
-                           "Give a folder that workers see under the same path") from None
-        progress(f"{len(found)} of {len(campaigns)} campaigns"
-                 + f", {failed} failed" * bool(failed))
-    return [found[c.name] for c in campaigns], before
+    return found
 
 
-def since_last_time(campaigns: Sequence[Campaign], records: Sequence[CampaignRecord], job: Job
-                    ) -> list[Campaign]:
-    """Return comparisons of each machine's last two calibrations that were identified."""
-    groups: dict[tuple[str, str, str], list[tuple[str, str, str]]] = {}
-    for c, r in zip(campaigns, records, strict=True):
-        if c.command == "identify" and not r.failed:
-            kind = c.name.rpartition("/")[2]
-            groups.setdefault((c.machine, kind, r.design), []).append(
-                (c.date, job.place(c), c.name))
-    out = []
-    for (machine, kind, design), own in groups.items():
-        if len(own) > 1:
-            (_, old, _), (date, new, name) = sorted(own)[-2:]
-            out.append(Campaign(f"{name.removesuffix(kind)}{COMPARE}-{kind}", machine, date,
-                                design, COMPARE, old, (new,)))
-    return out
+def _read(at: BatchPlace, todo: Sequence[Sequence[CampaignJob]], names: Collection[str]
+          ) -> dict[str, CampaignRecord]:
+    """Return what was written of campaigns that a process has run."""
+    paths = {c.name: at.kept(c) for line in todo for c in line if c.name in names}
+    try:
+        return {name: CampaignRecord.read(path) for name, path in paths.items()}
+    except BadInput as error:
+        raise NoResult("is not there, though a worker has written it", error.where,
+                       "Give a folder that the workers see under the same path") from None
 
 
 def _findings(records: Sequence[CampaignRecord]) -> Iterator[str]:

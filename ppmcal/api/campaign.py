@@ -19,11 +19,11 @@ from ppmcal.api.diagnose import DiagnosisResult, diagnose, save_misread
 from ppmcal.api.identify import IdentificationResult, identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.errors import BadInput, PpmcalError
-from ppmcal.io.batch_manifest import Campaign, options_key
+from ppmcal.io.batch_manifest import CampaignJob, options_key
 from ppmcal.io.folder import LEFT, read_record, running
 from ppmcal.io.results.batch import (
+    CampaignQuantity,
     CampaignRecord,
-    Quantity,
     change_quantities,
     effect_quantities,
     fit_quantities,
@@ -41,46 +41,46 @@ Outcome = IdentificationResult | DiagnosisResult | CompensationResult | Comparis
 
 
 @dataclass(frozen=True)
-class Job:
-    """What all campaigns of a batch have in common: folders, as seen from the manifest's."""
+class BatchPlace:
+    """Where all campaigns of a batch read and write: folders, as seen from the manifest's."""
 
     folder: str
     out: str
     force: bool
 
-    def place(self, campaign: Campaign) -> str:
+    def place(self, campaign: CampaignJob) -> str:
         """Return the folder of a campaign's results, from the manifest's folder."""
         return os.path.join(self.out, *campaign.name.split("/"))
 
-    def kept(self, campaign: Campaign) -> Path:
+    def kept(self, campaign: CampaignJob) -> Path:
         """Return where a campaign is remembered."""
         out = Path(self.folder, self.out, KEPT)
         return out.joinpath(*campaign.name.split("/")).with_suffix(".json")
 
 
-def finished(job: Job, campaign: Campaign) -> CampaignRecord | None:
+def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
     """Return what is remembered of a campaign whose inputs and results are as they were then.
 
     The working folder is the manifest's.
     """
-    path = job.kept(campaign)
+    path = at.kept(campaign)
     if not path.is_file():
         return None
     try:
         record = CampaignRecord.read(path)
     except BadInput:
         return None
-    place = Path(job.place(campaign))
-    same = (not record.writing and not record.failed and record.key == _key(job, campaign)
+    place = Path(at.place(campaign))
+    same = (not record.writing and not record.failed and record.key == _key(at, campaign)
             and all(_digest(Path(p)) == d for p, d in record.inputs.items())
             and all(_digest(place / name) == d for name, d in record.outputs.items()))
     # machines may have been put into another design since
     return record.model_copy(update={"design": campaign.design or record.design}) if same else None
 
 
-def _key(job: Job, campaign: Campaign) -> str:
+def _key(at: BatchPlace, campaign: CampaignJob) -> str:
     """Return the hash of what is asked, and of the version that answers."""
-    asked = json.dumps([__version__, options_key(campaign), job.place(campaign)])
+    asked = json.dumps([__version__, options_key(campaign), at.place(campaign)])
     return hashlib.sha256(asked.encode()).hexdigest()
 
 
@@ -93,15 +93,15 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def run_campaign(job: Job, campaign: Campaign) -> int:
+def run_campaign(at: BatchPlace, campaign: CampaignJob) -> int:
     """Run one campaign as its command would, remember how it ended, and return the exit code."""
-    with LOCK, contextlib.chdir(job.folder):
-        place, kept = job.place(campaign), job.kept(campaign)
+    with LOCK, contextlib.chdir(at.folder):
+        place, kept = at.place(campaign), at.kept(campaign)
         typed = campaign.typed(place)
         own = CampaignRecord(
             format=CampaignRecord.FORMAT, campaign=campaign.name, machine=campaign.machine,
             date=campaign.date, design=campaign.design, command=campaign.command, typed=typed,
-            key=_key(job, campaign))
+            key=_key(at, campaign))
         stopped = _stopped_while_writing(kept)
         seen: set[str] = set()
 
@@ -109,7 +109,7 @@ def run_campaign(job: Job, campaign: Campaign) -> int:
             _keep(kept, own.model_copy(update={"writing": True}))
 
         try:
-            with running(campaign.command, Path(place), job.force or stopped, typed) as run:
+            with running(campaign.command, Path(place), at.force or stopped, typed) as run:
                 try:
                     record = own.model_copy(update=_result(campaign, place, writing))
                 finally:
@@ -125,7 +125,7 @@ def run_campaign(job: Job, campaign: Campaign) -> int:
     return record.exit_code
 
 
-def _named(campaign: Campaign) -> set[str]:
+def _named(campaign: CampaignJob) -> set[str]:
     """Return files on which a campaign depends, there or not, besides those that it has read."""
     files = {campaign.model, *campaign.data}
     files |= {str(sidecar_path(Path(d))) for d in campaign.data}
@@ -151,7 +151,7 @@ def _keep(path: Path, record: CampaignRecord) -> None:
     part.replace(path)
 
 
-def _result(campaign: Campaign, place: str, writing: Callable[[], None]) -> dict[str, Any]:
+def _result(campaign: CampaignJob, place: str, writing: Callable[[], None]) -> dict[str, Any]:
     """Run a campaign's command, save its files and return what came out."""
     try:
         result = _call(campaign)
@@ -168,7 +168,7 @@ def _result(campaign: Campaign, place: str, writing: Callable[[], None]) -> dict
             "verdict": _verdict(result), "design": campaign.design or result.mechanism.name}
 
 
-def _call(campaign: Campaign) -> Outcome:
+def _call(campaign: CampaignJob) -> Outcome:
     options = {{"kind": "kinds"}.get(k, k): v for k, v in campaign.options}
     if campaign.command == COMPARE:
         return compare(campaign.model, campaign.data[0])
@@ -185,16 +185,17 @@ def _verdict(result: Outcome) -> str:
     return result.record.verdict if isinstance(result, ComparisonResult) else "done"
 
 
-def _quantities(result: Outcome) -> Iterator[Quantity]:
+def _quantities(result: Outcome) -> Iterator[CampaignQuantity]:
     """Yield what the table has of a result."""
     if isinstance(result, ComparisonResult):
         yield from change_quantities(result.record)
     elif isinstance(result, CompensationResult):
         units = result.mechanism.units
         for stage, rms in zip(("before", "after"), result.errors(), strict=True):
-            yield Quantity(what="error", name="position", parameter=stage, unit=units.length,
-                           value=None if rms is None else rms / units.factor("length"))
-        yield Quantity(what="refused", value=float(len(result.refused)))
+            yield CampaignQuantity(
+                what="error", name="position", parameter=stage, unit=units.length,
+                value=None if rms is None else rms / units.factor("length"))
+        yield CampaignQuantity(what="refused", value=float(len(result.refused)))
     else:
         yield from fit_quantities(result.identification)
         if isinstance(result, DiagnosisResult):

@@ -27,7 +27,7 @@ _MEANING = {"**/": "(?:.*/)?", "*": "[^/]*", "?": "[^/]"}
 
 
 @dataclass(frozen=True)
-class Campaign:
+class CampaignJob:
     """One command on the files of one machine and date.
 
     Attributes:
@@ -62,7 +62,7 @@ class Campaign:
         return shlex.join([*words, "--out", out])
 
 
-def read_manifest(path: str | os.PathLike[str]) -> tuple[Campaign, ...]:
+def read_manifest(path: str | os.PathLike[str]) -> tuple[CampaignJob, ...]:
     """Return the campaigns of a manifest, in its order, found ones by machine and date.
 
     Raises:
@@ -71,7 +71,7 @@ def read_manifest(path: str | os.PathLike[str]) -> tuple[Campaign, ...]:
     """
     source, folder = str(path), Path(path).absolute().parent
     file = check(ManifestFile, read_yaml(Path(path)), source)
-    out: dict[str, tuple[str, Campaign]] = {}
+    out: dict[str, tuple[str, CampaignJob]] = {}
     for n, entry in enumerate(file.campaigns):
         place = f"{source}: campaigns[{n + 1}]"
         for one in _expanded(file, entry, folder, source, place):
@@ -87,7 +87,7 @@ def read_manifest(path: str | os.PathLike[str]) -> tuple[Campaign, ...]:
 
 
 def _expanded(file: ManifestFile, entry: CampaignFile, folder: Path, source: str, place: str
-              ) -> Iterator[Campaign]:
+              ) -> Iterator[CampaignJob]:
     """Yield the campaigns of one entry."""
     command = entry.command or file.command
     model = entry.model or file.model
@@ -104,7 +104,7 @@ def _expanded(file: ManifestFile, entry: CampaignFile, folder: Path, source: str
         if command == "compensate" and len(data) != 1:
             raise BadInput(f"compensate takes one file of targets, this has {len(data)}",
                            f"{place}.data", "Name one CSV")
-        yield Campaign(
+        yield CampaignJob(
             "/".join((machine, date.replace(":", ""), entry.name or command)), machine, date,
             entry.design or file.design or "", command, _filled(model, machine, date), data,
             options)
@@ -129,7 +129,7 @@ def _found(entry: CampaignFile, folder: Path, place: str
     groups: dict[tuple[str, str], list[str]] = {}
     for pattern in patterns:
         shape = _shape(pattern)
-        for path in _files(_filled(pattern, "*", "*"), folder):
+        for path in _matching(_filled(pattern, "*", "*"), folder):
             if match := shape.fullmatch(path):
                 at = match.groupdict()
                 key_ = (at.get("machine", entry.machine or ""), at.get("date", entry.date or ""))
@@ -151,10 +151,12 @@ class _Captured(Strict):
 
 def _files(pattern: str, folder: Path) -> list[str]:
     """Return the files of a pattern, sorted; what fits none stands for itself, and is missed."""
-    if not glob.has_magic(pattern):
-        return [pattern]
+    return (_matching(pattern, folder) if glob.has_magic(pattern) else []) or [pattern]
+
+
+def _matching(pattern: str, folder: Path) -> list[str]:
     found = sorted(glob.glob(pattern, root_dir=folder, recursive=True))
-    return [p.replace(os.sep, "/") for p in found if (folder / p).is_file()] or [pattern]
+    return [p.replace(os.sep, "/") for p in found if (folder / p).is_file()]
 
 
 def _shape(pattern: str) -> re.Pattern[str]:
@@ -172,6 +174,6 @@ def _shape(pattern: str) -> re.Pattern[str]:
     return re.compile(text)
 
 
-def options_key(campaign: Campaign) -> str:
+def options_key(campaign: CampaignJob) -> str:
     """Return everything that a campaign asks for but its files' content, as one text."""
     return json.dumps([campaign.command, campaign.model, campaign.data, campaign.options])

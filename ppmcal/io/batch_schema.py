@@ -13,13 +13,15 @@ from ppmcal.io.schema import Count, Flag, Label, Number, Strict, choice, refuse,
 
 FORMAT = "ppmcal/batch/1"
 COMMANDS = ("identify", "diagnose", "compensate")
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}(T\d{2}:\d{2}(:\d{2})?)?")
 EXAMPLE = "data: runs/{machine}/{date}/*.csv"
 
 
 def _date(value: object) -> str:
     text = value.strip() if isinstance(value, str) else value
     try:
-        if not isinstance(text, str):
+        # one form, so that the order of dates is that of their texts
+        if not isinstance(text, str) or not _DATE.fullmatch(text):
             raise ValueError
         datetime.fromisoformat(text)
     except ValueError:

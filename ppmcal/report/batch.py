@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ppmcal import __version__
-from ppmcal.io.results.batch import CampaignRecord, Quantity
+from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
 from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes
 from ppmcal.report.batch_changes import changes, effect_changes
@@ -67,16 +67,16 @@ def last_of_each(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:
     return list(out.values())
 
 
-def _error(record: CampaignRecord, kind: str, stage: str) -> Quantity | None:
+def _error(record: CampaignRecord, kind: str, stage: str) -> CampaignQuantity | None:
     return next((q for q in record.of_kind("error")
                  if (q.name, q.parameter) == (kind, stage) and q.value is not None), None)
 
 
-def _si(q: Quantity | None) -> float:
+def _si(q: CampaignQuantity | None) -> float:
     return float("nan") if q is None or q.value is None else q.value * LENGTHS.get(q.unit, 1.0)
 
 
-def left(record: CampaignRecord) -> Quantity | None:
+def left(record: CampaignRecord) -> CampaignQuantity | None:
     """Return what is left of the error: on unseen poses, else on those of the fit."""
     return next((q for kind in KINDS for stage in ("holdout", "after")
                  if (q := _error(record, kind, stage)) is not None), None)
@@ -119,12 +119,14 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord])
                     sort=True) + figures([_picture(ranked)]))
 
 
-def _amount(q: Quantity | None) -> Cell:
+def _amount(q: CampaignQuantity | None) -> Cell:
     return amount(None if q is None else q.value)
 
 
 def _link(record: CampaignRecord, text: str) -> Cell:
-    """Return a cell that leads to the folder of the results, beside the page."""
+    """Return a cell that leads to the folder of the results, beside the page, if there are any."""
+    if record.failed:
+        return words(text)
     return Cell(f'<a href="{escape(quote(record.campaign))}/">{escape(text)}</a>')
 
 

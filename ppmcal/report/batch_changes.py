@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from ppmcal.io.results.batch import CampaignRecord, Quantity
+from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.report.format import listed, sig, to_sigma, typeset
 from ppmcal.report.html import paragraph, table, words
 
@@ -29,7 +29,7 @@ def changes(compared: Sequence[CampaignRecord]) -> str:
             + paragraph(note, "note")) if rows else ""
 
 
-def _change(q: Quantity) -> str:
+def _change(q: CampaignQuantity) -> str:
     name = f"{q.name}: {q.parameter}" if q.parameter else q.name
     half = "" if q.sigma is None else f" ± {sig(Z95 * q.sigma, 2)}"
     instead = f" (or {listed(q.status.split(', '), 3)})" if q.status else ""

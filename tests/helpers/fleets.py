@@ -7,18 +7,19 @@ import numpy as np
 import ppmcal
 from ppmcal.io.yaml import dump_yaml, read_yaml
 
-DESIGN = {"leg1.offset": 0.25}
+DESIGN = {"leg1.offset": 0.6}
 """What every machine of the design is off by."""
 MOVED = {"leg2.base.point.x": 0.4}
 """What changes on the last machine between its first and its last date."""
 
 
 def write_fleet(folder, machines=3, dates=("2026-01-10", "2026-03-12"), backlash=0, rows=40,
-                command="identify", options=None):
+                command="identify", options=None, own=0.1):
     """Write model, measurements and manifest; return the manifest's path.
 
     Planar machines whose tolerances are drawn by unit, with ``DESIGN`` on all and ``MOVED`` on
-    the last one. ``backlash``: so many of them have some on leg1.
+    the last one. ``own``: standard deviation of units, mm; ``backlash``: so many of them have
+    some on leg1.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -26,8 +27,8 @@ def write_fleet(folder, machines=3, dates=("2026-01-10", "2026-03-12"), backlash
     scenario = read_yaml(ppmcal.shipped("3-RPR", scenario=True))
     names = [p.name for p in ppmcal.load(folder / "bench.yaml").parameters]
     for m in range(machines):
-        own = np.random.default_rng([7, m]).normal(0.0, 0.1, len(names))
-        errors = {n: float(e) for n, e in zip(names, own, strict=True)}
+        drawn = np.random.default_rng([7, m]).normal(0.0, own, len(names))
+        errors = {n: float(e) for n, e in zip(names, drawn, strict=True)}
         errors = {n: e + DESIGN.get(n, 0.0) for n, e in errors.items()
                   if n.endswith((".x", ".y", ".radius", "offset"))}
         for d, date in enumerate(dates):

@@ -17,7 +17,7 @@ from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
 TABLE = "campaigns.parquet"
 
 
-class Quantity(Part):
+class CampaignQuantity(Part):
     """One number of a campaign, in ``unit``.
 
     ``what`` says of what kind it is:
@@ -65,7 +65,7 @@ class CampaignRecord(Record):
     verdict: Text = ""
     message: Text = ""
     findings: tuple[Text, ...] = ()
-    quantities: tuple[Quantity, ...] = ()
+    quantities: tuple[CampaignQuantity, ...] = ()
     writing: Flag = False
     key: Text = ""
     inputs: Mapping[Text, Text] = Field(default_factory=dict)
@@ -76,33 +76,35 @@ class CampaignRecord(Record):
         """Whether there is no result."""
         return self.exit_code > 1
 
-    def of_kind(self, what: str) -> list[Quantity]:
+    def of_kind(self, what: str) -> list[CampaignQuantity]:
         """Return the quantities of one kind."""
         return [q for q in self.quantities if q.what == what]
 
 
-def fit_quantities(found: Identification) -> Iterator[Quantity]:
+def fit_quantities(found: Identification) -> Iterator[CampaignQuantity]:
     """Yield errors, noise and parameters of a fit, file units."""
     fit, units = found.fit, found.mechanism.units
     stages = {"before": found.before.figures(fit.keep), "after": found.after.figures(fit.keep),
               "holdout": found.holdout}
     for stage, figures in stages.items():
         for kind, s in summaries(figures, units).items():
-            yield Quantity(what="error", name=kind, parameter=stage, value=s.rms, unit=s.unit)
-    yield Quantity(what="noise", name="residual", parameter="after", value=found.noise.sigma_ratio)
+            yield CampaignQuantity(what="error", name=kind, parameter=stage, value=s.rms,
+                                   unit=s.unit)
+    yield CampaignQuantity(what="noise", name="residual", parameter="after",
+                           value=found.noise.sigma_ratio)
     for estimate in found.estimates:
         e = ParameterEstimate.of(estimate, units)
-        yield Quantity(what="parameter", name=e.name, value=e.value, sigma=e.sigma,
-                       nominal=e.nominal, tolerance=e.tolerance, unit=e.unit, status=e.status)
+        yield CampaignQuantity(what="parameter", name=e.name, value=e.value, sigma=e.sigma,
+                               nominal=e.nominal, tolerance=e.tolerance, unit=e.unit, status=e.status)
 
 
-def effect_quantities(record: DiagnosisRecord) -> Iterator[Quantity]:
+def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
     """Yield the named effects of a diagnosis, and its residuals over the noise."""
     for stage, ratio in (("before", record.fit.before), ("after", record.fit.after)):
-        yield Quantity(what="noise", name="diagnosis", parameter=stage, value=ratio)
+        yield CampaignQuantity(what="noise", name="diagnosis", parameter=stage, value=ratio)
     for effect in record.effects:
-        own = Quantity(what="effect", name=effect.kind, on=", ".join(effect.on),
-                       p_value=effect.p_value, status=record.verdict)
+        own = CampaignQuantity(what="effect", name=effect.kind, on=", ".join(effect.on),
+                               p_value=effect.p_value, status=record.verdict)
         if not effect.parameters:
             yield own
         for name, v in effect.parameters.items():
@@ -110,13 +112,13 @@ def effect_quantities(record: DiagnosisRecord) -> Iterator[Quantity]:
                                          "unit": v.unit})
 
 
-def change_quantities(record: ComparisonRecord) -> Iterator[Quantity]:
+def change_quantities(record: ComparisonRecord) -> Iterator[CampaignQuantity]:
     """Yield the changes that a comparison names."""
     for change in record.changes:
         for n in change.numbers:
-            yield Quantity(what="change", name=change.name, parameter=n.name, value=n.value,
-                           sigma=n.sigma, unit=n.unit, p_value=change.p_value,
-                           status=", ".join(change.instead))
+            yield CampaignQuantity(
+                what="change", name=change.name, parameter=n.name, value=n.value, sigma=n.sigma,
+                unit=n.unit, p_value=change.p_value, status=", ".join(change.instead))
 
 
 def campaigns_table(records: Sequence[CampaignRecord]) -> bytes:
@@ -126,10 +128,10 @@ def campaigns_table(records: Sequence[CampaignRecord]) -> bytes:
     """
     own = ("campaign", "machine", "date", "design", "command", "exit_code")
     rows = [({k: getattr(r, k) for k in own}, r, q) for r in records
-            for q in (Quantity(what="campaign", status=r.verdict), *r.quantities)]
+            for q in (CampaignQuantity(what="campaign", status=r.verdict), *r.quantities)]
     columns: dict[str, tuple[str, list[object]]] = {
         k: ("int" if k == "exit_code" else "text", [head[k] for head, _, _ in rows]) for k in own}
-    for name, field in Quantity.model_fields.items():
+    for name, field in CampaignQuantity.model_fields.items():
         kind = "text" if field.default == "" else "float"
         columns[name] = kind, [getattr(q, name) for _, _, q in rows]
     columns["message"] = "text", [r.message if q.what == "campaign" else "" for _, r, q in rows]
