@@ -1,6 +1,6 @@
 """How much faster two processes run a batch of small campaigns than one.
 
-    python benchmarks/batch_speed.py [--campaigns 200] [--scheduler tcp://...]
+    python benchmarks/batch_speed.py [--campaigns 200] [--rows 40]
 
 One run, so that the two figures are of one machine under one load. By wall clock, and by CPU
 time, where others use the cores too: time in one process over (time here + time of two

@@ -95,7 +95,8 @@ def fit_quantities(found: Identification) -> Iterator[CampaignQuantity]:
     for estimate in found.estimates:
         e = ParameterEstimate.of(estimate, units)
         yield CampaignQuantity(what="parameter", name=e.name, value=e.value, sigma=e.sigma,
-                               nominal=e.nominal, tolerance=e.tolerance, unit=e.unit, status=e.status)
+                               nominal=e.nominal, tolerance=e.tolerance, unit=e.unit,
+                               status=e.status)
 
 
 def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
