@@ -145,10 +145,14 @@ def _stopped_while_writing(kept: Path) -> bool:
 
 def _keep(path: Path, record: CampaignRecord) -> None:
     """Write a record, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
-    part.write_text(record.text(), encoding="utf-8")
-    part.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(record.text(), encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise BadInput(f"cannot be written ({error.strerror or error})", str(path),
+                       "Check permissions and space, and start the batch again") from None
 
 
 def _result(campaign: CampaignJob, place: str, writing: Callable[[], None]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ The answers come back in the order of the batches, whatever ran them.
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import os
 import signal
@@ -14,6 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
+from ppmcal import __version__
 from ppmcal.errors import BadInput, NoResult
 
 Shared = TypeVar("Shared")
@@ -123,13 +125,29 @@ def _cluster(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequ
         if not workers:
             raise BadInput(f"the scheduler at {scheduler} has no workers", "--scheduler",
                            f"Start some: `dask worker {scheduler} --nthreads 1`")
+        _refuse_other_versions(client, scheduler)
         sent = client.scatter(shared, broadcast=True)
         futures = [client.submit(_all, work, sent, list(piece), pure=False)
                    for piece in shares(items, workers)]
         while futures:
             try:
                 yield from futures.pop(0).result()
-            except (distributed.scheduler.KilledWorker, distributed.client.FutureCancelledError
-                    ) as error:
+            except (distributed.scheduler.KilledWorker, asyncio.CancelledError) as error:
                 raise NoResult(f"the workers were lost ({error})", "--scheduler",
                                "Look at their logs, and run it again") from None
+
+
+def version() -> str:
+    """Return the version of ppmcal in this process."""
+    return __version__
+
+
+def _refuse_other_versions(client: Any, scheduler: str) -> None:
+    """Refuse workers that would compute something else, or nothing."""
+    place, mend = f"--scheduler {scheduler}", f"Install ppmcal {__version__} where workers run"
+    try:
+        others = set(client.run(version).values()) - {__version__}
+    except Exception as error:
+        raise BadInput(f"workers do not run ppmcal ({error})", place, mend) from None
+    if others:
+        raise BadInput(f"workers have ppmcal {', '.join(sorted(others))}", place, mend)
