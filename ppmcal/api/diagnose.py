@@ -34,6 +34,7 @@ from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io import Output
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
@@ -93,6 +94,11 @@ class DiagnosisResult(Result):
 
         return {**files(self.diagnosis, self.provenance, self.record),
                 **diagnosis_files(self.record, self.png)}
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether there are findings, or a verdict other than none and named."""
+        return bool(self.findings) or self.verdict not in ("none", "named")
 
     def headline(self) -> str:
         """Return the verdict with the effects that are named."""
@@ -174,3 +180,16 @@ def misread_record(refused: Misread, mechanism: Machine, inputs: Sequence[Path_]
         findings=tuple(f"{m.source}: {misreading_sentence(m, machine.units)}."
                        for m in refused.found), units=UnitNames.of(machine.units),
         provenance=Provenance(**source_of("diagnose", inputs, seed)))
+
+
+def save_misread(refused: Misread, mechanism: Machine, data: Measurements, folder: Path_,
+                 seed: int) -> DiagnosisRecord | None:
+    """Write diagnosis.json with how files are to be read, and return it; None if not known."""
+    if not refused.found:
+        return None
+    machine, datasets = prepared(mechanism, data)
+    record = misread_record(refused, machine, [*machine.inputs, *data_files(datasets)], seed)
+    output = Output(folder)
+    output.add(record.FILE, record.text())
+    output.write()
+    return record

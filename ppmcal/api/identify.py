@@ -123,6 +123,11 @@ class IdentificationResult(Result):
         return IdentificationRecord.of(self.identification, self.provenance, self.method,
                                        self.freedoms)
 
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether there are findings, or drives that lost their zero."""
+        return bool(self.findings or self.identification.gross_errors.homing_shifts)
+
     def headline(self) -> str:
         """Return parameters, rank and the error before and after."""
         found, stages = self.identification, self.record.residual

@@ -191,7 +191,9 @@ def data_files(datasets: Sequence[Dataset]) -> list[str]:
 
 def source_of(function: str, inputs: Sequence[Path_], seed: int | None) -> dict[str, Any]:
     """Return where a result comes from; the command as it was typed, or the function's name."""
-    typed = "ppmcal " + shlex.join(sys.argv[1:]) if current().command else f"ppmcal.{function}()"
+    run = current()
+    typed = run.typed or (
+        "ppmcal " + shlex.join(sys.argv[1:]) if run.command else f"ppmcal.{function}()")
     return provenance(inputs, typed, seed)
 
 

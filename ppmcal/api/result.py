@@ -51,6 +51,11 @@ class Result:
         """Return name -> content of the files that the command writes; a long table as lines."""
         raise NotImplementedError
 
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether the command leaves with exit code 1."""
+        return bool(self.findings)
+
     def headline(self) -> str:
         """Return the result in a line."""
         raise NotImplementedError

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,34 @@ def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) 
         raise BadInput(f"two columns are called '{double}'", source, "Rename one of them")
     columns = {n: _values(c) for n, c in zip(names, held.columns, strict=True)}
     return as_table(columns, (), source, may_be_text)
+
+
+def refuse_without_pyarrow(source: str) -> None:
+    """Refuse to begin what will end in a Parquet file that nothing can write.
+
+    Raises:
+        BadInput: pyarrow is not there.
+    """
+    if find_spec("pyarrow") is None:
+        raise BadInput("is a Parquet file, which only pyarrow can write", source,
+                       "Install it (pip install 'ppmcal[parquet]')")
+
+
+def parquet_bytes(columns: Mapping[str, tuple[str, Sequence[Any]]]) -> bytes:
+    """Return a Parquet file.
+
+    Args:
+        columns: name -> kind (``text``, ``float`` or ``int``) and N cells; None is an empty one.
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    kinds = {"text": pyarrow.string(), "float": pyarrow.float64(), "int": pyarrow.int64()}
+    held = pyarrow.table({name: pyarrow.array(cells, kinds[kind])
+                          for name, (kind, cells) in columns.items()})
+    sink = pyarrow.BufferOutputStream()
+    parquet.write_table(held, sink)
+    return bytes(sink.getvalue())
 
 
 def _values(column: Any) -> Any:
