@@ -13,6 +13,7 @@ import numpy as np
 
 from ppmcal.calibration.instrument_tables import SCALE, TARGET, TURN, InstrumentTables
 from ppmcal.kinematics.compilation import compiled, part
+from ppmcal.kinematics.compiled_algebra import unpack
 from ppmcal.kinematics.compiled_closure import (
     BLOCK,
     by_equation,
@@ -24,7 +25,6 @@ from ppmcal.kinematics.compiled_closure import (
     set_runs,
     sizes_at,
     stage_lines,
-    unpack,
 )
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Ints
