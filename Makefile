@@ -36,7 +36,7 @@ schemas: $(VENV)/.run
 	@for name in mechanism dataset scenario batch; do $(BIN)/ppmcal schema $$name > ppmcal/io/schemas/$$name.json; done
 
 bench: $(VENV)/.test
-	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts=
+	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts= -s
 
 study: $(VENV)/.test
 	$(BIN)/python benchmarks/diagnosis_study.py --out study-results --minutes 10

@@ -13,6 +13,7 @@ import numpy as np
 
 from ppmcal.calibration.instrument_tables import SCALE, TARGET, TURN, InstrumentTables
 from ppmcal.kinematics.compilation import compiled, part
+from ppmcal.kinematics.compiled_algebra import unpack
 from ppmcal.kinematics.compiled_closure import (
     BLOCK,
     by_equation,
@@ -21,12 +22,12 @@ from ppmcal.kinematics.compiled_closure import (
     middles_at,
     pairings,
     pose_rows,
+    set_runs,
     sizes_at,
     stage_lines,
-    unpack,
 )
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Ints
 
 
 @part
@@ -250,36 +251,39 @@ def add_normal(entries: EntryTables, pairs: Array, value: Array, across: Array, 
 
 
 @compiled
-def normal_sums(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables, u: Array,
-                q: Array, pose: Array, shown: Array, white: Array) -> Array:
-    """Return (J r)^T (J r), its upper half, in the order entries, open parts, residual (T, T).
+def white_rows(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables, columns: Ints,
+               u: Array, q: Array, pose: Array, shown: Array, white: Array, out: Array) -> Array:
+    """Fill rows (J r), or return (J r)^T (J r), its upper half, without them.
+
+    One function for both, with all that a row needs in it: to hand two dozen arrays on to another
+    takes as long as half of the work.
 
     Args:
         limbs: of the closure.
         entries: what its columns are made of.
         sight: of the instrument, in m coordinates.
+        columns: of the open parts, and of the residual (f + 1,).
         u: joint coordinates (N, L).
         q: joint values (N, k).
         pose: closed platform motors (N, 8).
         shown: what was measured (N, 6), 0 where nothing was.
         white: weight/sigma (N, m), 0 where nothing was measured.
+        out: (N, m, C + 1), zeros, or (0, m, C + 1) for sums.
+
+    Returns:
+        Sums in the order entries, open parts, residual (T, T).
     """
     rows, m, d = pose.shape[0], sight.coordinates.shape[0], limbs.dof.shape[0]
-    count = entries.place.shape[0]
-    size = count + sight.parts.shape[0] + 1
-    out, across = np.zeros((size, size)), np.zeros((4, size))
-    chain = limbs.ends[:, :, 0].copy()
-    c, line, middle, size_of = (np.empty(d), np.empty((d, 6)), np.empty((d, 6)),
-                                np.empty((d, 2)))
-    A, order = np.empty((d, d)), np.empty(d, dtype=np.int64)
-    rotor, body, arm, point, turned = (np.empty(4), np.empty(12), np.empty(3), np.empty(3),
-                                       np.zeros(3))
-    R, t = body[:9], body[9:]
-    work, more = np.empty((3, 4)), np.empty((4, 9))
-    staged, value = np.zeros((d, 6, 6, BLOCK)), np.zeros((BLOCK, count))
-    by, G, seen = np.empty((m, 6)), np.empty((d, m)), np.empty((m, size - count))
-    both = np.zeros((m, d + size - count, BLOCK))
-    pairs = np.zeros((d + size - count, d + size - count, BLOCK))
+    count, rest, summing = entries.place.shape[0], columns.shape[0], out.shape[0] == 0
+    sums, across = np.zeros((count + rest, count + rest)), np.zeros((4, count + rest))
+    chain, size, c = limbs.ends[:, :, 0].copy(), np.empty((d, 2)), np.empty(d)
+    line, middle, A = np.empty((d, 6)), np.empty((d, 6)), np.empty((d, d))
+    order, rotor, body = np.empty(d, dtype=np.int64), np.empty(4), np.empty(12)
+    R, t, arm, point, turned = body[:9], body[9:], np.empty(3), np.empty(3), np.zeros(3)
+    work, more, by = np.empty((3, 4)), np.empty((4, 9)), np.empty((m, 6))
+    G, seen, value = np.empty((BLOCK, d, m)), np.empty((m, rest)), np.zeros((BLOCK, count))
+    staged = np.zeros((d, 6, 6, BLOCK))
+    both, pairs = np.zeros((m, d + rest, BLOCK)), np.zeros((d + rest, d + rest, BLOCK))
     turns = sight.coordinates[-1] > 2
     for begin in range(0, rows, BLOCK):
         block = min(BLOCK, rows - begin)
@@ -287,23 +291,30 @@ def normal_sums(limbs: LimbTables, entries: EntryTables, sight: InstrumentTables
             n = begin + w
             chains_at(limbs, u[n], chain)
             unpack(pose[n], rotor, R, t)
-            sizes_at(limbs, chain, size_of)
-            equations_at(limbs, chain, size_of, R, t, c, line)
-            middles_at(limbs, chain, size_of, middle)
+            sizes_at(limbs, chain, size)
+            equations_at(limbs, chain, size, R, t, c, line)
+            middles_at(limbs, chain, size, middle)
             stage_lines(limbs, entries, chain, body, line, middle, staged, w)
             pose_rows(line, t, limbs.dof, A)
             seen_point(sight, body, arm, point)
             if turns:
                 turn_left(sight, rotor, shown[n], work, turned)
             sight_rows(sight, body, shown[n], white[n], arm, point, turned, more, by, seen)
-            by_equation(A, order, by, limbs.dof, G)
+            by_equation(A, order, by, limbs.dof, G[w])
             for i in range(m):
-                for e in range(d):
-                    both[i, e, w] = G[e, i]
-                for a in range(size - count):
+                for a in range(rest):
                     both[i, d + a, w] = seen[i, a]
+                for e in range(d):
+                    both[i, e, w] = G[w, e, i]
         pairings(entries, staged, q[begin:begin + block], block, value)
-        both[:, :, block:] = 0.0
-        products(both, pairs)
-        add_normal(entries, pairs, value, across, out)
-    return out
+        if summing:
+            both[:, :, block:] = 0.0
+            products(both, pairs)
+            add_normal(entries, pairs, value, across, sums)
+            continue
+        for w in range(block):
+            set_runs(entries, G[w], value[w], out[begin + w])
+            for i in range(m):
+                for a in range(rest):
+                    out[begin + w, i, columns[a]] = both[i, d + a, w]
+    return sums

@@ -12,12 +12,16 @@ from functools import cached_property
 
 import numpy as np
 
-from ppmcal.calibration.normal_equations import NormalSums
+from ppmcal.calibration.normal_equations import NormalSums, white_blocks
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, svd
 
 SOLVE_TOLERANCE = 1e-13
 """Directions below this part of the strongest are round-off: neither data nor prior see them."""
+
+
+ROWS = 1536
+"""Rows of the matrix that are reduced at once."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +75,14 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
     size = len(problem.columns) + 1
     stack = np.zeros((0, size))
     count = 0
-    for rows in problem.rows(state, True, keep):
-        block = np.concatenate([rows.jacobian, rows.residual[..., None]], axis=-1)
-        if weights is not None:
-            block = block * weights[rows.dataset][rows.index][:, None, None]
-        block = block.reshape(-1, size)
-        count += int(rows.observed.sum())
-        stack = np.asarray(np.linalg.qr(np.concatenate([stack, block]), mode="r"))
+    for i in range(len(problem.datasets)):
+        for block, values in white_blocks(problem, state, i, keep[i],
+                                          None if weights is None else weights[i]):
+            # in pieces that stay in the cache, which halves the time
+            for begin in range(0, len(block), ROWS):
+                piece = np.concatenate([stack, block[begin:begin + ROWS]])
+                stack = np.asarray(np.linalg.qr(piece, mode="r"))
+            count += values
     if problem.earlier is not None:
         residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
         block = np.zeros((residual.size, size))

@@ -7,7 +7,7 @@ ranks and its intervals from the triangle that QR makes of the rows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,12 @@ from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.limbs.chain import left_jacobian
+
+AT_ONCE = 256
+"""Rows that are made together where they are reduced at once: as many as a cache holds."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +47,10 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
             total += own[0]
             count += own[1]
             continue
-        for rows in problem.rows_of(i, state, True, keep[i]):
-            block = np.concatenate([rows.jacobian, rows.residual[..., None]], axis=-1)
-            if weights is not None:
-                block *= weights[i][rows.index][:, None, None]
-            block = block.reshape(-1, size)
+        for block, values in white_blocks(problem, state, i, keep[i],
+                                          None if weights is None else weights[i]):
             total += block.T @ block
-            count += int(rows.observed.sum())
+            count += values
     if problem.earlier is not None:
         residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
         block = np.zeros((residual.size, size))
@@ -95,9 +96,21 @@ def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Arra
     return np.asarray(np.sum((white * left[:, parts]) ** 2, axis=1))
 
 
-def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
-                   weights: Array | None) -> tuple[Array, int] | None:
-    """Return the sums (C + 1, C + 1) of a data set, None where it has no compiled form."""
+@dataclass(frozen=True)
+class _CompiledRows:
+    """Rows of a data set for the compiled path; ``values`` (N,): how many each holds."""
+
+    limbs: LimbTables
+    entries: EntryTables
+    sight: InstrumentTables
+    columns: Ints
+    arrays: tuple[Array, Array, Array, Array, Array]
+    values: Ints
+
+
+def _compiled_rows(problem: Problem, state: State, index: int, keep: Bools,
+                   weights: Array | None) -> _CompiledRows | None:
+    """Return some rows (N,) of a data set, None where they have no compiled form."""
     at = np.flatnonzero(keep & finite_rows(state.poses[index]))
     if at.size < compiled_limbs.MANY or not _has_sight(problem, state, index):
         return None
@@ -106,34 +119,63 @@ def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
     tables = compiled_limbs.compiled_limbs(closure, at.size)
     if tables is None:
         return None
-    columns = problem.opens[index]
-    homing = columns.homing.start if columns.homing.stop > columns.homing.start else None
+    opened = problem.opens[index]
+    homing = opened.homing.start if opened.homing.stop > opened.homing.start else None
     entries = tables.entries({p: c for c, p in enumerate(problem.free)}, homing)
     if entries is None:
         return None
-    from ppmcal.calibration.compiled_rows import normal_sums as sums
-
-    sight = _sight(problem, state, index)
     seen, white, number = problem.measured[index]
     seen, white = _taken(at, seen, white)
-    count = int(number[at].sum())
     if weights is not None:
         white = white * weights[at][:, None]
-    upper = sums(tables.limbs, entries, sight, *_each(tables, at.size), pose, seen, white)
+    u = np.ascontiguousarray(np.broadcast_to(tables.u, (at.size, tables.u.shape[1])))
+    columns = np.array([*_open_columns(problem, index)[1], len(problem.columns)], dtype=np.int64)
+    return _CompiledRows(tables.limbs, entries, _sight(problem, state, index), columns,
+                         (u, np.ascontiguousarray(q), pose, seen, white), number[at])
+
+
+def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
+                   weights: Array | None) -> tuple[Array, int] | None:
+    """Return the sums (C + 1, C + 1) of a data set, None where it has no compiled form."""
+    rows = _compiled_rows(problem, state, index, keep, weights)
+    if rows is None:
+        return None
+    from ppmcal.calibration.compiled_rows import white_rows
+
+    upper = white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, *rows.arrays,
+                       np.zeros((0, 0, 0)))
     whole = np.triu(upper) + np.triu(upper, 1).T
-    place = np.concatenate([entries.column, _open_columns(problem, index)[1],
-                            [len(problem.columns)]])
+    place = np.concatenate([rows.entries.column, rows.columns])
     # entries of one column add up; those of different columns are where they belong
     by_row = np.zeros((len(problem.columns) + 1, whole.shape[1]))
     np.add.at(by_row, place, whole)
     total = np.zeros((len(by_row), len(by_row)))
     np.add.at(total.T, place, by_row.T)
-    return np.triu(total) + np.triu(total, 1).T, count
+    return np.triu(total) + np.triu(total, 1).T, int(rows.values.sum())
 
 
-def _each(tables: compiled_limbs.CompiledLimbs, count: int) -> tuple[Array, Array]:
-    return (np.ascontiguousarray(np.broadcast_to(tables.u, (count, tables.u.shape[1]))),
-            np.ascontiguousarray(tables.closure.q))
+def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
+                 weights: Array | None = None) -> Iterator[tuple[Array, int]]:
+    """Yield white rows with their residuals behind (n, C + 1), and how many values they hold.
+
+    Arguments as :func:`normal_sums`, of one data set. Values that were not measured are rows of 0.
+    """
+    size = len(problem.columns) + 1
+    rows = _compiled_rows(problem, state, index, keep, weights)
+    if rows is None:
+        for part in problem.rows_of(index, state, True, keep):
+            block = np.concatenate([part.jacobian, part.residual[..., None]], axis=-1)
+            if weights is not None:
+                block *= weights[part.index][:, None, None]
+            yield block.reshape(-1, size), int(part.observed.sum())
+        return
+    from ppmcal.calibration.compiled_rows import white_rows
+
+    for begin in range(0, len(rows.values), AT_ONCE):
+        u, q, pose, seen, white = (a[begin:begin + AT_ONCE] for a in rows.arrays)
+        out = np.zeros((*white.shape, size))
+        white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, u, q, pose, seen, white, out)
+        yield out.reshape(-1, size), int(rows.values[begin:begin + AT_ONCE].sum())
 
 
 def _taken(rows: Ints, *arrays: Array) -> list[Array]:

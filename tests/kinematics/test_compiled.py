@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import machines
 from helpers.machines import KINDS, Array
 
-from ppmcal.kinematics import compiled_limbs
+from ppmcal.kinematics import compilation, compiled_limbs
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import forward, newton
 from ppmcal.model.effects import Shift
@@ -188,3 +191,27 @@ def test_offset_joints_that_turn_go_through_numpy() -> None:
 
 def test_every_kind_declares_its_form() -> None:
     assert all(kind.surface.forms for kind in kinds().values())
+
+
+def test_what_is_kept_goes_by_what_is_in_the_files(tmp_path: Path) -> None:
+    """A sign that was mended has the size of the one that was not, and maybe the same time."""
+    source = tmp_path / "loops.py"
+    found = []
+    for text in ("x = +1\n", "x = -1\n"):
+        source.write_text(text)
+        compilation._folder.cache_clear()
+        found.append(compilation._folder(str(source)))
+    assert all(found)
+    assert found[0] != found[1]
+
+
+def test_few_rows_and_help_do_not_import_the_compiler() -> None:
+    code = ("import sys, numpy as np, ppmcal\n"
+            "from ppmcal.kinematics.closure import Model\n"
+            "from ppmcal.kinematics.forward import forward\n"
+            "from ppmcal.kinematics.inverse import home_state\n"
+            "import ppmcal.calibration.identify\n"
+            "machine = ppmcal.load(ppmcal.shipped('6-UPS'))\n"
+            "forward(Model(machine), np.tile(home_state(machine).q, (20, 1)))\n"
+            "assert 'numba' not in sys.modules\n")
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
