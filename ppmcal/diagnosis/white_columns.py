@@ -16,14 +16,14 @@ from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import TOGETHER, System, Whitening
 from ppmcal.linalg import Array, column_lengths
 
-KEPT = 2**22
+KEPT = 2**23
 """So many numbers of columns that were asked for one by one are kept."""
 BLOCK = 256
 
 
 @dataclass(frozen=True, eq=False)
 class WhiteColumns:
-    """Columns of a library, see :class:`ppmcal.diagnosis.added_variable_test.Columns`.
+    """Columns of a library, see :class:`ppmcal.diagnosis.added_variable_test.ProjectedColumns`.
 
     ``length`` (T,): of the whitened columns; ``hidden`` (r, T): what the geometry, with the basis
     (n, r), has of them at unit length.
@@ -57,8 +57,8 @@ class WhiteColumns:
     def some(self, which: Sequence[int]) -> Array:
         """Return some of them, no two the same (k, n)."""
         few = len(which) * len(self.basis) <= KEPT // 4
-        if few and all(c in self.kept for c in which) and len(which):
-            return np.stack([self.kept[c] for c in which])
+        if few and len(which) and all(c in self.kept for c in which):
+            return np.array([self.kept[c] for c in which])
         at = list(which)
         out = self.noise.apply(self.products.some(at), self.system).T
         out /= self.length[at, None]
