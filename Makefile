@@ -33,7 +33,7 @@ lint: $(VENV)/.test
 	$(BIN)/lint-imports
 
 schemas: $(VENV)/.run
-	@for name in mechanism dataset scenario; do $(BIN)/ppmcal schema $$name > ppmcal/io/schemas/$$name.json; done
+	@for name in mechanism dataset scenario batch; do $(BIN)/ppmcal schema $$name > ppmcal/io/schemas/$$name.json; done
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts=

@@ -243,6 +243,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cell", default="", help="only cells whose name begins so")
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--scheduler", help="run on this dask cluster, tcp://HOST:8786")
     parser.add_argument("--summary", action="store_true", help="only print the table")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -252,7 +253,7 @@ def main() -> None:
         done = {f"{r['cell']}|{r['machine']}|{r['seed']}" for r in read(path)}
         draws = {j.cell: given.count for j in draw(0, given.seed) if j.cell.startswith(given.cell)}
         while todo := [j for j in jobs(draws, given.seed) if j.key not in done]:
-            if not work(path, Outcome, run, todo, end, given.cores):
+            if not work(path, Outcome, run, todo, end, given.cores, given.scheduler):
                 break
             done |= {j.key for j in todo}
             draws = more(path, draws, given.count)

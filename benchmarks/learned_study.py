@@ -150,11 +150,12 @@ def main() -> None:
     parser.add_argument("--rows", type=int, default=120)
     parser.add_argument("--eta", type=float, default=1.0)
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--scheduler", help="run on this dask cluster, tcp://HOST:8786")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "learned.csv"
     todo = remaining(path, jobs((), CASES, given.machines, given.seeds, given.rows, given.eta))
-    work(path, Line, run, todo, None, given.cores)
+    work(path, Line, run, todo, None, given.cores, given.scheduler)
     text = table(read(path))
     (given.out / "summary.md").write_text(text, encoding="utf-8")
     print(text)

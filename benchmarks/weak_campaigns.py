@@ -84,7 +84,7 @@ def main() -> None:
     given = parser.parse_args()
     print("| machine | campaign | n | named | not none | asked | poses | s | unknown in the last |")
     print("|---|---|---|---|---|---|---|---|---|")
-    total = np.zeros(4, dtype=int)
+    total, wrong = np.zeros(4, dtype=int), 0
     for machine in given.machines:
         for weakness in given.kinds:
             verdicts, asked, seconds, last = [], [], [], ""
@@ -104,13 +104,16 @@ def main() -> None:
                     last = "; ".join(result.record.campaign.unknown)
             named = sum(v.startswith(("named", "partial")) for v in verdicts)
             other = sum(v != "none" for v in verdicts)
+            wrong += sum(v.startswith(("named", "partial")) and v.split()[1:] != ["backlash"]
+                         for v in verdicts)
             total += [len(verdicts), named, other, len(asked)]
             more = f" ({', '.join(sorted({v for v in verdicts if v != 'none'}))})" if other else ""
             print(f"| {machine} | {weakness} | {len(verdicts)} | {named} | {other}{more} | "
                   f"{len(asked)} | {np.median(asked) if asked else 0:.0f} | "
                   f"{np.median(seconds) if seconds else 0:.1f} | {last} |", flush=True)
-    print(f"\n{total[0]} campaigns: something named in {total[1]}, a verdict other than none in "
-          f"{total[2]}, missing poses asked for in {total[3]}.")
+    print(f"\n{total[0]} campaigns: something named in {total[1]}, what is not there in "
+          f"{wrong if given.hidden else total[1]}; a verdict other than none in {total[2]}, "
+          f"missing poses asked for in {total[3]}.")
 
 
 if __name__ == "__main__":

@@ -243,6 +243,7 @@ def main() -> None:
     parser.add_argument("--eta", type=float, default=1.0)
     parser.add_argument("--minutes", type=float, default=0.0, help="stop after this time")
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--scheduler", help="run on this dask cluster, tcp://HOST:8786")
     parser.add_argument("--summary", action="store_true", help="only print the tables")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
@@ -251,7 +252,7 @@ def main() -> None:
         end = time.monotonic() + 60.0 * given.minutes if given.minutes else None
         todo = remaining(path, jobs(given.groups, given.cases, given.machines, given.seeds,
                                     given.rows, given.eta))
-        work(path, Line, run, todo, end, given.cores)
+        work(path, Line, run, todo, end, given.cores, given.scheduler)
     text = table(read(path))
     (given.out / "summary.md").write_text(text, encoding="utf-8")
     print(text)

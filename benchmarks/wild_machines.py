@@ -180,11 +180,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--eta", type=float, default=2.0)
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--scheduler", help="run on this dask cluster, tcp://HOST:8786")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     path = given.out / "machines.csv"
     todo = remaining(path, jobs(given.count, given.seed, given.eta))
-    work(path, Line, run, todo, None, given.cores)
+    work(path, Line, run, todo, None, given.cores, given.scheduler)
     print(table(read(path)))
 
 

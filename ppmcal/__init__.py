@@ -31,6 +31,7 @@ __all__ = [
     "BadInput",
     "NoResult",
     "PpmcalError",
+    "batch",
     "check",
     "compare",
     "compensate",

@@ -101,11 +101,14 @@ def ways(q: Array) -> Array:
     >>> ways(np.array([[1.0], [2.0], [np.nan], [2.0], [1.5]])).ravel().tolist()
     [nan, 1.0, 1.0, 1.0, -1.0]
     """
-    out = np.full_like(q, np.nan)
-    last, at = np.full(q.shape[1], np.nan), np.full(q.shape[1], np.nan)
-    for row, values in enumerate(q):
-        move = np.sign(values - at)
-        last = np.where((move == 0.0) | np.isnan(move), last, move)
-        at = np.where(np.isnan(values), at, values)
-        out[row] = last
-    return out
+    if not len(q):
+        return np.array(q)
+    rows = np.arange(len(q))[:, None]
+    known = np.isfinite(q)
+    seen = np.maximum.accumulate(np.where(known, rows, -1), axis=0)
+    before = np.concatenate([np.full((1, q.shape[1]), -1), seen])[:len(q)]
+    start = np.take_along_axis(q, np.maximum(before, 0), axis=0)
+    move = np.where(known & (before >= 0), np.sign(np.where(known, q, 0.0) - start), 0.0)
+    last = np.maximum.accumulate(np.where(move != 0.0, rows, -1), axis=0)
+    found = np.take_along_axis(move, np.maximum(last, 0), axis=0)
+    return np.where(last >= 0, found, np.nan)

@@ -35,6 +35,11 @@ class ComparisonResult(Result):
     comparison: Comparison
     record: ComparisonRecord
 
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether the machine has changed, or there are findings."""
+        return self.comparison.changed or bool(self.findings)
+
     def files(self) -> Mapping[str, str | bytes]:
         """Return compare.csv and comparison.json."""
         return dict(self.record.files())

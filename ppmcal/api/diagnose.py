@@ -18,6 +18,8 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import Progress, Result, silent
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.freedom_choice import choice_sentence, with_chosen_freedoms
 from ppmcal.calibration.misread import Misread, misreading_sentence
 from ppmcal.calibration.misreading import refuse_misread
 from ppmcal.calibration.model_averaging import Readings
@@ -32,6 +34,8 @@ from ppmcal.diagnosis.next_experiment import with_poses
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io import Output
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
@@ -84,12 +88,17 @@ class DiagnosisResult(Result):
         """The content of diagnosis.json, file units."""
         return DiagnosisRecord.of(self.diagnosis, self.provenance)
 
-    def files(self) -> Mapping[str, str | bytes]:
+    def files(self) -> Mapping[str, Content]:
         """Return model.yaml, effects.csv, residuals.csv, diagnosis.json, ... and pictures."""
         from ppmcal.report.figure_files import diagnosis_files
 
         return {**files(self.diagnosis, self.provenance, self.record),
                 **diagnosis_files(self.record, self.png)}
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether there are findings, or a verdict other than none and named."""
+        return bool(self.findings) or self.verdict not in ("none", "named")
 
     def headline(self) -> str:
         """Return the verdict with the effects that are named."""
@@ -133,10 +142,12 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
+        problem, choice = with_chosen_freedoms(problem, FitOptions(),
+                                               [d.estimated for d in datasets])
         found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
             by_session=bool(leave_out)), progress)
-    for line in told:
+    for line in (*told, *([choice_sentence(choice)] if choice else [])):
         progress(line)
     progress("judging the campaign")
     fit = found.identification.fit
@@ -169,3 +180,16 @@ def misread_record(refused: Misread, mechanism: Machine, inputs: Sequence[Path_]
         findings=tuple(f"{m.source}: {misreading_sentence(m, machine.units)}."
                        for m in refused.found), units=UnitNames.of(machine.units),
         provenance=Provenance(**source_of("diagnose", inputs, seed)))
+
+
+def save_misread(refused: Misread, mechanism: Machine, data: Measurements, folder: Path_,
+                 seed: int) -> DiagnosisRecord | None:
+    """Write diagnosis.json with how files are to be read, and return it; None if not known."""
+    if not refused.found:
+        return None
+    machine, datasets = prepared(mechanism, data)
+    record = misread_record(refused, machine, [*machine.inputs, *data_files(datasets)], seed)
+    output = Output(folder)
+    output.add(record.FILE, record.text())
+    output.write()
+    return record

@@ -11,7 +11,7 @@ from ppmcal.api.inputs import Machine, Path_, files_of, load, source_of
 from ppmcal.api.result import Result
 from ppmcal.controllers.export import Exported, exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
-from ppmcal.io import csv_text
+from ppmcal.io.csv_writer import Content, csv_text
 from ppmcal.io.results.export import ExportRecord
 from ppmcal.model.mechanism import Mechanism
 
@@ -37,7 +37,7 @@ class ExportResult(Result):
         """Return the controller's files and export.json."""
         return {**self.exported.files, self.record.FILE: self.record.text()}
 
-    def tables(self) -> Mapping[str, str | bytes]:
+    def tables(self) -> Mapping[str, Content]:
         """Return the controller's numbers as a table besides the files."""
         numbers = self.exported.numbers
         own = csv_text(["parameter", "old", "new", "unit"],

@@ -24,6 +24,11 @@ from ppmcal.api.inputs import (
 from ppmcal.api.result import Progress, Result, silent
 from ppmcal.calibration.change_detection import carried_on
 from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.freedom_choice import (
+    FreedomChoice,
+    choice_sentence,
+    with_chosen_freedoms,
+)
 from ppmcal.calibration.identifiability import Identifiability, predict_identifiability
 from ppmcal.calibration.identify import identify as fitted
 from ppmcal.calibration.misread import Misread
@@ -41,6 +46,7 @@ from ppmcal.design.missing_poses import poses_to_tell, weak_campaign
 from ppmcal.diagnosis.left_over_pattern import left_over_pattern, pattern_sentence
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.io import unit_findings
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.linalg import Array
@@ -56,6 +62,7 @@ class IdentificationResult(Result):
         identification: everything, SI: the fit, its residuals, noise and findings.
         method: ``prior``, ``flat``, ``gcv`` or ``damped``.
         notes: sentences on noise and scale of each file, where they were estimated.
+        freedoms: which optional ones were kept, and why; None where there was no choice.
     """
 
     COMMAND: ClassVar[str] = "identify"
@@ -64,6 +71,7 @@ class IdentificationResult(Result):
     identification: Identification
     method: str
     notes: tuple[str, ...] = ()
+    freedoms: FreedomChoice | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -105,14 +113,20 @@ class IdentificationResult(Result):
         """What the data leave open: scale, exactly correlated parameters."""
         return self.identification.identifiability
 
-    def files(self) -> Mapping[str, str | bytes]:
+    def files(self) -> Mapping[str, Content]:
         """Return identified.yaml, parameters.csv, residuals.csv and identification.json."""
         return dict(self.record.files(self.identification))
 
     @cached_property
     def record(self) -> IdentificationRecord:
         """The content of identification.json, file units."""
-        return IdentificationRecord.of(self.identification, self.provenance, self.method)
+        return IdentificationRecord.of(self.identification, self.provenance, self.method,
+                                       self.freedoms)
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether there are findings, or drives that lost their zero."""
+        return bool(self.findings or self.identification.gross_errors.homing_shifts)
 
     def headline(self) -> str:
         """Return parameters, rank and the error before and after."""
@@ -183,6 +197,7 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
             refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
+        problem, choice = with_chosen_freedoms(problem, options, _estimated(problem, sigma))
         fit, odd, told = _fit(problem, options, sigma, progress)
         refuse_small_misreading(fit)
         refuse_wrong_rows(fit)
@@ -197,10 +212,11 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     asked += left_over(fit, seed)
     if before is not None:
         notes += odd + carried_on(fit, before, options)
-    told += scale_sentences(found)
+    told += [*scale_sentences(found), *([choice_sentence(choice)] if choice else [])]
     found = replace(found, findings=(*notes, *units, *asked, *found.findings), earlier=before,
                     campaign=campaign)
-    return IdentificationResult(source, tuple(found.findings), found, chosen, tuple(told))
+    return IdentificationResult(source, tuple(found.findings), found, chosen, tuple(told),
+                                choice)
 
 
 def scale_sentences(found: Identification) -> Iterator[str]:
@@ -260,7 +276,7 @@ def _fit(problem: Problem, options: FitOptions, sigma: str, progress: Callable[[
         progress(f"iteration {i}, chi-squared {c:.6g}")
 
     odd, told = list[str](), list[str]()
-    which = [sigma == "estimated" or d.estimated for d in problem.datasets]
+    which = _estimated(problem, sigma)
     if any(which) and options.method != "damped":
         fit, factor = with_estimated_noise(problem, options, watch, which)
         told = noise_sentences(problem, factor, which)
@@ -274,6 +290,11 @@ def _fit(problem: Problem, options: FitOptions, sigma: str, progress: Callable[[
                    for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]
     _refuse_unconverged(fit, options)
     return fit, odd, told
+
+
+def _estimated(problem: Problem, sigma: str) -> list[bool]:
+    """Return of which data sets the noise is estimated."""
+    return [sigma == "estimated" or d.estimated for d in problem.datasets]
 
 
 def _refuse_unobservable(problem: Problem, source: str) -> None:

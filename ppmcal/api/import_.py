@@ -20,7 +20,7 @@ from ppmcal.wording import counted
 
 FORMATS = {"klipper": klipper_import.read_printer, "reprap": reprap_import.read_printer}
 LONGEST = 1e5
-"""No rod is longer, mm."""
+"""No rod is longer, and no radius, mm."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,6 +32,7 @@ class ImportResult(Result):
         printer: what it says, mm and degrees.
         rods: how rods are taken: ``fixed``, ``shared`` or ``single``.
         scale: of measured distances: ``known``, or ``unknown``.
+        choose: whether freedoms are left to what predicts best.
         off: saved number -> by how much it is not what the printer's own fit gives, mm and degrees.
     """
 
@@ -43,10 +44,11 @@ class ImportResult(Result):
     rods: str
     scale: str
     off: Mapping[str, float]
+    choose: bool = True
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return machine.yaml, saved.yaml, and heights, distances and meshes with sidecars."""
-        return dict(files(self.printer, self.rods, self.scale))
+        return dict(files(self.printer, self.rods, self.scale, self.choose))
 
     def headline(self) -> str:
         """Return what the file holds."""
@@ -70,7 +72,8 @@ class ImportResult(Result):
 
 
 def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | float] = (),
-                  mesh: Path_ | Sequence[Path_] = (), scale: str | None = None) -> ImportResult:
+                  mesh: Path_ | Sequence[Path_] = (), scale: str | None = None,
+                  radius: float | None = None) -> ImportResult:
     """Turn a controller's configuration into a machine and its measurements.
 
     What the printer saved of an earlier calibration is a result: the machine has the numbers in
@@ -88,6 +91,8 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
         scale: ``known`` or ``unknown``: whether measured distances are true or, as on a printed
             part, all too small or large by one factor  [default: unknown where the rods are
             known].
+        radius: Klipper's ``delta_radius``, R of M665, as you know it, mm  [default: as the file
+            has it].
 
     Raises:
         BadInput: another format, or anything wrong in the files.
@@ -96,8 +101,12 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
     if name not in FORMATS:
         raise unknown("format", form, tuple(FORMATS))
     length, chosen = _rods(rods)
+    if radius is not None and not 0.0 < radius < LONGEST:
+        raise BadInput(f"{radius} is no radius, mm", "--radius",
+                       "Give it from the joints at a tower to those at the effector, such as "
+                       "--radius 140")
     meshes = [str(m) for m in ([mesh] if isinstance(mesh, str | os.PathLike) else mesh)]
-    printer = FORMATS[name](Path(file), length, meshes)
+    printer = FORMATS[name](Path(file), length, meshes, radius)
     found = refit(printer) if name == "klipper" and printer.calibrated else None
     off = differences(printer.geometry, found) if found is not None else {}
     scale = scale_of(printer, scale)
@@ -107,7 +116,7 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
                         "measured on has shrunk by 0.3 %, rods of 300 mm come out 1 mm short")
     inputs = [file, *(m for m in meshes if Path(m).is_file())]
     return ImportResult(source_of("import_config", inputs, None), tuple(findings), str(file),
-                        printer, rods_of(printer, chosen), scale, off)
+                        printer, rods_of(printer, chosen), scale, off, chosen is None)
 
 
 def _rods(given: str | float | Sequence[str | float]) -> tuple[float | None, str | None]:

@@ -15,11 +15,11 @@ import numpy as np
 from ppmcal.calibration.stale_rows import without_stale
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
-from ppmcal.io.csv import read_table
 from ppmcal.io.dataset_reader import LABELS, dataset_of, joined
 from ppmcal.io.folder import current
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
+from ppmcal.io.tables import read_table
 from ppmcal.io.templates import find_template
 from ppmcal.kinematics.effect_response import environment_of, with_strokes
 from ppmcal.kinematics.needed_columns import ORDER, missing_columns
@@ -138,7 +138,8 @@ def prepared(mechanism: Machine, data: Measurements, free: Sequence[str] | str =
     machine = load(mechanism)
     patterns = (free,) if isinstance(free, str) else tuple(free)
     if patterns == ("none",):
-        machine = replace(machine, free=())    # what a file marks as free is not either
+        # what a file marks as free is not either
+        machine = replace(machine, free=(), optional=())
     elif patterns:
         for pattern in unmatched(machine.parameters, patterns):
             raise unknown("parameter", pattern, machine.names, "--free")
@@ -190,7 +191,9 @@ def data_files(datasets: Sequence[Dataset]) -> list[str]:
 
 def source_of(function: str, inputs: Sequence[Path_], seed: int | None) -> dict[str, Any]:
     """Return where a result comes from; the command as it was typed, or the function's name."""
-    typed = "ppmcal " + shlex.join(sys.argv[1:]) if current().command else f"ppmcal.{function}()"
+    run = current()
+    typed = run.typed or (
+        "ppmcal " + shlex.join(sys.argv[1:]) if run.command else f"ppmcal.{function}()")
     return provenance(inputs, typed, seed)
 
 

@@ -17,6 +17,7 @@ from ppmcal.calibration.model_averaging import Readings
 from ppmcal.calibration.summary import Identification
 from ppmcal.errors import unknown
 from ppmcal.io import Output
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.folder import current, note_read, running
 from ppmcal.model.mechanism import Mechanism
 
@@ -46,9 +47,14 @@ class Result:
     provenance: Mapping[str, Any]
     findings: tuple[str, ...]
 
-    def files(self) -> Mapping[str, str | bytes]:
-        """Return name -> content of the files that the command writes."""
+    def files(self) -> Mapping[str, Content]:
+        """Return name -> content of the files that the command writes; a long table as lines."""
         raise NotImplementedError
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether the command leaves with exit code 1."""
+        return bool(self.findings)
 
     def headline(self) -> str:
         """Return the result in a line."""
@@ -94,11 +100,11 @@ class Result:
             raise unknown("table", name, tables)
         return framed(tables[name])
 
-    def _main(self, tables: Mapping[str, str | bytes]) -> str:
+    def _main(self, tables: Mapping[str, Content]) -> str:
         """Return the table that stands for the result, the first where that one is not there."""
         return self.TABLE if self.TABLE in tables else next(iter(tables), self.TABLE)
 
-    def tables(self) -> Mapping[str, str | bytes]:
+    def tables(self) -> Mapping[str, Content]:
         """Return those of the files that are tables."""
         return {k: v for k, v in self.files().items() if k.endswith(".csv")}
 
@@ -139,7 +145,7 @@ class CalibratedMachine(Protocol):
         ...
 
 
-def framed(content: str | bytes) -> Any:
+def framed(content: Content) -> Any:
     """Return a CSV as a pandas data frame, or as a dict of columns without pandas."""
     try:
         import pandas
@@ -157,9 +163,9 @@ def _column(cells: list[str]) -> Any:
         return np.array(cells, dtype=object)
 
 
-def _rows(content: str | bytes) -> list[list[str]]:
+def _rows(content: Content) -> list[list[str]]:
     return list(csv.reader(io.StringIO(_text(content))))
 
 
-def _text(content: str | bytes) -> str:
-    return content if isinstance(content, str) else content.decode()
+def _text(content: Content) -> str:
+    return content.decode() if isinstance(content, bytes) else str(content)

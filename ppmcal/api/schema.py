@@ -23,8 +23,8 @@ def schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema of a file.
 
     Args:
-        name: ``mechanism``, ``dataset``, ``scenario``, or a result: ``identification``,
-            ``diagnosis``, ``comparison``, ...
+        name: ``mechanism``, ``dataset``, ``scenario``, ``batch``, or a result:
+            ``identification``, ``diagnosis``, ``comparison``, ...
 
     Raises:
         BadInput: there is no such file; the text lists them.

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 from ppmcal.api.inputs import Machine, Path_, load, read_data, source_of
 from ppmcal.api.result import Result
 from ppmcal.io import read_scenario
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.frames import is_path
 from ppmcal.io.results.simulation import files
 from ppmcal.model.dataset import Dataset
@@ -38,7 +39,7 @@ class SimulationResult(Result):
     campaign: Campaign
     name: str = "simulated"
 
-    def files(self) -> Mapping[str, str | bytes]:
+    def files(self) -> Mapping[str, Content]:
         """Return measurements.csv, measurements.yaml and truth.json."""
         return dict(files(self.mechanism, self.scenario, self.campaign, self.name,
                           self.provenance))
@@ -54,7 +55,7 @@ class SimulationResult(Result):
         """The measurements as a user would get them: what is true is not in it."""
         import yaml
 
-        sidecar = yaml.safe_load(self.files()["measurements.yaml"])
+        sidecar = yaml.safe_load(str(self.files()["measurements.yaml"]))
         return read_data(self.mechanism, self.to_frame(), sidecar=sidecar)
 
     def headline(self) -> str:

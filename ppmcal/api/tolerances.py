@@ -68,7 +68,7 @@ def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: f
                share: float = 0.95, method: str = "cost", poses: Any = None,
                instrument: Path_ | None = None, measure: int = 30, machines: int = 1000,
                metric: float | None = None, tool: str | None = None, cores: int | None = None,
-               dask: str | None = None, seed: int = 0, progress: Progress = silent
+               scheduler: str | None = None, seed: int = 0, progress: Progress = silent
                ) -> TolerancesResult:
     """Find tolerances with which a machine keeps an accuracy, and count the machines that do.
 
@@ -85,7 +85,7 @@ def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: f
         metric: an angle of sigma/metric counts like a length of sigma.
         tool: the tool point ``X,Y,Z`` in platform axes.
         cores: processes to run in  [default: all processors].
-        dask: run on this scheduler, such as ``tcp://10.0.0.5:8786``.
+        scheduler: run on the cluster of this dask scheduler, such as ``tcp://10.0.0.5:8786``.
         seed: of everything drawn at random.
         progress: called with a line of text now and then.
 
@@ -94,7 +94,7 @@ def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: f
     """
     machine = load(mechanism)
     job = TolerancesJob(accuracy, rotation, share, method, poses, instrument, measure, machines,
-                        metric, tool, cores, dask, seed)
+                        metric, tool, cores, scheduler, seed)
     found = solve(machine, job, progress)
     source = source_of("tolerances", [*machine.inputs, *files_of(poses, instrument)], seed)
     record = TolerancesRecord.of(found, machine, source)
@@ -116,7 +116,7 @@ class TolerancesJob:
     metric: float | None
     tool: str | None
     cores: int | None
-    dask: str | None
+    scheduler: str | None
     seed: int
 
 
@@ -143,7 +143,8 @@ def solve(
     nominal = _with_tolerances(machine, free, chosen.tau)
     setup = _measurement_setup(nominal, job, instrument, demand)
     fleet = Fleet(nominal, free, chosen.drawn, tasks, setup)
-    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.dask, progress)
+    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.scheduler,
+                      progress)
     home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
     index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
     return ToleranceResult(machine, found, demand, tau, job.method, fleet, judged,

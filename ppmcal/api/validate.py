@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -20,6 +20,7 @@ from ppmcal.api.inputs import (
     source_of,
 )
 from ppmcal.api.result import CalibratedMachine, Progress, Result, silent
+from ppmcal.calibration.day_noise import DayNoise, with_day_noise
 from ppmcal.calibration.frozen_models import (
     OPEN,
     FrozenModel,
@@ -42,6 +43,7 @@ class ValidationResult(Result):
     Attributes:
         mechanism: the machine, as it was given.
         validated: by data set, errors of the machine, of it without each effect, and of others, SI.
+        noise: by data set, what it is judged by and where that is from.
         record: the content of validation.json.
     """
 
@@ -50,6 +52,7 @@ class ValidationResult(Result):
 
     mechanism: Mechanism
     validated: tuple[Validated, ...]
+    noise: tuple[DayNoise, ...]
     record: ValidationRecord
     png: bool = False
 
@@ -88,16 +91,20 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     whole = mechanism
     mechanism, datasets = prepared(mechanism, data, "none")
     words = _words(register)
+    models = with_and_without(mechanism)
+    progress("looking at the noise")
+    days, noise = with_day_noise([replace(models[n].mechanism, free=whole.free)
+                                  for n in sorted({0, len(models) - 1})], datasets)
     progress("predicting with and without each effect")
     others, odd = _others(whole, model, against)
-    found = validated([*with_and_without(mechanism), *others], datasets, words, seed)
+    found = validated([*models, *others], days, words, seed)
     inputs = [*mechanism.inputs, *(i for o in others for i in o.mechanism.inputs),
               *data_files(datasets)]
     source = source_of("validate", list(dict.fromkeys(inputs)), seed)
     findings = (*odd, *(f for d in datasets for f in d.findings))
-    record = ValidationRecord.of_validation(found, mechanism.name, mechanism.units, source,
-                                            findings)
-    return ValidationResult(source, findings, mechanism, found, record, png)
+    record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
+                                            source, findings)
+    return ValidationResult(source, findings, mechanism, found, tuple(noise), record, png)
 
 
 def _file(model: Machine) -> Machine:

@@ -68,7 +68,7 @@ class WeakCampaign:
 
 def weak_shapes(fit: Fit) -> tuple[str, ...]:
     """Return in words what is weak about the poses of a fit; empty where nothing is."""
-    return (*_spanned(fit), *_stroke(fit), *_few(fit)) if fit.problem.free else ()
+    return (*_spanned(fit), *_stroke(fit), *few_poses(fit)) if fit.problem.free else ()
 
 
 def geometry(fit: Fit) -> tuple[int, ...]:
@@ -127,7 +127,7 @@ def _stroke(fit: Fit) -> Iterable[str]:
         yield f"no joint uses more than {part.max():.0%} of its range"
 
 
-def _few(fit: Fit) -> Iterable[str]:
+def few_poses(fit: Fit) -> Iterable[str]:
     """Yield that there are few numbers for so many unknowns, frames included."""
     columns, count, poses = len(fit.problem.columns), 0, 0
     for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):

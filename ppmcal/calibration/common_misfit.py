@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
 from ppmcal.calibration.noise import FAILED_NOISE, LEAST
@@ -131,6 +130,8 @@ def _once(sight: Sight) -> Sight:
 
 def _nearest(a: Array, b: Array) -> tuple[Ints, Ints, bool]:
     """Return pairs of rows that are each other's nearest, and whether they are the same poses."""
+    from scipy.spatial import cKDTree  # slow to import, asked of several files only
+
     unit = np.ptp(np.concatenate([a, b]), axis=0)
     unit = np.where(unit > 0.0, unit, 1.0)
     one, two = cKDTree(a / unit), cKDTree(b / unit)

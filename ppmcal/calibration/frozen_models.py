@@ -18,7 +18,7 @@ from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem, white_squares
 from ppmcal.calibration.registration_freedoms import OPEN as OPEN
-from ppmcal.calibration.registration_freedoms import fall, is_open, opened
+from ppmcal.calibration.registration_freedoms import OPENED, fall, is_open, opened
 from ppmcal.calibration.validation import Residuals, register_only, residuals
 from ppmcal.errors import BadInput
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
@@ -26,8 +26,6 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.wording import where
 
-OPENED = {"position": ("frame", "target", "homing"), "plane": ("frame",), "distance": ()}
-"""What of it the data of an instrument can demand: of a flat its height and tilt say the rest."""
 DRAWS = 2000
 SURE = (0.025, 0.975)
 FEWEST = 3
@@ -48,7 +46,7 @@ class ModelError:
     Attributes:
         label: of the machine.
         position, rotation: rms, p95 and max of the measured errors, m and rad; empty: not measured.
-        noise: rms over the stated noise.
+        noise: rms over the noise of the data set as it is given.
         squares: squared error of each row, m^2 (of rotation alone rad^2), (R,).
         closer: rms of the reference machine less this one's, m or rad, and its 95 % interval; 0 of
             the reference. Positive: this machine predicts better.

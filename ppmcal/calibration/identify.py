@@ -14,15 +14,15 @@ from dataclasses import replace
 import numpy as np
 
 from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions, prediction_covariance
+from ppmcal.calibration.gauss_newton import Progress, least_squares
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.least_squares import (
-    Progress,
     column_scale,
-    least_squares,
     parameter_scale,
     prior_weights,
     qr_factor,
 )
+from ppmcal.calibration.normal_equations import normal_sums
 from ppmcal.calibration.observation import coordinates, shown
 from ppmcal.calibration.outliers import REJECT, distances, huber_weights, unchecked, worst
 from ppmcal.calibration.problem import Problem, State
@@ -40,7 +40,7 @@ STAGE, STAGE_ITERATIONS = 30.0, 4
 
 
 def identify(problem: Problem, options: FitOptions | None = None, progress: Progress | None = None,
-             start: State | None = None, near: bool = False) -> Fit:
+             start: State | None = None, near: bool = False, at_minimum: bool = False) -> Fit:
     """Fit the free parameters and open frames to the data.
 
     Args:
@@ -49,6 +49,7 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
         progress: called with (iteration, chi-squared).
         start: where to start, default the machine's present values.
         near: whether the start is near the minimum already.
+        at_minimum: whether it is the minimum of many of the same rows.
 
     Raises:
         BadInput: too few rows. NoResult: no pose could be solved, or the damped scheme of
@@ -56,7 +57,7 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
     """
     options = options or FitOptions()
     prior = prior_weights(problem, options.method)
-    state = start or problem.start()
+    begun = state = start or problem.start()
     keep, reasons = _usable(problem, state)
     _enough(problem, keep)
     suspects = [np.zeros_like(k) for k in keep]
@@ -68,14 +69,15 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
     if options.method == "damped":
         state = start_off_zero(problem, state, keep)
         return damped(problem, state, keep, reasons, options, progress)
-    if sum(int(k.sum()) for k in keep) > MANY_ROWS:
+    many = sum(int(k.sum()) for k in keep) > MANY_ROWS
+    if many and not at_minimum:
         thinned, few = _thinned(problem, state, keep)
         first = identify(thinned, options, progress, few)
         state = problem.solve(State(first.state.g, first.state.registrations, state.poses))
         keep, later = _usable(problem, state)
         keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
         reasons = [{**new, **old} for new, old in zip(later, reasons, strict=True)]
-    else:
+    elif not many:
         state = _near(problem, state, keep, prior, options, progress, near)
     fit = _fit(problem, state, keep, reasons, prior, options, progress)
     if options.robust:
@@ -85,8 +87,8 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
         fit = _cross_validated(fit, options, progress)
         if options.robust:
             fit = _without_outliers(fit, fit.outliers, fit.state.poses, options, progress)
-    return with_unsolved(fit, lambda at, rows, why: _fit(
-        problem, at.state, rows, why, at.prior, options, progress, at.prior_scale))
+    return replace(with_unsolved(fit, lambda at, rows, why: _fit(
+        problem, at.state, rows, why, at.prior, options, progress, at.prior_scale)), start=begun)
 
 
 def _only(state: State, keep: Sequence[Bools]) -> State:
@@ -126,7 +128,7 @@ def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, o
 
     if not near:
         state = _approach(problem, state, keep, prior, weigh, progress)
-    return least_squares(problem, state, keep, prior, options.most, weigh, progress)[0]
+    return least_squares(problem, state, keep, prior, options.most, weigh, progress).state
 
 
 def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -137,23 +139,25 @@ def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     that straight steps leave it. With the prior never weaker than a thousandth of what the
     data know best, the valley is wide, and each stage starts next to its minimum.
     """
-    reduced = qr_factor(problem, state, keep)
-    known_best = float(np.linalg.norm(reduced.triangle * column_scale(problem), 2))
+    scale = column_scale(problem)
+    seen = normal_sums(problem, state, keep).matrix * (scale[:, None] * scale)
+    known_best = float(np.sqrt(np.linalg.norm(seen, 2)))
     weakest = float((prior[prior > 0.0] * column_scale(problem)[prior > 0.0]).min(initial=np.inf))
     excess = known_best / (STIFFEST * weakest)
     while excess > 1.0:
-        state, _, _, _ = least_squares(problem, state, keep, prior * excess, STAGE_ITERATIONS,
-                                      weigh, progress)
+        state = least_squares(problem, state, keep, prior * excess, STAGE_ITERATIONS, weigh,
+                              progress, rough=True).state
         excess /= STAGE
     return state
 
 
 def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequence[dict[int, str]],
          prior: Array, options: FitOptions, progress: Progress | None, scale: float = 1.0) -> Fit:
-    state, reduced, count, converged = least_squares(problem, state, keep, prior,
-                                                    options.most, None, progress)
-    return Fit(problem, state, reduced, prior, column_scale(problem), tuple(keep),
-               count, converged, prior_scale=scale, reasons=tuple(reasons))
+    found = least_squares(problem, state, keep, prior, options.most, None, progress)
+    reduced = found.reduced or qr_factor(problem, found.state, keep)
+    return Fit(problem, found.state, reduced, prior, column_scale(problem), tuple(keep),
+               found.iterations, found.converged, prior_scale=scale, reasons=tuple(reasons),
+               summed=found.summed)
 
 
 def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int, str]]]:
@@ -209,8 +213,8 @@ def start_off_zero(problem: Problem, state: State, keep: Sequence[Bools]) -> Sta
 
 
 def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: Array) -> Bools:
-    reduced = qr_factor(problem, state, keep)
-    norms = np.linalg.norm(reduced.triangle[:, :scale.size], axis=0) * scale
+    squares = np.diagonal(normal_sums(problem, state, keep).matrix)[:scale.size]
+    norms = np.sqrt(squares) * scale
     return np.asarray(norms < 1e-9 * max(float(norms.max(initial=0.0)), 1e-300), dtype=bool)
 
 

@@ -79,13 +79,24 @@ def by_blocks(fit: Fit, inflation: float) -> Disagreement | None:
 
 def _blocks(fit: Fit, label: Callable[[Array], Ints]) -> list[list[Bools]]:
     """Return the rows (N,) of every data set, block by block."""
+    labels = _labels(fit, label)
+    return [[own == b for own in labels] for b in range(BLOCKS)]
+
+
+def spatial_blocks(fit: Fit) -> list[Ints]:
+    """Return which block of neighbours in joint space each row (N,) in use is in, -1 of others."""
+    return _labels(fit, _near)
+
+
+def _labels(fit: Fit, label: Callable[[Array], Ints]) -> list[Ints]:
+    """Return block numbers (N,) of the rows in use of every data set, -1 of others."""
     labels = []
     for data, keep in zip(fit.problem.datasets, fit.keep, strict=True):
         own = np.full(len(data), -1)
         use = keep & finite_rows(data.q)
         own[use] = label(data.q[use])
         labels.append(own)
-    return [[own == b for own in labels] for b in range(BLOCKS)]
+    return labels
 
 
 def _in_order(q: Array) -> Ints:

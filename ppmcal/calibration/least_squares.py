@@ -1,4 +1,4 @@
-"""The small linear problem of one iteration: all rows as one triangle, and its step.
+"""The small linear problem of one iteration: all rows as one triangle or as sums, and its step.
 
 Columns are judged in natural units (:func:`column_scale`), so that metres and radians,
 geometry and frames can be weighed against each other.
@@ -6,11 +6,13 @@ geometry and frames can be weighed against each other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ppmcal.calibration.normal_equations import NormalSums
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, svd
 
@@ -88,30 +90,6 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
     return QRFactor(full[:-1, :-1], right, float(np.sum(full[:, -1] ** 2)), count)
 
 
-def cost(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
-         weights: Sequence[Array] | None) -> float:
-    """Return chi-squared of data and prior; inf where a kept row has no pose."""
-    total = prior_square(problem, state, prior)
-    for i, k in enumerate(keep):
-        if not np.isfinite(state.poses[i][k]).all():
-            return float("inf")
-    for rows in problem.rows(state, False, keep):
-        r = rows.residual
-        if weights is not None:
-            r = r * weights[rows.dataset][rows.index][:, None]
-        total += float(np.sum(r * r))
-    if problem.earlier is not None:
-        total += float(np.sum(problem.earlier.rows(problem.mechanism, (), state.g)[0] ** 2))
-    return total
-
-
-def prior_square(problem: Problem, state: State, prior: Array) -> float:
-    """Return the prior's part of chi-squared."""
-    free = list(problem.free)
-    away = (state.g[free] - problem.mechanism.nominals[free]) * prior[:len(free)]
-    return float(np.sum(away**2))
-
-
 def column_scale(problem: Problem) -> Array:
     """Return one natural unit per column (C,): tolerances; a thousandth of the reach, 1e-3 rad.
 
@@ -149,6 +127,75 @@ class NormalStep:
         return x * self.scale, decrease
 
 
+@dataclass(frozen=True, eq=False)
+class SummedStep:
+    """The same from normal equations of data and prior, in natural units.
+
+    ``matrix`` (C, C) s = ``gradient`` (C,), in units ``scale`` (C,).
+    """
+
+    matrix: Array
+    gradient: Array
+    scale: Array
+
+    @cached_property
+    def _strongest(self) -> float:
+        return float(np.linalg.norm(self.matrix, 2))
+
+    def _inverse_root(self, matrix: Array) -> Array | None:
+        """Return X (C, C) with X^T X = matrix^-1 by Cholesky of unit columns, None without one."""
+        size = np.sqrt(np.diagonal(matrix))
+        if not np.all(size > 0.0):
+            return None
+        try:
+            root = np.linalg.cholesky(matrix / (size[:, None] * size))
+        except np.linalg.LinAlgError:
+            return None
+        return np.asarray(np.linalg.inv(root) / size)
+
+    @cached_property
+    def _plain(self) -> Array | None:
+        return self._inverse_root(self.matrix)
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition of unit columns in the 1-norm, from the factor; inf where there is none."""
+        if self._plain is None:
+            return float("inf")
+        size = np.sqrt(np.diagonal(self.matrix))
+        back = self._plain * size
+        return float(np.linalg.norm(back.T @ back, 1)
+                     * np.linalg.norm(self.matrix / (size[:, None] * size), 1))
+
+    def step(self, damping: float = 0.0) -> tuple[Array, float]:
+        """Return the step (C,) and the decrease that it promises; see :meth:`NormalStep.step`."""
+        root = self._plain
+        if damping > 0.0:
+            extra = damping * self._strongest * np.eye(len(self.scale))
+            root = self._inverse_root(self.matrix + extra)
+        if root is None:
+            return np.zeros_like(self.scale), 0.0
+        x = root.T @ (root @ self.gradient)
+        return x * self.scale, float(x @ (2.0 * self.gradient - self.matrix @ x))
+
+
+def summed_step(problem: Problem, state: State, sums: NormalSums, prior: Array) -> SummedStep:
+    """Return the linear problem of data and prior from sums; arguments as :func:`normal_step`."""
+    scale = column_scale(problem)
+    matrix = sums.matrix * (scale[:, None] * scale)
+    matrix[np.diag_indices_from(matrix)] += (prior * scale) ** 2
+    gradient = scale * (sums.gradient + prior**2 * _away(problem, state))
+    return SummedStep(matrix, gradient, scale)
+
+
+def _away(problem: Problem, state: State) -> Array:
+    """Return how far each column's value is from nominal (C,), 0 for open ones."""
+    free = list(problem.free)
+    away = np.zeros(len(problem.columns))
+    away[:len(free)] = problem.mechanism.nominals[free] - state.g[free]
+    return away
+
+
 def normal_step(problem: Problem, state: State, reduced: QRFactor, prior: Array) -> NormalStep:
     """Return the linear problem of data and prior at a state.
 
@@ -158,94 +205,8 @@ def normal_step(problem: Problem, state: State, reduced: QRFactor, prior: Array)
         reduced: all rows as one triangle.
         prior: weight of each column's distance from its nominal value (C,), 1/tau, SI.
     """
-    free = list(problem.free)
     scale = column_scale(problem)
-    away = np.zeros(len(problem.columns))
-    away[:len(free)] = problem.mechanism.nominals[free] - state.g[free]
     matrix = np.concatenate([reduced.triangle * scale, np.diag(prior * scale)])
     u, s, vt = svd(matrix)
-    right = u.T @ np.concatenate([reduced.right, prior * away])
+    right = u.T @ np.concatenate([reduced.right, prior * _away(problem, state)])
     return NormalStep(s, right, vt, scale)
-
-
-Progress = Callable[[int, float], None]
-
-CONVERGED = 1e-6
-"""Converged: the next step would lower chi-squared by less than this."""
-SMALLEST_DAMPING = 1e-16
-"""Damping starts here when a plain step fails, and is dropped as soon as it falls back."""
-ROUGH = 1e-3
-"""A re-weighted fit is good enough when a step would gain less than this part."""
-ROUND_OFF = 1e-13
-"""Or the step is below this part of the parameters' scale."""
-AT_THE_NOISE = 0.01
-"""What a step may still promise of chi-squared where a fit has used up its iterations: the
-predictions of all rows together would move by a tenth of the noise."""
-
-
-def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
-                 iterations: int, weigh: Callable[[State], Sequence[Array]] | None = None,
-                 progress: Progress | None = None) -> tuple[State, QRFactor, int, bool]:
-    """Return the minimum of chi-squared of data and prior.
-
-    Args:
-        problem: the machine and its C columns.
-        state: where to start.
-        keep: rows to use (N,), for each data set.
-        prior: weight of each column's distance from its nominal value (C,), 1/tau, SI.
-        iterations: at most so many.
-        weigh: weights of rows at a state. Rows are re-weighted in each iteration, and a rough
-            minimum is enough: it is only where the final fit starts.
-        progress: called with iteration and chi-squared.
-
-    Returns:
-        The state at the minimum, its rows, the number of iterations, converged or not.
-    """
-    damping, decrease = 0.0, float("inf")
-    unit = column_scale(problem)
-    for count in range(1, iterations + 1):
-        weights = weigh(state) if weigh else None
-        reduced = qr_factor(problem, state, keep, weights)
-        before = reduced.square + prior_square(problem, state, prior)
-        limit = max(CONVERGED, (ROUGH if weigh else 1e-10) * before)
-        if progress:
-            progress(count, before)
-        small = normal_step(problem, state, reduced, prior)
-        while True:
-            step, decrease = small.step(damping)
-            if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:
-                # too small to be judged by the cost: a last plain step only polishes
-                end = problem.moved(state, step) if damping == 0.0 else state
-                return (end if solved(end, keep) else state), reduced, count, True
-            trial = problem.moved(state, step)
-            after = cost(problem, trial, keep, prior, weights)
-            if after >= before and damping == 0.0:
-                trial, after = _second_chance(problem, trial, keep, prior, weights)
-            if after < before:
-                state = trial
-                damping = damping / 10.0 if damping > SMALLEST_DAMPING else 0.0
-                break
-            damping = max(10.0 * damping, SMALLEST_DAMPING)
-            if damping > 1.0:
-                return state, reduced, count, bool(decrease < 1e-6 * max(before, 1.0))
-    # creeping along a valley: what is left to gain is no more than a tenth of the noise
-    return state, qr_factor(problem, state, keep, None), iterations, decrease < AT_THE_NOISE
-
-
-def solved(state: State, keep: Sequence[Bools]) -> bool:
-    """Whether every row in use has a pose."""
-    return all(bool(np.isfinite(p[k]).all()) for p, k in zip(state.poses, keep, strict=True))
-
-
-def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior: Array,
-                   weights: Sequence[Array] | None) -> tuple[State, float]:
-    """Take a second plain step from a trial that was worse, and judge after it.
-
-    Where frame and geometry turn together the data see nothing at first order and a very
-    steep wall at second order; one straight step runs into the wall, the next one off it.
-    """
-    if not solved(trial, keep):
-        return trial, float("inf")
-    reduced = qr_factor(problem, trial, keep, weights)
-    trial = problem.moved(trial, normal_step(problem, trial, reduced, prior).step()[0])
-    return trial, cost(problem, trial, keep, prior, weights)

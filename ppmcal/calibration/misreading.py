@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.gauss_newton import least_squares
 from ppmcal.calibration.gross_rows import beyond, explained_distances, gross_errors, toleranced
-from ppmcal.calibration.least_squares import least_squares, prior_weights
+from ppmcal.calibration.least_squares import prior_weights
 from ppmcal.calibration.misread import Misread
 from ppmcal.calibration.negative_struts import negative_struts, with_positive_struts
 from ppmcal.calibration.observation import coordinates
@@ -307,4 +308,4 @@ def _after_trial(problem: Problem, state: State, keep: Sequence[Bools]) -> State
     def weigh(at: State) -> Sequence[Array]:
         return huber_weights(problem, at, keep)
 
-    return least_squares(problem, state, keep, prior, TRIAL_ITERATIONS, weigh)[0]
+    return least_squares(problem, state, keep, prior, TRIAL_ITERATIONS, weigh).state

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
 from ppmcal.calibration.fit import Fit, FitOptions, directions, prediction_covariance
+from ppmcal.calibration.gauss_newton import Progress, least_squares, prior_square
 from ppmcal.calibration.identify import identify
-from ppmcal.calibration.least_squares import Progress, least_squares, prior_square, qr_factor
+from ppmcal.calibration.least_squares import qr_factor
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools
@@ -137,8 +138,8 @@ def with_noise(fit: Fit, factor: float, options: FitOptions) -> Fit:
     chosen = options.method == "gcv"
     state, converged = fit.state, fit.converged
     if fit.prior.any() and not chosen:
-        state, _, _, converged = least_squares(noisier, state, fit.keep, fit.prior,
-                                              options.most)
+        found = least_squares(noisier, state, fit.keep, fit.prior, options.most)
+        state, converged = found.state, found.converged
     return replace(fit, state=state, reduced=qr_factor(noisier, state, fit.keep),
                    prior=fit.prior / factor if chosen else fit.prior, noise=factor * fit.noise,
                    prior_scale=fit.prior_scale * (factor if chosen else 1.0),

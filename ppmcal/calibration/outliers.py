@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from ppmcal.calibration.fit import Fit, prediction_covariance
 from ppmcal.calibration.homing_shift import HomingShift, homing_shifts
+from ppmcal.calibration.normal_equations import row_squares
 from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates, shown
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.registration import measured_pose
-from ppmcal.linalg import Array, Bools
+from ppmcal.linalg import Array, Bools, finite_rows
 
 HUBER = 1.5
 """Rows farther than this many standard deviations (root mean square) are down-weighted."""
@@ -60,7 +62,15 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
     """
     square = [np.full(len(d), np.nan) for d in problem.datasets]
     size = [np.zeros(len(d)) for d in problem.datasets]
-    for rows in problem.rows(state, covariance is not None):
+    rest = []
+    for i, pose in enumerate(state.poses):
+        solved = finite_rows(pose)
+        own = row_squares(problem, state, i, solved) if covariance is None else None
+        if own is None:
+            rest.append(problem.rows_of(i, state, covariance is not None))
+        else:
+            square[i][solved], size[i][solved] = own, problem.measured[i][2][solved]
+    for rows in chain.from_iterable(rest):
         r = rows.residual
         if covariance is None:
             d2 = np.sum(r * r, axis=1)

@@ -18,20 +18,24 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal import algebra as cga
 from ppmcal.calibration.nuisance_columns import NuisanceColumns, lay_out
-from ppmcal.calibration.observation import ResidualJacobian, noise, view, whitener
+from ppmcal.calibration.observation import (
+    ResidualJacobian,
+    coordinates,
+    noise,
+    shown,
+    view,
+    whitener,
+)
 from ppmcal.calibration.posterior import Earlier
 from ppmcal.calibration.registration import no_pose, start_registration, unscaled
 from ppmcal.calibration.response import Response
-from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
-from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import by_displacement, displaced
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset, Environment
-from ppmcal.model.effects import Shift
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
@@ -158,9 +162,12 @@ class Problem:
 
     def reached(self, index: int, model: Model, homing: Array | float = 0.0) -> Array:
         """Return a data set's poses (N, 8), of distances between two (N, 16), from home."""
-        data, rows = self.datasets[index], self.environments[index]
+        data = self.datasets[index]
         ends = (data.q,) if data.to_q is None else (data.q, data.to_q)
-        return np.concatenate([reached_poses(model, q + homing, rows).closed for q in ends], axis=1)
+        return np.concatenate([
+            np.concatenate([reached_poses(model, q[rows] + homing, environment).closed
+                            for rows, environment in self.chunks(index)])
+            for q in ends], axis=1)
 
     def shared(self, data: Dataset) -> int:
         """Return the index of the data set whose frame ``data`` uses."""
@@ -170,9 +177,20 @@ class Problem:
         """Return the state with its poses solved anew at its parameters."""
         model = Model(self.mechanism, state.g)
         poses = tuple(np.concatenate([
-            settle(model, q, self.environments[i], pose)[0] for q, pose in self.ends(i, state)],
-            axis=1) for i in range(len(self.datasets)))
+            np.concatenate([settle(model, q, environment, pose)[0]
+                            for q, pose in self.ends(i, state, rows)], axis=1)
+            for rows, environment in self.chunks(i)]) for i in range(len(self.datasets)))
         return replace(state, poses=poses)
+
+    def chunks(self, index: int) -> Iterator[tuple[slice, Environment]]:
+        """Yield a data set's rows in chunks, with the environment of each: little is held at once.
+
+        At least one, though it may be empty.
+        """
+        environment, size = self.environments[index], len(self.datasets[index])
+        for begin in range(0, max(size, 1), CHUNK):
+            rows = slice(begin, begin + CHUNK)
+            yield rows, environment if size <= CHUNK else environment.take(rows)
 
     def ends(self, index: int, state: State, rows: Ints | slice = slice(None)
              ) -> list[tuple[Array, Array]]:
@@ -206,13 +224,36 @@ class Problem:
 
         Rows whose pose is unknown (nan), and those not in ``keep``, are left out.
         """
-        for i, data in enumerate(self.datasets):
-            usable = finite_rows(state.poses[i])
-            if keep is not None:
-                usable &= keep[i]
-            index = np.flatnonzero(usable)
-            for begin in range(0, index.size, CHUNK):
-                yield self._chunk(i, data, index[begin:begin + CHUNK], state, jacobian)
+        for i in range(len(self.datasets)):
+            yield from self.rows_of(i, state, jacobian, None if keep is None else keep[i])
+
+    def rows_of(self, i: int, state: State, jacobian: bool = True, keep: Bools | None = None
+                ) -> Iterator[Rows]:
+        """Yield whitened rows of one data set, chunk by chunk; see :meth:`rows`."""
+        usable = finite_rows(state.poses[i])
+        if keep is not None:
+            usable &= keep
+        index = np.flatnonzero(usable)
+        for begin in range(0, index.size, CHUNK):
+            yield self._chunk(i, self.datasets[i], index[begin:begin + CHUNK], state, jacobian)
+
+    @cached_property
+    def measured(self) -> tuple[tuple[Array, Array, Ints], ...]:
+        """What each data set measured: x ... rz (N, 6), 0 where nothing, 1/sigma (N, m), how many.
+
+        The second is 0 where nothing was measured; the third (N,) counts what was.
+        """
+        out = []
+        for data in self.datasets:
+            own = shown(data)
+            if self.mechanism.motion != "planar":
+                own[~finite_rows(own[:, 3:]), 3:] = np.nan
+            motion = self.mechanism.motion
+            seen = np.isfinite(own[:, list(coordinates(data, motion))])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                white = np.where(seen, 1.0 / noise(data, motion), 0.0)
+            out.append((np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)))
+        return tuple(out)
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
         part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
@@ -235,16 +276,16 @@ class Problem:
         if jacobian or with_noise:
             for end, ((q, pose), model) in enumerate(zip(ends, models, strict=True)):
                 closure = model.closure(q, self.free if jacobian else ())
-                lines = closure.lines(pose)
-                by_equation = self._by_equation(
-                    seen.by_poses[end], closure, pose, lines, model.shift
-                )
-                response = Response(closure, pose, lines, by_equation, seen, rows, end)
-                by_joint.append(by_equation @ closure.joint_matrix(pose, lines))
+                response = Response(closure, pose, seen, rows, end)
                 responses.append(response)
+                if with_noise:
+                    by_joint.append(response.by_joint)
                 if jacobian:
-                    self._geometry(i, full, response, by_joint[-1])
-                    response.effect_columns(full, self.free)
+                    own = np.zeros_like(full) if end else full
+                    response.geometry_columns(own, self.free, self.opens[i].homing)
+                    response.effect_columns(own, self.free)
+                    if end:
+                        full += own
             if jacobian:
                 self._registrations(i, full, seen)
         sigma = np.tile(data.sigma_actuator, len(ends))
@@ -258,28 +299,6 @@ class Problem:
             residual, full = diagonal * seen.residual, diagonal[..., None] * full
         return Rows(i, index, residual, full, seen.observed, seen.residual, white,
                     *responses)
-
-    def _by_equation(self, by_pose: Array, closure: Closure, pose: Array, lines: Array,
-                shift: Shift | None) -> Array:
-        """Return d prediction / d closure equation (n, m, d): -by_pose A^-1."""
-        if shift is not None and shift.pose is not None:
-            # a turn of the closed pose comes out turned by the effects' own rotation
-            turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
-            by_pose = np.concatenate([by_pose[..., :3],
-                                      by_pose[..., 3:] @ cga.rotation_matrix(turn)], axis=-1)
-        return -np.swapaxes(solve_blocks(
-            np.swapaxes(closure.pose_matrix(pose, lines), -1, -2),
-            np.swapaxes(by_pose[..., self.mechanism.dof], -1, -2)), -1, -2)
-
-    def _geometry(self, i: int, out: Array, response: Response, by_joint: Array) -> None:
-        """Fill the columns of geometry and homing."""
-        place = {p: c for c, p in enumerate(self.free)}
-        for rows, parameters, block in response.closure.error_blocks(response.pose,
-                                                                     response.lines):
-            out[..., [place[p] for p in parameters]] += response.by_equation[..., rows] @ block
-        homing = self.opens[i].homing
-        if homing.stop > homing.start:
-            out[..., homing] += by_joint
 
     def _registrations(self, i: int, out: Array, seen: ResidualJacobian) -> None:
         """Fill the columns of frame, target, target rotation and scale."""

@@ -16,12 +16,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import (
-    least_squares,
-    normal_step,
-    prior_square,
-    qr_factor,
-)
+from ppmcal.calibration.gauss_newton import least_squares, prior_square
+from ppmcal.calibration.least_squares import normal_step, qr_factor
 from ppmcal.calibration.observation import SCALARS, coordinates
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -29,6 +25,8 @@ from ppmcal.model.dataset import Dataset
 
 OPEN = ("frame", "target", "rotation", "homing")
 """What a registration may fit, simplest first."""
+OPENED = {"position": ("frame", "target", "homing"), "plane": ("frame",), "distance": ()}
+"""What of it the data of an instrument can demand: of a flat its height and tilt say the rest."""
 FIELDS = {"frame": "frame", "target": "target", "rotation": "target_rotation"}
 MENDS = {"frame": "frame: unknown", "target": "target: unknown",
          "rotation": "target_rotation: unknown", "homing": "homing: per-file",
@@ -236,7 +234,7 @@ def _refitted(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     there = problem.solve(state)
     if any((k & ~finite_rows(p)).any() for k, p in zip(keep, there.poses, strict=True)):
         return None
-    return least_squares(problem, there, keep, prior, ITERATIONS)[0]
+    return least_squares(problem, there, keep, prior, ITERATIONS).state
 
 
 @dataclass(frozen=True)

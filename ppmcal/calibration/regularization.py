@@ -9,8 +9,9 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit, FitOptions
+from ppmcal.calibration.gauss_newton import Progress
 from ppmcal.calibration.identifiability import RANK_TOLERANCE
-from ppmcal.calibration.least_squares import Progress, column_scale, normal_step, qr_factor
+from ppmcal.calibration.least_squares import column_scale, normal_step, qr_factor
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, range_basis, svd, unit_columns, without_range
 from ppmcal.model.dataset import Dataset

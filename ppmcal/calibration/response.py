@@ -8,10 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from ppmcal import algebra as cga
 from ppmcal.calibration.observation import ResidualJacobian
 from ppmcal.kinematics.closure import Closure
+from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import platform_pose
+from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import displacement_twists
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Environment
@@ -22,17 +25,64 @@ from ppmcal.model.effects import Setting, Shift
 class Response:
     """How the predictions of n rows move along shifts of any kind.
 
-    ``by_equation`` (n, m, d) is d prediction/d closure equation at closed poses ``pose`` (n, 8),
-    which are number ``end`` of those seen.
+    Closed poses ``pose`` (n, 8) are number ``end`` of those seen.
     """
 
     closure: Closure
     pose: Array
-    lines: Array
-    by_equation: Array
     seen: ResidualJacobian
     rows: Environment
     end: int = 0
+
+    @cached_property
+    def lines(self) -> Array:
+        """The legs' lines (n, d, 6) in base axes."""
+        return self.closure.lines(self.pose)
+
+    @cached_property
+    def by_pose(self) -> Array:
+        """How predictions move with the closed pose's displacement and rotation (n, m, 6)."""
+        by_pose, shift = self.seen.by_poses[self.end], self.closure.model.shift
+        if shift is None or shift.pose is None:
+            return by_pose
+        # a turn of the closed pose comes out turned by the effects' own rotation
+        turn = cga.motor_from_rotation_vector(shift.pose[:, 3:], np.zeros(3))
+        return np.concatenate([by_pose[..., :3], by_pose[..., 3:] @ cga.rotation_matrix(turn)],
+                              axis=-1)
+
+    @cached_property
+    def by_equation(self) -> Array:
+        """How predictions move with the closure equations (n, m, d): -by_pose A^-1."""
+        matrix = self.closure.pose_matrix(self.pose, self.lines)
+        by_pose = self.by_pose[..., self.closure.model.mechanism.dof]
+        return -np.swapaxes(solve_blocks(np.swapaxes(matrix, -1, -2),
+                                         np.swapaxes(by_pose, -1, -2)), -1, -2)
+
+    @cached_property
+    def by_joint(self) -> Array:
+        """How predictions move with joint values (n, m, k)."""
+        return np.asarray(self.by_equation @ self.closure.joint_matrix(self.pose, self.lines))
+
+    def geometry_columns(self, out: Array, free: Sequence[int], homing: slice) -> None:
+        """Set the columns of geometry and of homing offsets in ``out`` (n, m, C), zero before."""
+        place = {p: c for c, p in enumerate(free)}
+        shifted = homing.stop > homing.start
+        tables = compiled_limbs(self.closure, len(self.pose))
+        if tables is not None and tables.error_columns(
+                self.pose, self.by_pose, place, out, homing.start if shifted else None):
+            return
+        for rows, parameters, block in self.closure.error_groups(self.pose, self.lines):
+            # (n, L, m, k) times (n, L, k, P), a limb at a time where limbs share a parameter
+            parts = np.moveaxis(self.by_equation[..., rows], 1, 2) @ block
+            columns = [[place[p] for p in own] for own in parameters]
+            flat = [c for own in columns for c in own]
+            if len(set(flat)) == len(flat):
+                out[..., flat] += np.moveaxis(parts, 1, 2).reshape(*out.shape[:2], -1)
+                continue
+            for limb, own in enumerate(columns):
+                out[..., own] += parts[:, limb]
+        if shifted:
+            out[..., homing] += self.by_joint
 
     @cached_property
     def _by_slot(self) -> dict[tuple[int, str], Array]:

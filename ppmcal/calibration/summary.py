@@ -278,14 +278,13 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     wider = sessions or blocks
     found = estimates(fit, rank, wider)
     mechanism = with_estimates(fit, found)
-    before = register_only(fit.problem)
+    before = register_only(fit.problem, fit.start)
     if leave_out:
         held, note = sessions_left_out(fit.problem, options, fit.keep, inflation)
     elif other:
         held, note = on_other(fit, other)
     else:
-        held, note = held_out(
-            fit.problem, options, holdout, seed, fit.keep, inflation) if holdout > 0 else (
+        held, note = held_out(fit, options, holdout, seed, inflation) if holdout > 0 else (
             {}, "nothing held out")
     after, out = residuals(fit.problem, fit.state), left_out(fit)
     index = observability(rank.singular, len(rank.kept), sum(int(k.sum()) for k in fit.keep))

@@ -66,7 +66,7 @@ def residuals(problem: Problem, state: State) -> Residuals:
         places = sum(1 for c in chosen if c < 3)
         vector = np.full((len(data), len(chosen)), np.nan)
         sigma = np.full_like(vector, np.nan)
-        one = replace(problem, datasets=(data,))
+        one = replace(problem, datasets=(data,), given=problem.environments[i:i + 1])
         for rows in one.rows(State(state.g, (state.registrations[i],), (state.poses[i],)), False):
             vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
             covariance = np.linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
@@ -97,15 +97,19 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
     if motion == "translational":
         rotation = np.zeros_like(rotation)
     whole = finite_rows(position) & finite_rows(rotation) & finite_rows(data.q)
-    if (data.kind == "pose" or motion == "translational") and whole.any():
-        measured = np.concatenate([position[whole], rotation[whole]], axis=1)
-        pose = carried_back(problem.mechanism, registration, measured)
-        joints = problem.joints(index, state)[whole]
-        model = shifted(Model(problem.mechanism, state.g), problem.environments[index].take(whole),
-                        joints, pose)
+    if data.kind != "pose" and motion != "translational":
+        return out
+    joints = problem.joints(index, state)
+    for rows, environment in problem.chunks(index):
+        mine = whole[rows]
+        if not mine.any():
+            continue
+        measured = np.concatenate([position[rows][mine], rotation[rows][mine]], axis=1)
+        pose, q = carried_back(problem.mechanism, registration, measured), joints[rows][mine]
+        model = shifted(Model(problem.mechanism, state.g), environment.take(mine), q, pose)
         if model.shift is not None and model.shift.pose is not None:
             pose = moved(pose, -model.shift.pose)
-        out[whole] = model.closure(joints).lengths(pose)
+        out[rows][mine] = model.closure(q).lengths(pose)
     return out
 
 
@@ -126,14 +130,14 @@ def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools
     return out
 
 
-def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
-             keep: Sequence[Bools], noise: float = 1.0
+def held_out(whole: Fit, options: FitOptions, fraction: float, seed: int, noise: float = 1.0
              ) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures on poses that a fit of the others had not seen, and how it was done.
 
-    Rows not in ``keep`` (outliers of the fit to everything) count in neither fit nor figures;
-    ``noise``: factor on the stated one, as in the fit to everything.
+    Rows that are not in the fit to everything, ``whole``, count in neither fit nor figures;
+    ``noise``: factor on the stated one, as in that fit.
     """
+    problem, keep = whole.problem, whole.keep
     out = split(problem.datasets, fraction, seed)
     rest = sum(int((~o).sum()) * len(coordinates(d, problem.mechanism.motion))
                for o, d in zip(out, problem.datasets, strict=True))
@@ -141,7 +145,7 @@ def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
         return {}, "too few poses to hold any out"
     part = replace(problem, datasets=tuple(d.without(~k, LEFT_OUT).take(~o) for d, k, o in
                                            zip(problem.datasets, keep, out, strict=True)))
-    fit = with_noise(identify(part, options), noise, options)
+    fit = with_noise(_without(whole, part, out, options), noise, options)
     fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
                                             zip(problem.datasets, out, strict=True)))
     state = fresh_state(fresh, fit.state)
@@ -150,6 +154,19 @@ def held_out(problem: Problem, options: FitOptions, fraction: float, seed: int,
     figures = residuals(fresh, state).figures(rows)
     return figures, (f"{fraction:.0%} of the poses (seed {seed}) kept out of a fit of the others; "
                      "the final fit uses all")
+
+
+def _without(whole: Fit, part: Problem, out: Sequence[Bools], options: FitOptions) -> Fit:
+    """Fit all rows but those that are ``out`` (N,) by data set.
+
+    The minimum is near that of all rows. Without a prior what the rest cannot see would stay
+    where the others left it, so the fit starts from scratch, as where the way there matters.
+    """
+    if options.method not in ("prior", "gcv"):
+        return identify(part, options)
+    start = replace(whole.state, poses=tuple(
+        p[~o] for p, o in zip(whole.state.poses, out, strict=True)))
+    return identify(part, options, start=start, near=True, at_minimum=True)
 
 
 def fresh_state(problem: Problem, fitted: State) -> State:

@@ -13,8 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
 from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit, FitOptions, prediction_covariance
@@ -212,6 +210,9 @@ class _LeftOut:
 
     def exchanged(self) -> Misreading | None:
         """Return that left-out rows hold each other's measurements, None if they do not."""
+        from scipy.optimize import linear_sum_assignment  # slow to import, seldom asked
+        from scipy.spatial.distance import cdist
+
         fit, data = self.fit, self.data
         motion = fit.problem.mechanism.motion
         rows = self.rows[finite_rows(fit.state.poses[self.index][self.rows])]

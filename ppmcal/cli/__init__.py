@@ -37,6 +37,7 @@ COMMANDS = {
     "plan": "Which poses to measure.",
     "export": "Write a machine as lines for a controller's configuration.",
     "schema": "Print the JSON Schema of a file, for editors.",
+    "batch": "Identify, diagnose or compensate hundreds of machines and dates.",
     "report": "Gather output folders into one HTML page.",
     "demo": "Run the whole job once on the sample data.",
 }

@@ -52,6 +52,18 @@ json_option = click.option("--json", "as_json", is_flag=True,
                            help="Print the summary as one JSON object.")
 seed_option = click.option("--seed", type=click.IntRange(min=0), default=None,
                            help="Seed of everything drawn at random.")
+
+
+def cluster_options(function: F) -> F:
+    """Return the options ``--cores`` and ``--scheduler`` of work that processes share."""
+    far = click.option("--scheduler", "--dask", "scheduler", default=None, metavar="ADDRESS",
+                       help="Run on the cluster of this dask scheduler, such as "
+                       "tcp://10.0.0.5:8786.")
+    near = click.option("--cores", type=click.IntRange(min=1), default=None,
+                        help="Processes to run in  [default: all processors].")
+    return near(far(function))
+
+
 force_option = click.option("--force", is_flag=True,
                             help="Write even where files are that this command did not write, or "
                             "that were edited since; inputs are never replaced.")

@@ -48,7 +48,7 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     console.warn(result.findings)
     finish(out, [p.name for p in written], console)
     console.summary(result.record.entries())
-    leave(result.comparison.changed or bool(result.findings))
+    leave(result.needs_a_look)
 
 
 def _status(row: ParameterDifference) -> str:

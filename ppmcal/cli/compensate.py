@@ -52,4 +52,4 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     console.warn_rows(result.notes, [f"row {n} refused: {r}" for n, r in result.refused])
     finish(out, [p.name for p in written], console)
     console.summary(result.record.summary())
-    leave(bool(result.refused))
+    leave(result.needs_a_look)

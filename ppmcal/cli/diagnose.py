@@ -77,24 +77,18 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     describe(result.diagnosis, result.record, console)
     finish(out, [p.name for p in written], console)
     console.summary(result.record.entries())
-    leave(bool(result.findings) or result.verdict not in ("none", "named"))
+    leave(result.needs_a_look)
 
 
 def _write_misread(refused: Misread, mech: Path, data: Sequence[Path], out: Path, seed: int,
                    console: Console) -> None:
     """Write diagnosis.json with how the files are to be read, where that is known."""
-    from ppmcal.api.diagnose import misread_record
-    from ppmcal.api.inputs import data_files, prepared
-    from ppmcal.io import Output
+    from ppmcal.api.diagnose import save_misread
 
-    if not refused.found:
-        return
-    machine, datasets = prepared(mech, data)
-    record = misread_record(refused, machine, [*machine.inputs, *data_files(datasets)], seed)
-    output = Output(out)
-    output.add(record.FILE, record.text())
-    finish(out, [p.name for p in output.write()], console)
-    console.summary(record.entries())
+    record = save_misread(refused, mech, data, out, seed)
+    if record is not None:
+        finish(out, [record.FILE], console)
+        console.summary(record.entries())
 
 
 def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> None:

@@ -189,4 +189,4 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     show_result(result.identification, result.record, console)
     finish(out, [p.name for p in written], console)
     console.summary(result.record.summary())
-    leave(bool(result.findings or result.identification.gross_errors.homing_shifts))
+    leave(result.needs_a_look)

@@ -25,6 +25,9 @@ from ppmcal.cli.common import (
               help="Length of the rods as you know it, mm; and rods as drawn, one length for all, "
               "or one for each tower  [default: fixed without measured distances, else shared, or "
               "single where they differ]. Repeat to give both.")
+@click.option("--radius", type=float, default=None, metavar="MM",
+              help="delta_radius (R of M665) as you measured it, mm: from the joints at a tower to "
+              "those at the effector, seen from above  [default: as the file has it].")
 @click.option("--mesh", multiple=True, metavar="NAME|FILE",
               help="A probed bed, as touches with their direction of travel: the name of a mesh "
               "that Klipper saved, a log of its touches, or RepRapFirmware's heightmap.csv. "
@@ -34,8 +37,8 @@ from ppmcal.cli.common import (
               " [default: unknown where the rods are known].")
 @quiet_option
 @json_option
-def command(form: str, file: Path, out: Path, rods: tuple[str, ...], mesh: tuple[str, ...],
-            scale: str | None, quiet: bool, as_json: bool) -> None:
+def command(form: str, file: Path, out: Path, rods: tuple[str, ...], radius: float | None,
+            mesh: tuple[str, ...], scale: str | None, quiet: bool, as_json: bool) -> None:
     """Turn a controller's configuration FILE into a machine and its measurements.
 
     FORMAT klipper: printer.cfg of a delta printer, with the heights and distances that
@@ -46,7 +49,7 @@ def command(form: str, file: Path, out: Path, rods: tuple[str, ...], mesh: tuple
     from ppmcal.api.import_ import import_config
 
     console = Console(quiet, as_json)
-    result = import_config(form, file, rods=rods, mesh=mesh, scale=scale)
+    result = import_config(form, file, rods=rods, mesh=mesh, scale=scale, radius=radius)
     written = result.save(out)
     tables = [p for p in written if p.suffix == ".csv"]
     console.say(result.headline())

@@ -10,8 +10,9 @@ import click
 def command(name: str) -> None:
     """Print the JSON Schema of a file, for editors that complete and check it.
 
-    FILE is mechanism, dataset (the YAML beside a CSV) or scenario, or a result: identification,
-    diagnosis, comparison, ... Kinds of limbs and effects that other packages add are in it.
+    FILE is mechanism, dataset (the YAML beside a CSV), scenario or batch (a manifest), or a
+    result: identification, diagnosis, comparison, ... Kinds of limbs and effects that other
+    packages add are in it.
     """
     import json
 

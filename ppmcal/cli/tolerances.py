@@ -10,6 +10,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    cluster_options,
     finish,
     json_option,
     leave,
@@ -49,17 +50,14 @@ if TYPE_CHECKING:
               help="An angle of sigma/LENGTH counts like a length of sigma  [default: the platform "
               "joints' rms distance].")
 @click.option("--tool", default=None, metavar="X,Y,Z", help="Tool point in platform axes.")
-@click.option("--cores", type=click.IntRange(min=1), default=None,
-              help="Processes to run in  [default: all processors].")
-@click.option("--dask", default=None, metavar="ADDRESS",
-              help="Run on this dask scheduler, such as tcp://10.0.0.5:8786.")
+@cluster_options
 @seed_option
 @quiet_option
 @json_option
 def command(mech: Path, out: Path, accuracy: float | None, rotation: float | None, share: float,
             method: str, poses: Path | None, instrument: Path | None, measure: int,
             machines: int, metric: float | None, tool: str | None, cores: int | None,
-            dask: str | None, seed: int | None, quiet: bool, as_json: bool) -> None:
+            scheduler: str | None, seed: int | None, quiet: bool, as_json: bool) -> None:
     """Find tolerances with which MECH keeps an accuracy, and count the machines that do.
 
     Writes tolerances.csv, errors.csv, allocated.yaml (the machine with these tolerances),
@@ -72,8 +70,8 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     with console.progress("Simulating machines") as progress:
         result = tolerances(mech, accuracy=accuracy, rotation=rotation, share=share,
                             method=method, poses=poses, instrument=instrument, measure=measure,
-                            machines=machines, metric=metric, tool=tool, cores=cores, dask=dask,
-                            seed=seed or 0, progress=progress)
+                            machines=machines, metric=metric, tool=tool, cores=cores,
+                            scheduler=scheduler, seed=seed or 0, progress=progress)
     written = result.save(out)
     for sentence in result.record.said:
         console.say(sentence)

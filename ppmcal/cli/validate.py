@@ -70,11 +70,12 @@ def _show(record: ValidationRecord, console: Console) -> None:
     from ppmcal.io.results.validation import (
         effects_sentence,
         model_sentence,
+        noise_sentence,
         registered_sentence,
     )
 
     for data in record.datasets:
-        console.say(registered_sentence(data))
+        console.say(f"{registered_sentence(data)} {noise_sentence(data)}".strip())
         console.table(plain_table(*_table(data)))
         console.say(f"{model_sentence(data)} {effects_sentence(data)}".strip())
 

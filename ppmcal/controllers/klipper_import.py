@@ -36,13 +36,14 @@ _TOUCH = re.compile(rf"probe at {_VALUE}\s*,\s*{_VALUE} is z={_VALUE}", re.ASCII
 
 
 def read_printer(path: str | os.PathLike[str], rods: float | None = None,
-                 meshes: Sequence[str] = ()) -> Printer:
+                 meshes: Sequence[str] = (), radius: float | None = None) -> Printer:
     """Return the printer of a ``printer.cfg`` with what its calibration measured.
 
     Args:
         path: the file.
         rods: length of the rods as the user knows it, mm.
         meshes: names of saved bed meshes, or logs with lines ``probe at x,y is z=...``.
+        radius: delta_radius as the user knows it, mm.
 
     Raises:
         BadInput: anything wrong in the file, or a mesh that is not there.
@@ -52,7 +53,7 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
         raise BadInput("is missing", config.at("printer", "kinematics"),
                        "Only linear delta printers are read: `kinematics: delta`")
     geometry = read_geometry(config)
-    nominal = read_nominal(config, geometry, rods)
+    nominal = read_nominal(config, geometry, rods, radius)
     a, b, c = (read_step(config, f"stepper_{t}") for t in TOWERS)
     heights = [_travelled(row, (a, b, c)) for kind in ("height", "manual_height")
                for row in read_rows(config, kind, ("pos",))]

@@ -20,43 +20,46 @@ from ppmcal.controllers.klipper_config import (
     Triple,
 )
 from ppmcal.controllers.printer import (
+    FAR,
     LEAST_OFFSET,
     LEAST_RADIUS,
     LEAST_RODS,
     WIDE_RODS,
     Nominal,
+    far_radius,
     offsets,
     tolerance,
 )
 from ppmcal.errors import BadInput
 
-FAR = 5.0
-"""A radius or endstop that the printer is farther from than this, mm, was a placeholder."""
 SKEW = 5.0
 """So was an angle, degrees."""
 _LINE = re.compile(r"(?P<out>[#;]*)\s*(?P<key>[A-Za-z_]+)\s*[:=]\s*"
                    r"(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:[#;].*)?$", re.ASCII)
 _HEADER = re.compile(r"\[([^]]*)\]")
-_COMMENT, _BODY, _SAVED, _OWNER = "a comment", "the file", "the saved calibration", "--rods"
+_COMMENT, _BODY, _SAVED = "a comment", "the file", "the saved calibration"
 
 
-def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = None) -> Nominal:
+def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = None,
+                 given: float | None = None) -> Nominal:
     """Return the nominal geometry of a printer that prints with ``active``.
 
     Args:
         config: its file.
         active: its numbers, saved ones first.
         rods: the rods' length as the user knows it, mm.
+        given: delta_radius as the user knows it, mm.
 
     Raises:
         BadInput: ``rods`` do not reach the middle.
     """
     body, told = _body(config)
     findings = list(told)
-    radius, radius_from = _one(config, body, "printer", "delta_radius", active.radius)
-    if abs(radius - active.radius) > FAR:
-        findings.append(_placeholder("delta_radius", radius, active.radius))
-        radius, radius_from = active.radius, _SAVED
+    if given is not None:
+        radius, radius_from = given, "--radius"
+        findings += far_radius(given, active.radius)
+    else:
+        radius, radius_from = _radius(config, body, active, findings)
     arms, arms_from, known = _rods(config, body, active, rods, findings)
     if min(arms) <= radius:
         raise BadInput(f"rods of {min(arms):g} mm do not reach the middle: the radius is "
@@ -73,6 +76,16 @@ def read_nominal(config: Config, active: DeltaGeometry, rods: float | None = Non
         np.inf if radius_from == _SAVED else tolerance(LEAST_RADIUS, abs(radius - active.radius)),
         np.inf if ends_from == _SAVED else tolerance(LEAST_OFFSET, apart),
         LEAST_RODS if known else WIDE_RODS, known, tuple(findings))
+
+
+def _radius(config: Config, body: _Body, active: DeltaGeometry, findings: list[str]
+            ) -> tuple[float, str]:
+    """Return the radius and where it is from; a placeholder is none."""
+    radius, origin = _one(config, body, "printer", "delta_radius", active.radius)
+    if abs(radius - active.radius) <= FAR:
+        return radius, origin
+    findings.append(_placeholder("delta_radius", radius, active.radius))
+    return active.radius, _SAVED
 
 
 def _placeholder(key: str, value: float, now: float) -> str:
@@ -138,7 +151,7 @@ def _rods(config: Config, body: _Body, active: DeltaGeometry, given: float | Non
           findings: list[str]) -> tuple[Triple, str, bool]:
     """Return the rods, where they are from, and whether that is more than a saved result."""
     if given is not None:
-        return (given, given, given), _OWNER, True
+        return (given, given, given), "--rods", True
     arms, origin = _towers(config, body, "arm_length", active.arms)
     if origin != _SAVED:
         return arms, origin, True

@@ -11,6 +11,8 @@ LEAST_RADIUS, LEAST_OFFSET, LEAST_RODS = 1.0, 1.0, 0.3
 """Tolerances, mm: how far a radius, an endstop and a rod are from what their owner wrote."""
 WIDE_RODS = 2.0
 """Tolerance of rods of which only a saved calibration says anything, mm."""
+FAR = 5.0
+"""A radius or endstop that the printer is farther from than this, mm, was never its own."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,14 @@ def offsets(geometry: DeltaGeometry) -> Triple:
     a, b, c = (e + math.sqrt(rod**2 - geometry.radius**2)
                for e, rod in zip(geometry.endstops, geometry.arms, strict=True))
     return a, b, c
+
+
+def far_radius(given: float, active: float) -> list[str]:
+    """Return what to say of a radius, mm, that is not the one the printer prints with."""
+    return [] if abs(given - active) <= FAR else [
+        f"--radius {given:g} is {abs(given - active):.3g} mm from the {active:g} mm that it prints "
+        "with: give the distance from the rods' joints at a tower to those at the effector, the "
+        "effector in the middle, seen from above"]
 
 
 def tolerance(least: float, apart: float) -> float:

@@ -17,6 +17,8 @@ from ppmcal.model.limbs.spatial import PUS
 
 HEIGHT_SIGMA = 0.02
 DISTANCE_SIGMA = 0.05
+LEAN = 0.2
+"""Tolerance of a tower's direction, degrees."""
 RODS = ("fixed", "shared", "single")
 SAVED = "saved.yaml"
 
@@ -40,9 +42,14 @@ def scale_of(printer: Printer, wanted: str | None) -> str:
     return wanted or ("unknown" if printer.nominal.rods_known else "known")
 
 
-def files(printer: Printer, rods: str, scale: str = "known") -> dict[str, str]:
-    """Return file name -> text of everything that the import writes."""
-    out = {"machine.yaml": machine_yaml(printer, rods)}
+def files(printer: Printer, rods: str, scale: str = "known", choose: bool = False
+          ) -> dict[str, str]:
+    """Return file name -> text of everything that the import writes.
+
+    ``choose``: whether freedoms are left to what predicts best.
+    """
+    more = _OPTIONAL if choose and printer.distances and printer.nominal.rods_known else ""
+    out = {"machine.yaml": machine_yaml(printer, rods) + more}
     if printer.calibrated:
         out[SAVED] = saved_yaml(printer, rods)
     q = [f"q_{t}" for t in TOWERS]
@@ -127,6 +134,11 @@ def saved_yaml(printer: Printer, rods: str) -> str:
             + text[text.index("format:"):])
 
 
+_OPTIONAL = """\
+# identify takes these, or leaves them, by what predicts touches and distances left out
+# (`--free` chooses by hand): the rods' lengths, then towers that lean
+optional: [["*.length"], ["*.base.direction.*"]]
+"""
 _RODS = {"fixed": "fixed, as\n# heights alone hardly tell their length; measured distances do.",
          "shared": "one length for\n# all, fitted; it takes distances to know it.",
          "single": "one length for\n# each tower, fitted; it takes distances to know them."}
@@ -146,7 +158,7 @@ def _tower(printer: Printer, i: int, rods: str) -> str:
         radius: {{share: delta_radius, value: {g.radius!r}}}
         angle: {{value: {angle!r}{held}}}{why}
         z: {{value: 0, fixed: true}}    # an error here is one of offset
-      direction: {{value: [0, 0, 1], fixed: true}}    # free it for a leaning tower
+      direction: {{value: [0, 0, 1], fixed: true, tolerance: {LEAN}}}    # free: it leans
     platform:
       point: {{value: [0, 0, 0], fixed: true}}
     length: {{value: {arm!r}{end}}}

@@ -21,6 +21,7 @@ from ppmcal.controllers.printer import (
     Mesh,
     Nominal,
     Printer,
+    far_radius,
     offsets,
     tolerance,
 )
@@ -39,7 +40,7 @@ _LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+\.?\d*|\.\d+))", re.ASCII | re.IGNO
 
 
 def read_printer(path: str | os.PathLike[str], rods: float | None = None,
-                 meshes: Sequence[str] = ()) -> Printer:
+                 meshes: Sequence[str] = (), radius: float | None = None) -> Printer:
     """Return the printer of a ``config.g`` with the beds of its height maps.
 
     Numbers of a ``config-override.g`` beside it, where M501 runs that, are what it prints with:
@@ -49,6 +50,7 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
         path: ``config.g``.
         rods: length of the rods as the user knows it, mm.
         meshes: paths of ``heightmap.csv``.
+        radius: R of M665 as the user knows it, mm.
 
     Raises:
         BadInput: anything wrong in a file.
@@ -59,13 +61,17 @@ def read_printer(path: str | os.PathLike[str], rods: float | None = None,
     meant = geometry_of(delta)
     if rods is not None:
         meant = replace(meant, arms=(rods, rods, rods))
+    if radius is not None:
+        meant = replace(meant, radius=radius)
     if min(meant.arms) <= meant.radius:
         raise BadInput(f"rods of {min(meant.arms):g} mm do not reach the middle: the radius is "
                        f"{meant.radius:g} mm", str(path), "Check both lengths")
     now = geometry_of(active)
     where = "config.g"
+    findings += [] if radius is None else far_radius(radius, now.radius)
     apart = float(np.max(np.abs(np.subtract(offsets(meant), offsets(now)))))
-    nominal = Nominal(meant, {"delta_radius": where, "rods": "--rods" if rods else where,
+    nominal = Nominal(meant, {"delta_radius": "--radius" if radius else where,
+                              "rods": "--rods" if rods else where,
                               "endstops": where},
                       tolerance(LEAST_RADIUS, abs(meant.radius - now.radius)),
                       tolerance(LEAST_OFFSET, apart))

@@ -15,6 +15,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.forward import newton
 from ppmcal.kinematics.inverse import home_state, solve_blocks
 from ppmcal.linalg import Array, finite_rows
@@ -62,6 +63,11 @@ def error_jacobian(model: Model, at: Poses, wanted: Sequence[int]) -> Array:
     """Return J_g (N, 6, S) of the parameters ``wanted``, dense."""
     out = np.zeros((len(at.q), 6, len(wanted)))
     place = {p: i for i, p in enumerate(wanted)}
+    tables = compiled_limbs(model.closure(at.q, wanted), len(at.q))
+    if tables is not None:
+        carry = to_tool(at.motor, at.tool) if at.tool.any() else np.eye(6)[None]
+        if tables.error_columns(at.motor, carry, place, out):
+            return out
     for rows, q, pose in at.chunks():
         closure = model.closure(q, wanted)
         lines = closure.lines(pose)

@@ -5,14 +5,18 @@ The answers come back in the order of the batches, whatever ran them.
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
-from ppmcal.errors import BadInput
+from ppmcal import __version__
+from ppmcal.errors import BadInput, NoResult
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
@@ -20,6 +24,8 @@ Answer = TypeVar("Answer")
 
 PER_CORE = 2
 """Fewer batches than this for each process are not worth starting processes for."""
+PIECES = 16
+"""Pieces for each worker: one that ends last keeps the others waiting for a part of this."""
 WAIT = "10s"
 
 
@@ -32,6 +38,8 @@ def over(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence
          processes: int = 1, scheduler: str | None = None) -> Iterator[Answer]:
     """Yield ``work(shared, item)`` for every item, in order.
 
+    Items go to a process several at a time, so that sending them costs little of their work.
+
     Args:
         work: a function of a module.
         shared: what all items need; sent once to each process.
@@ -40,7 +48,8 @@ def over(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence
         scheduler: address of a dask scheduler, ``tcp://host:8786``, instead.
 
     Raises:
-        BadInput: dask.distributed is not installed, or no scheduler answers.
+        BadInput: dask.distributed is not installed, no scheduler answers, or it has no workers.
+        NoResult: a process was ended from outside.
     """
     if scheduler is not None:
         yield from _cluster(work, shared, items, scheduler)
@@ -50,21 +59,52 @@ def over(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence
         for item in items:
             yield work(shared, item)
         return
+    yield from _processes(work, shared, items, processes)
+
+
+def shares(items: Sequence[Item], workers: int) -> list[Sequence[Item]]:
+    """Return items as pieces for workers: few to send, and enough that all end together."""
+    size = max(1, len(items) // (workers * PIECES))
+    return [items[i:i + size] for i in range(0, len(items), size)]
+
+
+def _processes(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence[Item],
+               processes: int) -> Iterator[Answer]:
     # spawn: a fork of a process that has threads may hang
-    with ProcessPoolExecutor(processes, get_context("spawn"), _remember, (work, shared)) as pool:
-        yield from pool.map(_do, items)
+    context = get_context("spawn")
+    before = set(active_children())
+    pool = ProcessPoolExecutor(processes, context, _remember, (work, shared))
+    try:
+        for answers in pool.map(_do, shares(items, processes)):
+            yield from answers
+    except BrokenProcessPool:
+        raise NoResult("a process was ended from outside, or ran out of memory", "",
+                       "Run it again with fewer --cores") from None
+    except BaseException:
+        # nobody waits for answers any more
+        for child in set(active_children()) - before:
+            child.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 _MEMORY: dict[str, Any] = {}
 
 
 def _remember(work: object, shared: object) -> None:
-    """Keep in a process what all of its items need."""
+    """Keep in a process what all of its items need; Ctrl-C is the first process's."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _MEMORY.update(work=work, shared=shared)
 
 
-def _do(item: Any) -> Any:
-    return _MEMORY["work"](_MEMORY["shared"], item)
+def _do(items: Sequence[Any]) -> list[Any]:
+    return _all(_MEMORY["work"], _MEMORY["shared"], items)
+
+
+def _all(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence[Item]
+         ) -> list[Answer]:
+    return [work(shared, item) for item in items]
 
 
 def _cluster(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence[Item],
@@ -72,16 +112,42 @@ def _cluster(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequ
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
-        raise BadInput("needs dask.distributed, which is not installed", "--dask",
+        raise BadInput("needs dask.distributed, which is not installed", "--scheduler",
                        "Install it with `pip install 'ppmcal[cluster]'`") from None
     try:
         client = distributed.Client(scheduler, timeout=WAIT)
     except (OSError, ValueError, TypeError) as error:
-        raise BadInput(f"no scheduler answers at {scheduler} ({error})", "--dask",
+        raise BadInput(f"no scheduler answers at {scheduler} ({error})", "--scheduler",
                        "Start `dask scheduler` and `dask worker`, and give its address, such as "
                        "tcp://127.0.0.1:8786") from None
     with client:
+        workers = sum(client.nthreads().values())
+        if not workers:
+            raise BadInput(f"the scheduler at {scheduler} has no workers", "--scheduler",
+                           f"Start some: `dask worker {scheduler} --nthreads 1`")
+        _refuse_other_versions(client, scheduler)
         sent = client.scatter(shared, broadcast=True)
-        futures = [client.submit(work, sent, item, pure=False) for item in items]
-        for future in futures:
-            yield future.result()
+        futures = [client.submit(_all, work, sent, list(piece), pure=False)
+                   for piece in shares(items, workers)]
+        while futures:
+            try:
+                yield from futures.pop(0).result()
+            except (distributed.scheduler.KilledWorker, asyncio.CancelledError) as error:
+                raise NoResult(f"the workers were lost ({error})", "--scheduler",
+                               "Look at their logs, and run it again") from None
+
+
+def version() -> str:
+    """Return the version of ppmcal in this process."""
+    return __version__
+
+
+def _refuse_other_versions(client: Any, scheduler: str) -> None:
+    """Refuse workers that would compute something else, or nothing."""
+    place, mend = f"--scheduler {scheduler}", f"Install ppmcal {__version__} where workers run"
+    try:
+        others = set(client.run(version).values()) - {__version__}
+    except Exception as error:
+        raise BadInput(f"workers do not run ppmcal ({error})", place, mend) from None
+    if others:
+        raise BadInput(f"workers have ppmcal {', '.join(sorted(others))}", place, mend)

@@ -75,11 +75,12 @@ def _imitated(rest: AddedVariableTest, effect: Sequence[int], other: Sequence[in
 class _Kinds(Collector):
     """Makes the hypotheses of every kind of effect.
 
-    ``tried``: parameters that the fit frees only under test.
+    ``tried``: parameters that the fit frees only under test; ``as_named``: see :func:`library`.
     """
 
-    def __init__(self, system: System, tried: Sequence[int] = ()) -> None:
+    def __init__(self, system: System, tried: Sequence[int] = (), as_named: bool = False) -> None:
         super().__init__(system)
+        self.as_named = as_named
         self.grids = Grids(system)
         effects, under_test = system.problem.mechanism.effects, set(tried)
         lasting = [e.kind for e in effects if not set(e.parameters.values()) & under_test]
@@ -123,6 +124,7 @@ class _Kinds(Collector):
         low = tuple(-NEAR * constants[s.name] if s.scaling else lowest(s) for s in specs)
         high = tuple(NEAR * constants[s.name] if s.scaling else s.high for s in specs)
         usual = tuple(usual_range(s, self.grids.stroke) for s in specs) if leans is None else ()
+        named = tuple(s.named for s in specs) if self.as_named and leans is None else ()
         shown = {n: v for n, v in constants.items() if np.isfinite(v)}
         strokes = tuple(n for n in kind.stroke_ends(self.motion) if n in constants)
         # what is optional is paid for twice: its value, and that it was looked for
@@ -134,7 +136,8 @@ class _Kinds(Collector):
                           effect=kind, part=names[0] if kind.one_by_one else "", leans=leans)
 
         def add(on: tuple[str, ...], columns: tuple[int, ...], constants: dict[str, float]) -> None:
-            self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, constants))
+            self.hypotheses.append(of_kind(on, True, names, low, high, columns, usual, named,
+                                           constants))
 
         if not kind.per_actuator:
             add((), self._columns(kind, on, values, specs), shown)
@@ -155,7 +158,7 @@ class _Kinds(Collector):
                 on_names, False,
                 tuple(f"{self.actuators[a]}:{n}" for a in own for n in names), low * len(own),
                 high * len(own), tuple(c for cs in own.values() for c in cs), usual * len(own),
-                shown))
+                named * len(own), shown))
 
     def _columns(self, kind: EffectKind, on: Bools, values: dict[str, float],
                  specs: Sequence[EffectParameter]) -> tuple[int, ...]:
@@ -280,13 +283,14 @@ class _Kinds(Collector):
         return out
 
 
-def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = ()
-            ) -> Library:
+def library(system: System, kinds: Sequence[str] | None = None, tried: Sequence[int] = (),
+            as_named: bool = False) -> Library:
     """Return every hypothesis that these data could test.
 
-    ``kinds``: only these; ``tried``: parameters that the fit frees only under test.
+    ``kinds``: only these; ``tried``: parameters that the fit frees only under test; ``as_named``:
+    effects only in the range in which they are named, not in all that a search passes through.
     """
-    maker = _Kinds(system, tried)
+    maker = _Kinds(system, tried, as_named)
     for name, kind in effect_kinds().items():
         if kinds is None or name in kinds:
             for variant in kind.variants(maker.motion) if kind.variants else (kind,):

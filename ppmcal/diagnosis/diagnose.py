@@ -39,11 +39,11 @@ from ppmcal.diagnosis.other_days import other_days, worse_days
 from ppmcal.diagnosis.other_models import other_models
 from ppmcal.diagnosis.plausibility import implausible, implausible_words, misread_column
 from ppmcal.diagnosis.recorded import with_whole_rows
-from ppmcal.diagnosis.refit import confirm, nothing_named, with_mechanism
+from ppmcal.diagnosis.refit import nothing_named, with_mechanism
 from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset, Survival
 from ppmcal.diagnosis.rivals import rivals
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions as DiagnosisOptions
-from ppmcal.diagnosis.search_rounds import Say, found_in, training_part
+from ppmcal.diagnosis.search_rounds import Say, confirm, found_in, training_part
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.stage import Stage, named_only
@@ -88,7 +88,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         found = found_in(training, options, say)
     wanders = found.last.wanders
     say("confirming in all rows")
-    found, final = confirm(found, whole, options.fit)
+    found, final = confirm(found, whole, options)
     onsets: dict[str, Onset] = {}
     if final is not None:
         final, onsets = refined(final, options.fit)
@@ -128,7 +128,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         told += apart
     if odd is not None:
         told.append(implausible_words(found, odd))
-    named = bool(effects) and verdict != "unnamed"
+    named = verdict in NAMED
     if final is None or not named:
         final = whole
     days = _days(final, options, say)
@@ -174,6 +174,8 @@ def _rows_left_out(found: Found, fit: Fit) -> LeftOut:
     return out
 
 
+NAMED = ("named", "named-set", "partial")
+"""Verdicts that name something."""
 LEARNED_AFTER = ("unnamed", "partial")
 """Verdicts that leave something to learn."""
 

@@ -35,6 +35,7 @@ class Hypothesis:
         choices: logarithm of the number of sets of actuators that it was chosen from.
         low, high: physical range of each column's coefficient.
         usual: the range in which machines have it, by column; empty: any.
+        named: the range in which it is named at last, by column; empty: not asked in this search.
         columns: where its columns are in the library.
         effect: the kind with its traits; None for a frozen slot or a shape without a cause.
         part: of a kind whose parameters are causes of their own, the one that it has; of a shape
@@ -53,6 +54,7 @@ class Hypothesis:
     high: tuple[float, ...]
     columns: tuple[int, ...]
     usual: tuple[tuple[float, float], ...] = ()
+    named: tuple[tuple[float, float], ...] = ()
     constants: dict[str, float] = field(default_factory=dict)
     slot: str = ""
     anonymous: bool = False
@@ -125,6 +127,7 @@ def united(hypotheses: Sequence[Hypothesis]) -> Hypothesis:
         high=sum((f.high for f in hypotheses), ()),
         columns=sum((f.columns for f in hypotheses), ()),
         usual=sum((f.usual for f in hypotheses), ()),
+        named=sum((f.named for f in hypotheses), ()),
     )
 
 

@@ -42,8 +42,8 @@ def implausible(search: Search, named: Sequence[Hypothesis]) -> int | None:
         hypothesis = search.hypotheses[i]
         if values[i] > search.name or hypothesis.anonymous or int(i) in chosen:
             continue
-        if possible(search, [int(i)], False) and not possible(search, [int(i)]) and (
-                bic(search, [int(i)]) < now):
+        if possible(search, [int(i)], usual=False, named=False) and not possible(
+                search, [int(i)], named=False) and (bic(search, [int(i)]) < now):
             return int(i)
     return None
 

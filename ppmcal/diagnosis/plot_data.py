@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.least_squares import least_squares, prior_weights
+from ppmcal.calibration.gauss_newton import least_squares
+from ppmcal.calibration.least_squares import prior_weights
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import build
@@ -235,7 +236,7 @@ def _as_given(stage: Stage, reference: float) -> float | None:
             keep.append(mine & finite_rows(pose))
         if problem.columns:
             state = least_squares(problem, state, keep, prior_weights(problem, "prior"),
-                                 ITERATIONS)[0]
+                                 ITERATIONS).state
         fitted = build(problem, state, keep)
     except (PpmcalError, np.linalg.LinAlgError):
         return None

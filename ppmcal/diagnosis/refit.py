@@ -12,7 +12,7 @@ from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.diagnosis.added_variable_test import log_p
-from ppmcal.diagnosis.extended_model import Added, with_named
+from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.linear_system import (
     INVISIBLE,
@@ -22,8 +22,7 @@ from ppmcal.diagnosis.linear_system import (
     range_basis,
 )
 from ppmcal.diagnosis.result import Found
-from ppmcal.diagnosis.selection import borne, own_log_p
-from ppmcal.diagnosis.stage import named_only, scaling_columns, without
+from ppmcal.diagnosis.stage import scaling_columns, without
 from ppmcal.linalg import Array, Bools, finite_rows, subsample, unit_columns
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.effects import EffectParameter
@@ -78,40 +77,26 @@ APART = 1e-3
 """Periods of one hypothesis are not the same where chance takes them so far apart this rarely."""
 
 
-def confirm(found: Found, whole: Fit, options: FitOptions) -> tuple[Found, Fit | None]:
-    """Drop effects that do not stand in all rows; return what is left and its fit to them.
+Key = tuple[str, tuple[str, ...]]
+"""Family and actuators of a hypothesis, or of several waves of it."""
+
+
+def key_of(hypothesis: Hypothesis) -> Key:
+    """Return what a hypothesis is told apart by."""
+    return hypothesis.family, hypothesis.on
+
+
+def lasting_values(fit: Fit, found: Found) -> dict[Key, float]:
+    """Return the log p of each added hypothesis in all rows, 0 of one that is not to be named.
 
     Args:
+        fit: of all rows, with the effects.
         found: on the training rows.
-        whole: fit of all rows without effects.
-        options: of the fits.
     """
-    while found.added:
-        fit = with_mechanism(whole, found.after.problem.mechanism, options)
-        values = own_values(fit, found.added, found.last.noise, subsample(fit.keep, MOST_ROWS))
-        covariance = posterior(fit)
-        values = {key: max(value, _known_size(fit, covariance, found.added, key),
-                           _outside(fit, covariance, found, key)) for key, value in values.items()}
-        weakest = max(values, key=lambda key: values[key])
-        if values[weakest] <= found.first.search.name:
-            return found, fit
-        rest = _without(found, weakest)
-        last = replace(found.last, chosen=rest)
-        if not named_only(last):
-            break
-        mechanism, added = with_named(whole.problem.mechanism, last.search, named_only(last))
-        after = with_mechanism(found.before, mechanism, options)
-        found = Found(found.before, after, found.first, last, added)
-    return nothing_named(found), None
-
-
-def _without(found: Found, key: Key) -> tuple[int, ...]:
-    """Return the chosen hypotheses without those of ``key``; of two waves the weaker one goes."""
-    last = found.last
-    mine = [i for i in last.chosen if _key(last.hypotheses[i]) == key]
-    if len(mine) > 1:
-        mine = [max(mine, key=lambda i: own_log_p(last.search, last.chosen, i))]
-    return tuple(borne(last.search, [i for i in last.chosen if i not in mine]))
+    values = own_values(fit, found.added, found.last.noise, subsample(fit.keep, MOST_ROWS))
+    covariance = posterior(fit)
+    return {key: max(value, _known_size(fit, covariance, found.added, key),
+                     _outside(fit, covariance, found, key)) for key, value in values.items()}
 
 
 def nothing_named(found: Found) -> Found:
@@ -119,17 +104,10 @@ def nothing_named(found: Found) -> Found:
     return Found(found.before, found.before, found.first, replace(found.first, chosen=()), ())
 
 
-Key = tuple[str, tuple[str, ...]]
-
-
-def _key(hypothesis: Hypothesis) -> Key:
-    return hypothesis.family, hypothesis.on
-
-
 def _columns(fit: Fit, added: Sequence[Added], key: Key) -> list[int]:
     """Return the columns of the parameters that were added for a hypothesis."""
     names = fit.problem.mechanism.names
-    own = {n for a in added if _key(a.hypothesis) == key for n in a.parameters}
+    own = {n for a in added if key_of(a.hypothesis) == key for n in a.parameters}
     return [c for c, p in enumerate(fit.problem.free) if names[p] in own]
 
 
@@ -142,7 +120,7 @@ def _known_size(fit: Fit, covariance: Array, added: Sequence[Added], key: Key) -
     size of an effect is not known, however well it explains the rows. Of values for each actuator
     most have to be known.
     """
-    mine = [a for a in added if _key(a.hypothesis) == key]
+    mine = [a for a in added if key_of(a.hypothesis) == key]
     each = np.array([_against_zero(fit, covariance, _columns(fit, [a], key)) for a in mine])
     if np.mean(each < np.log(SURE)) < MOSTLY_KNOWN:
         return 0.0
@@ -196,12 +174,19 @@ def _outside(fit: Fit, covariance: Array, found: Found, key: Key) -> float:
     It has to be in the range that machines have. Joints that are made alike have one period, and
     two waves of their own on the same joints are more often some other shape.
     """
-    kind = next((a.hypothesis.effect for a in found.added if _key(a.hypothesis) == key), None)
+    kind = next((a.hypothesis.effect for a in found.added if key_of(a.hypothesis) == key), None)
     specs = kind.parameters(fit.problem.mechanism.motion) if kind else ()
     if any(_beyond(fit, found, key, s) for s in specs):
         return 0.0
     return max((_none_of_machines(fit, covariance, found, key, s) for s in specs if s.nonlinear),
                default=-np.inf)
+
+
+def never_named(found: Found) -> bool:
+    """Whether some effect has a value in the training rows at which it is never named."""
+    fit, motion = found.after, found.after.problem.mechanism.motion
+    return any(_beyond(fit, found, key_of(a.hypothesis), s) for a in found.added
+               if a.hypothesis.effect is not None for s in a.hypothesis.effect.parameters(motion))
 
 
 def _beyond(fit: Fit, found: Found, key: Key, spec: EffectParameter) -> bool:
@@ -235,7 +220,7 @@ def own_values(fit: Fit, added: Sequence[Added], noise: Whitening, keep: Sequenc
     names = fit.problem.mechanism.names
     where: dict[Key, list[int]] = {}
     for a in added:
-        own = where.setdefault(_key(a.hypothesis), [])
+        own = where.setdefault(key_of(a.hypothesis), [])
         own += [c for c, p in enumerate(fit.problem.free) if names[p] in a.parameters]
     system = build(fit.problem, fit.state, keep)
     out = {}

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.result import Candidate, Found, NamedEffect, Swallowed
 from ppmcal.diagnosis.search import columns_of, scan
@@ -107,6 +108,7 @@ def possible(found: Found, effects: Sequence[NamedEffect], verdict: str,
     stage = found.first
     gone = tuple(_consistent(stage, f) for f in lost)
     if verdict == "unnamed":
+        gone += tuple(measured_against(stage))
         return (*(Candidate(replace(e.hypothesis, on=e.on), e.log_p, e.log_p, e.survival,
                             "imitation", e.alternatives, 0.0) for e in effects), *gone)
     if verdict != "weak":
@@ -119,6 +121,18 @@ def possible(found: Found, effects: Sequence[NamedEffect], verdict: str,
             survival = stage.search.test.survival(hypothesis.columns)
             out.append(Candidate(hypothesis, log_p, log_p, survival, "weak", (), 0.0))
     return tuple(out)
+
+
+def measured_against(stage: Stage) -> Iterator[Candidate]:
+    """Yield what the machine is measured against, a flat's shape, where that explains much."""
+    test = stage.search.test
+    for f in stage.library.unrecorded:
+        if f.effect is None or not f.effect.nuisance:
+            continue
+        square, rank = test.explained(np.array([f.columns]))
+        value = float(log_p(square, test.square, rank, test.freedom)[0])
+        if value < stage.search.detect:
+            yield Candidate(f, value, value, test.survival(f.columns), "consistent", (), 0.0)
 
 
 def _consistent(stage: Stage, hypothesis: Hypothesis) -> Candidate:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,8 +14,17 @@ from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.validation import split
 from ppmcal.diagnosis.extended_model import Added, with_named
 from ppmcal.diagnosis.recorded import usable
-from ppmcal.diagnosis.refit import of_rows, with_mechanism
+from ppmcal.diagnosis.refit import (
+    Key,
+    key_of,
+    lasting_values,
+    never_named,
+    nothing_named,
+    of_rows,
+    with_mechanism,
+)
 from ppmcal.diagnosis.result import Found
+from ppmcal.diagnosis.selection import borne, own_log_p
 from ppmcal.diagnosis.stage import DRAWS, Stage, named_only, run_stage
 from ppmcal.linalg import Bools
 from ppmcal.model.dataset import Dataset
@@ -63,23 +72,57 @@ def found_in(before: Fit, options: DiagnosisOptions, say: Say) -> Found:
     Rows that look like outliers may be the effect itself: where there are many, the search
     is made with them too, and holds if its effects explain most of them.
     """
-    training = before.problem
     say("testing effects against simulated noise")
-    first = run_stage(training, before.state, before.keep, options.seed,
-                      options.kinds, options.draws)
-    found = _settled(before, first, options, say)
+    found = _searched(before, before.keep, options, say)
     out = sum(len(r) for r in before.reasons)
     if out <= MANY_OUT * sum(k.size for k in before.keep):
         return found
     say("testing effects with the outliers")
     everything = [k | (o & ~typo) for k, o, typo in zip(
         before.keep, before.outliers, _typed_wrong(before), strict=True)]
-    second = run_stage(training, before.state, everything, options.seed,
-                       options.kinds, options.draws)
-    other = _settled(before, second, options, say)
+    other = _searched(before, everything, options, say)
     explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
         len(r) for r in found.after.reasons)
     return other if other.added and explained else found
+
+
+def confirm(found: Found, whole: Fit, options: DiagnosisOptions) -> tuple[Found, Fit | None]:
+    """Drop effects that do not stand in all rows; return what is left and its fit to them.
+
+    Args:
+        found: on the training rows.
+        whole: fit of all rows without effects.
+        options: of the diagnosis.
+    """
+    while found.added:
+        fit = with_mechanism(whole, found.after.problem.mechanism, options.fit)
+        values = lasting_values(fit, found)
+        weakest = max(values, key=lambda key: values[key])
+        if values[weakest] <= found.first.search.name:
+            return found, fit
+        last = replace(found.last, chosen=_without(found.last, weakest))
+        if not named_only(last):
+            break
+        found = _refitted(found, last, options)
+    return nothing_named(found), None
+
+
+def _without(last: Stage, key: Key) -> tuple[int, ...]:
+    """Return the chosen hypotheses without those of ``key``; of two waves the weaker one goes."""
+    mine = [i for i in last.chosen if key_of(last.hypotheses[i]) == key]
+    if len(mine) > 1:
+        mine = [max(mine, key=lambda i: own_log_p(last.search, last.chosen, i))]
+    return tuple(borne(last.search, [i for i in last.chosen if i not in mine]))
+
+
+def _refitted(found: Found, last: Stage, options: DiagnosisOptions) -> Found:
+    """Fit the training rows with what a stage still names, and judge that at its own fit."""
+    before, first = found.before, found.first
+    mechanism, added = with_named(before.problem.mechanism, last.search, named_only(last))
+    after = with_mechanism(before, mechanism, options.fit)
+    again = _at_fit(after, first, last, added, options)
+    same = sorted(map(key_of, again.named)) == sorted(map(key_of, last.named))
+    return Found(before, after, first, again if same else last, added)
 
 
 def _typed_wrong(fit: Fit) -> list[Bools]:
@@ -92,6 +135,17 @@ def _typed_wrong(fit: Fit) -> list[Bools]:
     return out
 
 
+def _searched(before: Fit, keep: Sequence[Bools], options: DiagnosisOptions, say: Say) -> Found:
+    """Search in some rows, and again where that ends at a value at which no effect is named."""
+    for as_named in (False, True):
+        first = run_stage(before.problem, before.state, keep, options.seed, options.kinds,
+                          options.draws, as_named=as_named)
+        found = _settled(before, first, options, say)
+        if not never_named(found):
+            break
+    return found
+
+
 def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> Found:
     """Add what a stage chose, refit, test again, until the choice stands."""
     after, last = before, first
@@ -102,14 +156,20 @@ def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> 
         mechanism, added = with_named(before.problem.mechanism, last.search, named_only(last))
         say("fitting geometry and " + ", ".join(f.label for f in last.named))
         after = with_mechanism(before, mechanism, options.fit)
-        names = {n for a in added for n in a.parameters}
-        columns = [c for c, p in enumerate(after.problem.free)
-                   if mechanism.parameters[p].name in names]
-        again = run_stage(after.problem, after.state, after.keep, options.seed,
-                          options.kinds, options.draws, columns, first.search,
-                          [last.hypotheses[i] for i in last.chosen])
+        again = _at_fit(after, first, last, added, options)
         same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
         last = again
         if same:
             break
     return Found(before, after, first, last, added)
+
+
+def _at_fit(after: Fit, first: Stage, last: Stage, added: Sequence[Added],
+            options: DiagnosisOptions) -> Stage:
+    """Test again at the fit with what a stage chose, which stays unless something is better."""
+    names = {n for a in added for n in a.parameters}
+    mechanism = after.problem.mechanism
+    columns = [c for c, p in enumerate(after.problem.free) if mechanism.parameters[p].name in names]
+    return run_stage(after.problem, after.state, after.keep, options.seed, options.kinds,
+                     options.draws, columns, first.search,
+                     [last.hypotheses[i] for i in last.chosen], first.as_named)

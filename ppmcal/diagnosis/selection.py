@@ -113,10 +113,12 @@ def bic(search: Search, chosen: Sequence[int]) -> float:
                  + (len(columns) + searched) * np.log(n) + 2.0 * looked)
 
 
-def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
+def possible(search: Search, chosen: Sequence[int], usual: bool = True, named: bool = True
+             ) -> bool:
     """Whether all coefficients of the chosen hypotheses are physical, and their waves too.
 
-    ``usual``: they have to be in the range of machines too, not only to have a meaning.
+    ``usual``: they have to be in the range of machines too, not only to have a meaning; ``named``:
+    and where they are named at last, if the search asks that.
     """
     hypotheses = [search.hypotheses[i] for i in chosen]
     if not _apart([f for f in hypotheses if f.turns]) or _twice(hypotheses) or (
@@ -132,8 +134,8 @@ def possible(search: Search, chosen: Sequence[int], usual: bool = True) -> bool:
         if hypothesis.size == 1:
             slack = np.where(np.isin(np.arange(len(columns)), at), 0.0, slack)
         ranges: list[tuple[Sequence[float], Sequence[float]]] = [(hypothesis.low, hypothesis.high)]
-        if usual and hypothesis.usual:
-            ranges.append(([r[0] for r in hypothesis.usual], [r[1] for r in hypothesis.usual]))
+        ranges += [([r[0] for r in rs], [r[1] for r in rs]) for rs, asked in (
+            (hypothesis.usual, usual), (hypothesis.named, named)) if rs and asked]
         if any(np.any(value[at] < np.array(low) - slack[at])
                or np.any(value[at] > np.array(high) + slack[at]) for low, high in ranges):
             return False

@@ -46,6 +46,7 @@ class Stage:
         log_p: of every hypothesis before anything is chosen (F,).
         pure: scatter of repeats, if there are any.
         added: columns of the problem that belong to effects under test.
+        as_named: whether effects were only in the range in which they are named.
     """
 
     system: System
@@ -58,6 +59,7 @@ class Stage:
     log_p: Array
     pure: PureError | None
     added: tuple[int, ...] = ()
+    as_named: bool = False
 
     @property
     def columns(self) -> Array:
@@ -92,7 +94,7 @@ def named_only(stage: Stage) -> tuple[int, ...]:
 def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
               kinds: Sequence[str] | None = None, draws: int = DRAWS,
               added: Sequence[int] = (), like: Search | None = None,
-              hold: Sequence[Hypothesis] = ()) -> Stage:
+              hold: Sequence[Hypothesis] = (), as_named: bool = False) -> Stage:
     """Return the tests at a state.
 
     Args:
@@ -106,9 +108,10 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
             hypotheses, not as geometry.
         like: an earlier search of the same library and rows, whose thresholds hold.
         hold: what was chosen before, which stays unless something is better.
+        as_named: effects only in the range in which they are named.
     """
     system = without(build(problem, state, thinned(problem, keep)), added)
-    found = library(system, kinds, [problem.free[c] for c in added])
+    found = library(system, kinds, [problem.free[c] for c in added], as_named)
     noise = estimate(system, found)
     rng = np.random.default_rng(seed)
     for _ in range(2):
@@ -119,7 +122,7 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         if not grids or noise.rho == 0.0:
             break
         noise = estimate(system, found, grids)
-    return replace(stage, added=tuple(added))
+    return replace(stage, added=tuple(added), as_named=as_named)
 
 
 def without(system: System, added: Sequence[int]) -> System:

@@ -5,11 +5,14 @@ tested again with an anonymous shape, in the input that the rest follows, beside
 effect of the likeliest size. It stands if it keeps its size there, is significant, and both are
 far likelier than a larger shape alone: what only begins a series of terms for it is no cause.
 It also has to predict thirds of the rows, by time and by condition, from the others.
+
+Touches of a flat hold the flat's own shape, whatever is left: there each effect is tested with a
+shape over the place beside it, unless the flat is among what it is told to be tied with.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +21,7 @@ from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.left_out_rows import thirds
 from ppmcal.diagnosis.added_variable_test import log_p
 from ppmcal.diagnosis.adequacy import Remainder, inputs
+from ppmcal.diagnosis.candidates import look_alikes
 from ppmcal.diagnosis.extended_model import with_named
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.imitation import left_over
@@ -34,6 +38,8 @@ SIZES = np.geomspace(0.03, 300.0, 41)
 """Of the shape, over the noise, in one value."""
 KEEPS = 0.5
 """With the shape beside it an effect keeps at least this part of its size."""
+PLACE = "position"
+"""The input that a flat's shape follows."""
 WORSE = 9.0
 """Left-out rows are surely worse predicted with an effect where their square rises by so many
 times the mean square of what is left."""
@@ -65,7 +71,8 @@ def survivals(stage: Stage, left: Remainder) -> dict[int, Survival]:
         stage: of the last tests.
         left: what its effects leave.
     """
-    follows, shape = _absorber(stage, left)
+    touches = of_touches(stage)
+    follows, shape = _absorber(stage, left, (PLACE,) if touches else ())
     named = named_only(stage)
     out = {}
     for i in named:
@@ -77,17 +84,33 @@ def survivals(stage: Stage, left: Remainder) -> dict[int, Survival]:
                                      stage.system.count - basis.shape[1])
         value /= stage.hypotheses[i].caution
         fails = _fails(stage, stage.hypotheses[i], own, rest)
+        if touches and tied_with_nuisance(stage, i):
+            continue
         out[i] = Survival(value, follows, keeps, odds, fails, bool(
             value <= stage.search.name and keeps >= KEEPS and odds >= np.log(LONG_ODDS)
             and not fails))
     return out
 
 
-def _absorber(stage: Stage, left: Remainder) -> tuple[str, Array]:
-    """Return the input that the rest follows, and shapes in it (n, s) of unit size in a value."""
+def of_touches(stage: Stage) -> bool:
+    """Whether all measurements are touches of a flat."""
+    return all(d.kind == "plane" for d in stage.system.problem.datasets)
+
+
+def tied_with_nuisance(stage: Stage, effect: int) -> bool:
+    """Whether a shape of what the machine is measured against does most of what an effect does."""
+    against = [f for f in stage.library.unrecorded if f.effect is not None and f.effect.nuisance]
+    return bool(look_alikes(stage.search, against, stage.chosen, effect))
+
+
+def _absorber(stage: Stage, left: Remainder, given: Sequence[str]) -> tuple[str, Array]:
+    """Return the input that the rest follows, and shapes in it (n, s) of unit size in a value.
+
+    ``given``: the inputs, in place of those that the rest follows.
+    """
     known = inputs(stage.system)
     joints = [w for w in left.follows.split() if w in known]
-    names = [left.follows] if left.follows in known else joints or [
+    names = list(given) or [left.follows] if left.follows in known else joints or [
         min(left.by_input, key=lambda k: left.by_input[k])]
     n, m = stage.system.residual.shape
     rows = []
@@ -182,7 +205,7 @@ def earned(found: Found, whole: Fit, final: Fit | None, left: Remainder, outlier
     """
     lost: list[Hypothesis] = []
     while True:
-        nothing = final is None or (left.adequate and not outliers)
+        nothing = final is None or (left.adequate and not outliers and not of_touches(found.last))
         each = {} if nothing else survivals(found.last, left)
         gone = [i for i, s in each.items() if not s.stands]
         kept = borne(found.last.search, [i for i in found.last.chosen if i not in gone])

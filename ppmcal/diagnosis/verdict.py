@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ppmcal.calibration.campaign import few_poses
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.left_out_rows import LeftOut
 from ppmcal.calibration.noise import OVERSTATED
@@ -13,6 +14,7 @@ from ppmcal.diagnosis.held_out_gap import Gap
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.next_experiment import Proposal, nothing, propose
 from ppmcal.diagnosis.result import Found, NamedEffect
+from ppmcal.diagnosis.result_tables import measured_against
 from ppmcal.diagnosis.rivals import Rival
 from ppmcal.diagnosis.stage import Stage
 from ppmcal.errors import NoResult
@@ -55,8 +57,10 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
     """
     search = found.first.search
     smallest = float(found.first.log_p.min(initial=0.0))
-    adequate = left.adequate and not out.suspicious
-    if not effects:
+    # names that only imitate, of what is no more than noise without them, are none
+    nothing = not effects or (imitated and start.adequate)
+    adequate = (left if not effects else start).adequate and not out.suspicious
+    if nothing:
         # far beyond chance, but no physical value fits
         if not adequate or smallest < search.name - FAR:
             return "unnamed"
@@ -65,10 +69,15 @@ def decide(found: Found, left: Remainder, start: Remainder, effects: Sequence[Na
         return "unnamed"  # what does not predict, or only makes up a shape, is no name
     if not left.adequate:
         explained = (start.ratio**2 - left.ratio**2) / max(start.ratio**2 - 1.0, 1e-9)
-        return "unnamed" if explained < MOSTLY else "partial"
+        return _partial(found) if explained >= MOSTLY else "unnamed"
     if out.suspicious:
-        return "partial"
+        return _partial(found)
     return "named-set" if any(e.alternatives for e in effects) else "named"
+
+
+def _partial(found: Found) -> str:
+    """Return the verdict where names leave something: of few poses they may be made of that."""
+    return "unnamed" if any(few_poses(found.before)) else "partial"
 
 
 def not_predicted(blocks: Sequence[BlockGap], left: Remainder, start: Remainder
@@ -130,6 +139,9 @@ def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
     if verdict == "named" and gap is not None and not gap.confirmed:
         return nothing("repeat the campaign, or measure more poses: those held out do not confirm "
                        "yet what is named", joints)
+    against = next(measured_against(stage), None) if verdict == "unnamed" else None
+    if against is not None and against.hypothesis.effect is not None:
+        return nothing(against.hypothesis.effect.remedy, joints)
     return nothing({"none": "no further measurement is needed: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
                     "named": "no further measurement is needed: the named effects explain the "

@@ -11,24 +11,26 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ppmcal.io.csv import Table, read_table
+    from ppmcal.io.csv import Table
+    from ppmcal.io.csv_writer import csv_text
     from ppmcal.io.dataset_reader import read_campaign, read_dataset
     from ppmcal.io.mechanism_reader import read_mechanism
     from ppmcal.io.mechanism_writer import write_mechanism
-    from ppmcal.io.output import Output, csv_text, json_text, provenance
+    from ppmcal.io.output import Output, json_text, provenance
     from ppmcal.io.plausibility import unit_findings
     from ppmcal.io.poses import JointTable, PoseTable, read_joints, read_poses, twists
     from ppmcal.io.scenario import Scenario, read_scenario
+    from ppmcal.io.tables import read_table
 
 _HOME = {
     "read_campaign": "dataset_reader", "read_dataset": "dataset_reader",
     "read_mechanism": "mechanism_reader", "write_mechanism": "mechanism_writer",
-    "Output": "output", "csv_text": "output", "json_text": "output", "provenance": "output",
+    "Output": "output", "csv_text": "csv_writer", "json_text": "output", "provenance": "output",
     "unit_findings": "plausibility",
     "JointTable": "poses", "PoseTable": "poses", "read_joints": "poses", "read_poses": "poses",
     "twists": "poses",
     "Scenario": "scenario", "read_scenario": "scenario",
-    "Table": "csv", "read_table": "csv",
+    "Table": "csv", "read_table": "tables",
 }
 
 __all__ = [

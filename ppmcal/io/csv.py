@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import re
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from pydantic_core import from_json
 
 from ppmcal.errors import BadInput
-from ppmcal.io.yaml import read_bytes
 from ppmcal.linalg import Array
 
 CHUNK = 1 << 20
@@ -53,25 +50,19 @@ class Table:
         return f"{self.source}: {place}"
 
 
-def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
-               loose: Callable[[str], bool] | None = None) -> Table:
-    """Return a CSV file as columns.
+def csv_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) -> Table:
+    """Return a CSV as columns.
 
     Args:
-        path: the file; a BOM and CRLF line ends are accepted.
-        text: columns that are labels: kept as text unless all their cells are numbers.
-        loose: says of a column name whether it may hold text too (default: none); such a
-            column is only repeated, so its numbers may be of any size.
+        data: of the file; a BOM and CRLF line ends are accepted.
+        source: what messages call it.
+        may_be_text: says of a column name whether it may hold text.
 
     Raises:
         BadInput: empty, binary, ragged, without rows, duplicate columns, or a cell that is
             not a number (with row and column).
     """
-    def may_be_text(name: str) -> bool:
-        return name in text or (loose is not None and loose(name))
-
-    source = str(path)
-    data = _clean(read_bytes(Path(path)), source)
+    data = _clean(data, source)
     first = data.find(b"\n") if b"\n" in data else len(data)
     header = _header(data[:first], source)
     if not data[first:first + 4096].strip() and not data[first:].strip():
@@ -82,7 +73,6 @@ def read_table(path: str | os.PathLike[str], text: Collection[str] = (),
                       block.shape[0])
     else:
         table = _slow(data[first + 1:], header, source, may_be_text)
-    refuse_absurd({h: v for h, v in table.numbers.items() if not may_be_text(h)}, source)
     return table
 
 

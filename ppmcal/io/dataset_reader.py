@@ -15,7 +15,7 @@ from ppmcal.calibration.readings import shifted_rows
 from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import measurement_columns as cols
-from ppmcal.io.csv import Table, read_table
+from ppmcal.io.csv import Table
 from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list, stacked
 from ppmcal.io.reading import as_declared, renamed
@@ -29,6 +29,7 @@ from ppmcal.io.sidecar import (
     scale_of,
     sidecar_path,
 )
+from ppmcal.io.tables import read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
@@ -44,7 +45,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """Return the measurements of one CSV with its sidecar, everything in SI.
 
     Args:
-        path: the ``.csv`` (or its sidecar); the sidecar has the same stem.
+        path: the ``.csv`` or ``.parquet`` (or its sidecar); the sidecar has the same stem.
         mechanism: the machine, for actuator names, their units, and the motion.
 
     Rows that hold no joint values or nothing measured cannot be used; they are left out,
@@ -57,7 +58,8 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """
     csv_path = Path(path)
     if csv_path.suffix in (".yaml", ".yml"):
-        csv_path = csv_path.with_suffix(".csv")
+        suffixes = [s for s in (".csv", ".parquet") if csv_path.with_suffix(s).exists()]
+        csv_path = csv_path.with_suffix((*suffixes, ".csv")[0])
     table = read_table(csv_path, text=LABELS)
     file, side = read_sidecar(csv_path)
     return dataset_of(table, file, side, mechanism)

@@ -44,10 +44,12 @@ class Run:
         read: device and inode -> path of every file read so far.
         doomed: device and inode -> path of the files that it wrote into ``--out`` before, and
             will write again.
+        typed: the command line that does the same  [default: that of the process].
     """
 
     command: str = ""
     force: bool = False
+    typed: str = ""
     read: dict[Identity, str] = field(default_factory=dict)
     doomed: dict[Identity, str] = field(default_factory=dict)
 
@@ -56,14 +58,14 @@ _RUN: ContextVar[Run | None] = ContextVar("run", default=None)
 
 
 @contextmanager
-def running(command: str, folder: Path, force: bool = False) -> Iterator[Run]:
+def running(command: str, folder: Path, force: bool = False, typed: str = "") -> Iterator[Run]:
     """Begin a run that will write into ``folder``: what is read from now on is its input.
 
     Raises:
         BadInput: without ``force``, the folder is somebody else's, or files that this command
             wrote there were edited since.
     """
-    run = Run(command, force)
+    run = Run(command, force, typed)
     check_folder(folder, run)
     for name, written in (read_record(folder) or {}).items():
         if written.command == command and (identity := _identity(folder / name)):
@@ -141,12 +143,11 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
                            str(folder / name), MEND)
 
 
-def record_text(folder: Path, files: Mapping[str, bytes], run: Run) -> str:
-    """Return the text of the record of a folder when ``files`` are written to it."""
+def record_text(folder: Path, digests: Mapping[str, str], run: Run) -> str:
+    """Return the text of the record of a folder when files of these SHA-256 are written to it."""
     known = {name: w for name, w in (read_record(folder) or {}).items()
              if _is_there(folder / name)}
-    known |= {name: Written(run.command, hashlib.sha256(content).hexdigest())
-              for name, content in files.items()}
+    known |= {name: Written(run.command, digest) for name, digest in digests.items()}
     return json.dumps({"format": FORM, "files": {
         name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())}},
         indent=1) + "\n"

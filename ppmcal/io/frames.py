@@ -61,7 +61,7 @@ def as_table(source: Any, names: Sequence[str] = (), what: str = NAME,
     return Table(what, tuple(columns), numbers, text, sizes.pop())
 
 
-def _columns(source: Any, names: Sequence[str], what: str) -> dict[str, list[Any]]:
+def _columns(source: Any, names: Sequence[str], what: str) -> dict[str, Any]:
     """Return the columns by name, whatever holds them."""
     if isinstance(source, Mapping) or hasattr(source, "columns"):
         keys = [str(k).strip() for k in (source if isinstance(source, Mapping) else source.columns)]
@@ -69,8 +69,7 @@ def _columns(source: Any, names: Sequence[str], what: str) -> dict[str, list[Any
             double = next(k for k in keys if keys.count(k) > 1)
             raise BadInput(f"two columns are called '{double}'", what, "Rename one of them")
         held = source if isinstance(source, Mapping) else {c: source[c] for c in source.columns}
-        return {k: list(np.asarray(v, dtype=object).ravel())
-                for k, v in zip(keys, held.values(), strict=True)}
+        return {k: _cells(v) for k, v in zip(keys, held.values(), strict=True)}
     block = np.asarray(source)
     if block.ndim == 1:
         block = block[None]
@@ -78,11 +77,21 @@ def _columns(source: Any, names: Sequence[str], what: str) -> dict[str, list[Any
         raise BadInput(f"is an array of shape {np.shape(source)}", what,
                        f"Give (N, {len(names)}): {', '.join(names)}; or name the columns, as a "
                        "data frame or as a mapping")
-    return {name: list(block[:, i]) for i, name in enumerate(names)}
+    return {name: _cells(block[:, i]) for i, name in enumerate(names)}
 
 
-def _numbers(values: list[Any]) -> Any:
-    """Return N values as floats (N,), None where one of them is a word."""
+def _cells(values: Any) -> Any:
+    """Return the cells of a column: as they are where all are floats (N,), else a list."""
+    array = np.asarray(values)
+    if array.dtype == np.float64:
+        return array.ravel()
+    return list(np.asarray(values, dtype=object).ravel())
+
+
+def _numbers(values: Any) -> Any:
+    """Return N cells as floats (N,), None where one of them is a word."""
+    if isinstance(values, np.ndarray):
+        return values
     try:
         return np.array([np.nan if v is None else float(v) if not isinstance(v, str) else v
                          for v in values], dtype=float)

@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ppmcal.errors import unknown
+from ppmcal.io.batch_schema import OPTIONS, ManifestFile
 from ppmcal.io.effects import EffectFile
 from ppmcal.io.mechanism_schema import DirectionFile, MechanismFile, SlotFile, groups
 from ppmcal.io.pose_fields import PoseFile
@@ -27,20 +28,21 @@ Schema = dict[str, Any]
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SLOT, POINT, DIRECTION, POSE = ({"$ref": f"#/$defs/{name}"}
                                 for name in ("Slot", "Point", "Direction", "PoseFile"))
-FILES = ("mechanism", "dataset", "scenario")
+FILES = ("mechanism", "dataset", "scenario", "batch")
 NUMBER: Schema = {"type": "number"}
 VECTOR: Schema = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 3}
 
 
 def file_schema(name: str) -> Schema:
-    """Return the JSON Schema of the files ``mechanism``, ``dataset`` or ``scenario``.
+    """Return the JSON Schema of the files ``mechanism``, ``dataset``, ``scenario`` or ``batch``.
 
     Raises:
         BadInput: there is no such file.
     """
     if name not in FILES:
         raise unknown("file", name, FILES)
-    return {"mechanism": _mechanism, "dataset": _dataset, "scenario": _scenario}[name]()
+    return {"mechanism": _mechanism, "dataset": _dataset, "scenario": _scenario,
+            "batch": _batch}[name]()
 
 
 def _of(model: type[BaseModel], title: str) -> Schema:
@@ -130,6 +132,19 @@ def _scenario() -> Schema:
         hint = {k: own.pop(k) for k in ("description", "title", "default") if k in own}
         conditions[key] = {**hint, "anyOf": [single, dict(own)]}
     return out
+
+
+def _batch() -> Schema:
+    out = ManifestFile.model_json_schema()
+    for name, options in OPTIONS.items():
+        out["$defs"].setdefault(options.__name__, options.model_json_schema())
+        out["$defs"][options.__name__]["title"] = f"Options of {name}"
+    out["$defs"]["CampaignFile"]["properties"]["options"] |= {"anyOf": [
+        {"$ref": f"#/$defs/{options.__name__}"} for options in OPTIONS.values()]}
+    out["properties"]["campaigns"]["minItems"] = 1
+    _null_free(out)
+    title = "ppmcal batch (a manifest of campaigns)"
+    return {"$schema": DIALECT, "title": title, **{k: v for k, v in out.items() if k != "title"}}
 
 
 def _places(properties: dict[str, Schema]) -> None:

@@ -23,7 +23,7 @@ from ppmcal.io.yaml import decimals, to_file
 from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism
-from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices
+from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices, unmatched
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
@@ -51,6 +51,9 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
     patterns = None if file.free is None else tuple(file.free)
     if patterns is not None:
         findings += assemble.check_patterns(made, drafts, patterns, source)
+    optional = tuple(tuple(level) for level in file.optional or ())
+    for missed in unmatched(made, [pattern for level in optional for pattern in level]):
+        raise unknown("parameter", missed, [p.name for p in made], f"{source}: optional")
     factors = _joint_factors(drafts, actuators, units)
     index = {p.name: i for i, p in enumerate(made)}
     limbs = tuple(Limb(d.name, d.kind, actuators.index(d.actuator), assemble.slot_map(d, index),
@@ -60,7 +63,8 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         parameters=made, free=tuple(free_indices(made, patterns)), home_pose=home_pose,
         home_q=_home_q(file, actuators, factors, source),
         limits=_limits(file, actuators, factors, source), gravity=_gravity(file, source),
-        units=units, free_patterns=patterns, registrations=_registrations(file, units, source),
+        units=units, free_patterns=patterns, optional=optional,
+        registrations=_registrations(file, units, source),
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
         inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
         tolerances=tolerances, cost=_cost(file, source))

@@ -201,6 +201,9 @@ class MechanismFile(Strict):
     """Registrations of data sets, written by identify."""
     free: list[Annotated[str, BeforeValidator(_pattern)]] | None = None
     """Patterns of the parameters that may change  [default: all with a tolerance]."""
+    optional: list[list[Annotated[str, BeforeValidator(_pattern)]]] | None = None
+    """Lists of patterns, nested: freedoms that identify takes, or leaves, by what predicts
+    left-out rows. Fixed ones need a tolerance. --free overrides them."""
 
 
 TURNS = ("rx", "ry", "rz")

@@ -206,6 +206,8 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
     free = _free(mechanism)
     if free is not None:
         tree["free"] = free
+    if mechanism.optional:
+        tree["optional"] = [list(level) for level in mechanism.optional]
     if mechanism.registrations:
         tree["measurement"] = {"datasets": _registrations(mechanism)}
     return dump_yaml(tree, comment)

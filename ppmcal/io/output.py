@@ -1,4 +1,4 @@
-"""What commands write: CSV, JSON, provenance, and files that appear whole or not at all."""
+"""What commands write: JSON, provenance, and files that appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -20,9 +20,8 @@ import numpy as np
 
 from ppmcal import __version__
 from ppmcal.errors import BadInput
-from ppmcal.io.folder import RECORD, check_files, current, note_read, record_text
-
-CHUNK = 20_000
+from ppmcal.io.csv_writer import Content, encoded
+from ppmcal.io.folder import RECORD, Run, check_files, current, note_read, record_text
 
 
 class Output:
@@ -38,9 +37,9 @@ class Output:
     def __init__(self, directory: str | os.PathLike[str]) -> None:
         """Collect for ``directory``, which need not exist yet."""
         self.directory = Path(directory)
-        self.files: dict[str, bytes] = {}
+        self.files: dict[str, Content] = {}
 
-    def add(self, name: str, content: str | bytes) -> None:
+    def add(self, name: str, content: Content) -> None:
         r"""Add one file by its name within the folder.
 
         What UTF-8 cannot hold (bytes of a file's name in another encoding) is written as
@@ -50,8 +49,7 @@ class Output:
             raise ValueError(f"'{name}' is not a plain file name")
         if name in self.files:
             raise ValueError(f"'{name}' was added already")
-        self.files[name] = (content.encode("utf-8", "backslashreplace")
-                            if isinstance(content, str) else content)
+        self.files[name] = content
 
     def write(self) -> list[Path]:
         """Write all files and return their paths.
@@ -64,9 +62,8 @@ class Output:
         try:
             self._check()
             check_files(self.directory, self.files, run)
-            record = record_text(self.directory, self.files, run).encode()
             with self._stage() as stage:
-                self._stage_and_move(stage, {**self.files, RECORD: record})
+                self._stage_and_move(stage, run)
         except (OSError, ValueError) as error:
             raise self._refusal(error) from None
         return [self.directory / name for name in self.files]
@@ -94,12 +91,13 @@ class Output:
         finally:
             shutil.rmtree(stage, ignore_errors=True)
 
-    def _stage_and_move(self, stage: Path, files: Mapping[str, bytes]) -> None:
+    def _stage_and_move(self, stage: Path, run: Run) -> None:
         new, old = stage / "new", stage / "old"
         new.mkdir()
         old.mkdir()
-        for name, content in files.items():
-            (new / name).write_bytes(content)
+        digests = {name: _written(new / name, content) for name, content in self.files.items()}
+        files = (*digests, RECORD)
+        (new / RECORD).write_text(record_text(self.directory, digests, run), encoding="utf-8")
         if not self.directory.exists():
             new.replace(self.directory)
             return
@@ -133,62 +131,14 @@ class Output:
             self.write()
 
 
-def csv_text(header: Sequence[str], columns: Sequence[Any]) -> str:
-    """Return a CSV with 17 significant digits.
-
-    Args:
-        header: column names.
-        columns: one sequence or array (N,) for each; floats, integers, booleans or words
-            (None is an empty cell).
-    """
-    arrays = [_printable(c) for c in columns]
-    if len(arrays) != len(header):
-        raise ValueError(f"{len(header)} names for {len(arrays)} columns")
-    sizes = {len(a) for _, a in arrays}
-    if len(sizes) > 1:
-        raise ValueError(f"columns of different lengths: {sorted(sizes)}")
-    size = sizes.pop() if sizes else 0
-    line = ",".join(form for form, _ in arrays) + "\n"
-    parts = [",".join(_cell(h) for h in header) + "\n"]
-    plain = all(form == "%.17g" for form, _ in arrays)
-    block = np.column_stack([a for _, a in arrays]) if plain and size else None
-    for start in range(0, size, CHUNK):
-        stop = min(start + CHUNK, size)
-        if block is not None:
-            cells = block[start:stop].ravel().tolist()
-        else:
-            lists = [a[start:stop].tolist() for _, a in arrays]
-            cells = [c for row in zip(*lists, strict=True) for c in row]
-        parts.append((line * (stop - start)) % tuple(cells))
-    return "".join(parts)
-
-
-def _printable(values: Any) -> tuple[str, Any]:
-    """Return the format of a column and the column as an array (N,)."""
-    array = np.asarray(values)
-    if array.ndim != 1:
-        array = np.array(list(values), dtype=object)
-    if array.dtype.kind == "f":
-        return "%.17g", array
-    if array.dtype.kind in "iu":
-        return "%d", array
-    words = np.empty(len(array), dtype=object)
-    words[:] = [_cell(v) for v in array.tolist()]
-    return "%s", words
-
-
-def _cell(value: object) -> str:
-    """Return one cell of text, quoted where it must be."""
-    if value is None:
-        return ""
-    if isinstance(value, bool | np.bool_):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return f"{value:.17g}"
-    text = str(value)
-    if any(c in text for c in ',"\n\r'):
-        return '"' + text.replace('"', '""') + '"'
-    return text
+def _written(path: Path, content: Content) -> str:
+    """Write a file piece by piece; return its SHA-256."""
+    digest = hashlib.sha256()
+    with path.open("wb") as stream:
+        for part in encoded(content):
+            stream.write(part)
+            digest.update(part)
+    return digest.hexdigest()
 
 
 def json_text(obj: object) -> str:

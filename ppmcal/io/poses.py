@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
 from ppmcal.io import measurement_columns as cols
-from ppmcal.io.csv import Table, read_table
+from ppmcal.io.csv import Table
 from ppmcal.io.frames import Tabular, as_table, is_path
 from ppmcal.io.measurement_columns import further_columns, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.rotations import EULER, under_vector_names
 from ppmcal.io.schema import hint
+from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 

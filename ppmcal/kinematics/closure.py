@@ -12,7 +12,7 @@ the twist of each joint and slot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal import algebra as cga
-from ppmcal.linalg import Array
+from ppmcal.kinematics.limb_groups import LimbGroup, groups_of, slot_columns
+from ppmcal.linalg import Array, Ints
 from ppmcal.model.effects import Shift
 from ppmcal.model.limbs import ClosureSurface
-from ppmcal.model.limbs.chain import ErrorTwists, U
+from ppmcal.model.limbs.chain import U
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -75,31 +76,31 @@ class Model:
         ``wanted`` are the parameter indices whose columns Bg will be asked for.
         """
         q = np.atleast_2d(np.asarray(q, dtype=float))
-        bodies, slots, columns, turning = [], [], [], []
-        for i, limb in enumerate(self.mechanism.limbs):
-            names, used = limb.slots.feeds(set(wanted))
-            values = {**self.limb_values[i], U: self.joint_coordinate(i, q)}
-            bodies.append(limb.kind.evaluate(values, {U, *names}))
-            slots.append(tuple(names))
-            columns.append(tuple(used))
-            turning += [i] if limb.kind.turns(values, names) else []
-        return Closure(self, q, tuple(bodies), tuple(slots), tuple(columns), tuple(turning))
+        every = set(wanted)
+        fed = [limb.slots.feeds(every) for limb in self.mechanism.limbs]
+        slots = tuple(tuple(names) for names, _ in fed)
+        groups = groups_of(self.mechanism, self.limb_values, q, slots)
+        return Closure(self, q, groups, slots, tuple(tuple(used) for _, used in fed))
 
 
 @dataclass(frozen=True, eq=False)
 class Closure:
     """The stacked closure equations of N poses with their joints locked at ``q`` (N, k).
 
-    ``turning`` are the limbs whose surface depends on the pose besides, because the axes of a
-    universal joint do not meet: ``bodies`` has them as if they met, :meth:`at` as they are.
+    Groups that are ``turning`` have a surface that depends on the pose besides, because the axes of
+    a universal joint do not meet: here as if they met, after :meth:`at` as they are.
     """
 
     model: Model
     q: Array
-    bodies: tuple[ClosureSurface, ...]
+    groups: tuple[LimbGroup, ...]
     slots: tuple[tuple[str, ...], ...]
     columns: tuple[tuple[int, ...], ...]
-    turning: tuple[int, ...] = ()
+
+    @property
+    def turning(self) -> bool:
+        """Whether the surface of a limb depends on the pose besides."""
+        return any(group.turning for group in self.groups)
 
     def at(self, pose: Array) -> Closure:
         """Return the closure with every joint of offset axes turned as at motors ``pose`` (N, 8).
@@ -109,37 +110,51 @@ class Closure:
         """
         if not self.turning:
             return self
-        bodies = list(self.bodies)
-        for i in self.turning:
-            values = {**self.model.limb_values[i], U: self.model.joint_coordinate(i, self.q)}
-            bodies[i] = self.model.mechanism.limbs[i].kind.evaluate(
-                values, {U, *self.slots[i]}, np.atleast_2d(pose))
-        return replace(self, bodies=tuple(bodies), turning=())
+        pose = np.atleast_2d(pose)
+        return replace(self, groups=tuple(group.at(pose) for group in self.groups))
+
+    @cached_property
+    def bodies(self) -> tuple[ClosureSurface, ...]:
+        """The surface of each limb, (n, k, ...), without twists."""
+        own = {i: group.limb(place) for group in self.groups for place, i in enumerate(group.limbs)}
+        return tuple(own[i] for i in range(len(own)))
+
+    def _stacked(self, part: str) -> Array:
+        """Return an array of all groups' surfaces, equation by equation: (n, d, ...)."""
+        parts = [getattr(group.surface, part) for group in self.groups]
+        d = self.model.mechanism.equations
+        if len(parts) == 1:
+            return np.reshape(parts[0], (parts[0].shape[0], d, *parts[0].shape[3:]))
+        out = np.empty((max(p.shape[0] for p in parts), d, *parts[0].shape[3:]))
+        for group, values in zip(self.groups, parts, strict=True):
+            out[:, group.rows] = values
+        return out
 
     @cached_property
     def fixed(self) -> Array:
-        """Base-side KGB vectors (N, d, 5)."""
-        return _stack([b.fixed for b in self.bodies])
+        """Base-side KGB vectors (1 or N, d, 5)."""
+        return self._stacked("fixed")
 
     @cached_property
     def moving(self) -> Array:
         """Platform-side KGB vectors (1 or N, d, 5)."""
-        return _stack([b.moving for b in self.bodies])
+        return self._stacked("moving")
 
     @cached_property
     def scale(self) -> Array:
-        """Factor that makes each inner product a length (N, d)."""
-        return _stack([b.scale for b in self.bodies])
+        """Factor that makes each inner product a length (1 or N, d)."""
+        return self._stacked("scale")
 
     @cached_property
     def radius(self) -> Array:
-        """Sphere radii (N, d), 0 for planes."""
-        return _stack([b.radius for b in self.bodies])
+        """Sphere radii (1 or N, d), 0 for planes."""
+        return self._stacked("radius")
 
     @cached_property
     def point_moves(self) -> Array:
         """Whether the platform carries the point (d,)."""
-        return np.array([m for b in self.bodies for m in b.point_moves])
+        return np.array([m for limb in self.model.mechanism.limbs
+                         for m in limb.kind.surface.point_moves])
 
     def carried(self, pose: Array) -> Array:
         """Platform-side vectors carried to the base frame by motors ``pose`` (N, 8)."""
@@ -161,7 +176,16 @@ class Closure:
         A platform twist B changes c by their pairing.
         """
         here = self.at(pose)
-        moved, carries = here.carried(pose), here.point_moves[:, None]
+        return here._lines(here.carried(pose))
+
+    def misclosure_and_lines(self, pose: Array) -> tuple[Array, Array]:
+        """Return c (N, d), m, and the legs' lines (N, d, 6), as each of the two alone."""
+        here = self.at(pose)
+        moved = here.carried(pose)
+        return here.scale * cga.inner(here.fixed, moved), here._lines(moved)
+
+    def _lines(self, moved: Array) -> Array:
+        here, carries = self, self.point_moves[:, None]
         point = np.where(carries, moved, here.fixed)
         surface = np.where(carries, here.fixed, moved)
         sign = np.where(here.point_moves, 1.0, -1.0)
@@ -177,38 +201,57 @@ class Closure:
         lines = self.lines(pose) if lines is None else lines
         n, m = lines[..., :3], lines[..., 3:]
         t = cga.translation(np.atleast_2d(pose))[:, None, :]
-        return np.concatenate([n, m - np.cross(t, n)], axis=-1)[..., self.model.mechanism.dof]
+        moment = m - np.stack([t[..., 1] * n[..., 2] - t[..., 2] * n[..., 1],
+                               t[..., 2] * n[..., 0] - t[..., 0] * n[..., 2],
+                               t[..., 0] * n[..., 1] - t[..., 1] * n[..., 0]], axis=-1)
+        return np.concatenate([n, moment], axis=-1)[..., self.model.mechanism.dof]
 
     def joint_matrix(self, pose: Array, lines: Array | None = None, drive: bool = True) -> Array:
         """Return Jq = dc/dq (N, d, k), m per unit of q; dc/du without the ``drive`` ratio."""
         lines = self.lines(pose) if lines is None else lines
-        mechanism = self.model.mechanism
-        out = np.zeros((*lines.shape[:2], len(mechanism.actuators)))
-        row = 0
-        for i, (limb, body) in enumerate(zip(mechanism.limbs, self.bodies, strict=True)):
-            k = len(body.point_moves)
-            rows = _slot_columns(body, lines[:, row:row + k], pose, (U,))[..., 0]
-            ratio = self.model.limb_values[i].get("ratio", 1.0) if drive else 1.0
-            out[:, row:row + k, limb.actuator] = rows * ratio
-            row += k
+        out = np.zeros((*lines.shape[:2], len(self.model.mechanism.actuators)))
+        for group in self.groups:
+            rows = group.slot_columns(group.of_rows(lines), pose, (U,))[..., 0]
+            if drive and "ratio" in group.values:
+                rows = rows * group.values["ratio"][..., None]
+            out[:, group.rows, group.actuators[:, None]] = rows
         return out
 
     def error_blocks(self, pose: Array, lines: Array | None = None
                      ) -> list[tuple[slice, tuple[int, ...], Array]]:
         """Return Bg limb by limb: (rows, parameter indices, block (N, k, P_limb))."""
+        return [(slice(int(rows[0]), int(rows[-1]) + 1), columns, block[:, place])
+                for own, named, block in self.error_groups(pose, lines)
+                for place, (rows, columns) in enumerate(zip(own, named, strict=True))]
+
+    def error_groups(self, pose: Array, lines: Array | None = None
+                     ) -> list[tuple[Ints, tuple[tuple[int, ...], ...], Array]]:
+        """Return Bg for limbs together whose columns are as many.
+
+        Returns:
+            rows (L, k), parameter indices of each limb (L times P) and blocks (N, L, k, P).
+        """
         here = self.at(pose)
         lines = here.lines(pose) if lines is None else lines
         out = []
-        row = 0
-        for i, (limb, body) in enumerate(zip(self.model.mechanism.limbs, here.bodies, strict=True)):
-            rows = slice(row, row + len(body.point_moves))
-            row = rows.stop
-            if not self.columns[i]:
+        for group in here.groups:
+            names = tuple(dict.fromkeys(s for i in group.limbs for s in self.slots[i]))
+            if not names:
                 continue
-            raw = _slot_columns(body, lines[:, rows], pose, self.slots[i],
-                                self.q[:, limb.actuator])
-            chain = limb.slots.jacobian(self.model.parameters, self.slots[i], self.columns[i])
-            out.append((rows, self.columns[i], raw @ chain))
+            raw = group.slot_columns(group.of_rows(lines), pose, names)
+            if "ratio" in names:
+                raw[..., names.index("ratio")] *= self.q[:, group.actuators, None]
+            alike: dict[int, list[int]] = {}
+            for place, i in enumerate(group.limbs):
+                alike.setdefault(len(self.columns[i]), []).append(place)
+            for count, places in alike.items():
+                limbs = [group.limbs[place] for place in places]
+                chain = np.stack([self.model.mechanism.limbs[i].slots.jacobian(
+                    self.model.parameters, names, self.columns[i]) for i in limbs])
+                if count:
+                    part = raw if len(places) == len(group.limbs) else raw[:, places]
+                    out.append((group.rows[places], tuple(self.columns[i] for i in limbs),
+                                part @ chain))
         return out
 
     def slot_matrix(self, pose: Array, limb: int, slots: Sequence[str],
@@ -225,15 +268,13 @@ class Closure:
             (N, d, S), m per m or rad of a slot.
         """
         lines = self.lines(pose) if lines is None else lines
-        before = sum(len(b.point_moves) for b in self.bodies[:limb])
-        rows = slice(before, before + len(self.bodies[limb].point_moves))
-        body = self.bodies[limb]
-        if set(slots) != {"offset"}:
-            kind = self.model.mechanism.limbs[limb].kind
-            values = {**self.model.limb_values[limb], U: self.model.joint_coordinate(limb, self.q)}
-            body = kind.evaluate(values, {U, *slots}, np.atleast_2d(pose))
+        group = next(g for g in self.groups if limb in g.limbs)
+        rows = group.rows[group.limbs.index(limb)]
+        kind = group.kind
+        values = {**self.model.limb_values[limb], U: self.model.joint_coordinate(limb, self.q)}
+        body = kind.evaluate(values, {U, *slots}, np.atleast_2d(pose))
         out = np.zeros((*lines.shape[:2], len(slots)))
-        out[:, rows] = _slot_columns(body, lines[:, rows], pose, slots)
+        out[:, rows[0]:rows[-1] + 1] = slot_columns(body, lines[:, rows], pose, slots)
         return out
 
     def error_matrix(self, pose: Array, wanted: Sequence[int], lines: Array | None = None) -> Array:
@@ -245,35 +286,3 @@ class Closure:
         for rows, columns, block in blocks:
             out[:, rows, [place[c] for c in columns]] += block
         return out
-
-
-def _stack(parts: Sequence[Array]) -> Array:
-    (n,) = np.broadcast_shapes(*(p.shape[:1] for p in parts))
-    return np.concatenate([np.broadcast_to(p, (n, *p.shape[1:])) for p in parts], axis=1)
-
-
-def _slot_columns(body: ClosureSurface, lines: Array, pose: Array, slots: Sequence[str],
-                  q: Array | None = None) -> Array:
-    """Return dc/dslot (N, k, S) of one limb: line against frame twist, chain by chain.
-
-    ``offset`` moves the joint coordinate u itself, ``ratio`` moves it by q.
-    """
-    names = [U if s in ("offset", "ratio") else s for s in slots]
-    chains: tuple[tuple[float, tuple[ErrorTwists, ...], Callable[[], Array]], ...] = (
-        (-1.0, body.base, lambda: lines), (-1.0, body.middle, lambda: body.middle_lines),
-        (1.0, body.platform,
-         lambda: cga.move_line(cga.reverse(np.atleast_2d(pose))[:, None, :], lines)))
-    out = np.zeros((*lines.shape[:2], len(slots)))
-    for sign, carried, line in chains:
-        if not carried:
-            continue
-        wrench = line()
-        for group in carried:
-            mine = [i for i, n in enumerate(names) if n in group.names]
-            if mine:
-                picked = [group.names.index(names[i]) for i in mine]
-                out[..., mine] = sign * group.pairing(wrench, picked)
-    for i, s in enumerate(slots):
-        if s == "ratio" and q is not None:
-            out[..., i] *= q[:, None]
-    return out

@@ -15,12 +15,16 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.compiled_limbs import compiled_limbs
 from ppmcal.kinematics.inverse import home_state, solve_rows
 from ppmcal.linalg import Array, Bools, finite_rows
 
 CONTRACTION = 0.25
 """A second Newton step above this part of the first means: lead the joints in smaller steps."""
 SMALLEST_STEP = 1.0 / 512.0
+NEWTON_STEPS = 25
+STEP = 1e-11
+"""Converged: the last step, translations in parts of the length scale, is below this."""
 CLOSED = 1e-12
 """Closed: every misclosure below this part of the reach."""
 
@@ -75,6 +79,11 @@ def forward(model: Model, q: Array, start: Array | None = None, start_q: Array |
 def _attempt(model: Model, q: Array, pose: Array) -> tuple[Array, Bools]:
     """Newton at ``q`` from ``pose``; good rows converged, contracting, on the same side."""
     closure = model.closure(q)
+    tables = compiled_limbs(closure, pose.shape[0])
+    if tables is not None:
+        solved, converged, sizes, signs = tables.newton(pose, NEWTON_STEPS, STEP, CLOSED)
+        same = signs[:, 0] == signs[:, 1]
+        return solved, converged & same & (_contraction(sizes) <= CONTRACTION)
     with np.errstate(invalid="ignore"):  # nan where an offset universal joint cannot stand
         side = np.sign(np.linalg.det(closure.pose_matrix(pose)))
     solved, converged, contraction = newton(closure, pose)
@@ -103,7 +112,8 @@ def _lead(model: Model, origin: Array, q: Array, pose: Array) -> tuple[Array, Ar
     return pose, at
 
 
-def newton(closure: Closure, pose: Array, iterations: int = 25) -> tuple[Array, Bools, Array]:
+def newton(closure: Closure, pose: Array, iterations: int = NEWTON_STEPS
+           ) -> tuple[Array, Bools, Array]:
     """Solve the closure for the motors, batched.
 
     Returns:
@@ -112,13 +122,16 @@ def newton(closure: Closure, pose: Array, iterations: int = 25) -> tuple[Array, 
     """
     mechanism = closure.model.mechanism
     scale, reach = mechanism.length_scale, mechanism.reach
+    tables = compiled_limbs(closure, pose.shape[0])
+    if tables is not None:
+        pose, converged, two, _ = tables.newton(pose, iterations, STEP, CLOSED)
+        return pose, converged, _contraction(two)
     pose = np.array(pose)
     sizes: list[Array] = []
     converged = np.zeros(pose.shape[0], dtype=bool)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         for _ in range(iterations):
-            here = closure.at(pose)
-            c, lines = here.misclosure(pose), here.lines(pose)
+            c, lines = closure.misclosure_and_lines(pose)
             step = np.zeros((pose.shape[0], 6))
             step[:, mechanism.dof] = -solve_rows(closure.pose_matrix(pose, lines), c)
             size = np.hypot(np.linalg.norm(step[:, :3], axis=1) / scale,
@@ -127,22 +140,28 @@ def newton(closure: Closure, pose: Array, iterations: int = 25) -> tuple[Array, 
             finite = np.isfinite(size) & (size < 10.0 * reach / scale)
             step[~finite] = 0.0
             pose = moved(pose, step)
-            converged = finite & (size < 1e-11) & (np.max(np.abs(c), axis=1) < CLOSED * reach)
+            converged = finite & (size < STEP) & (np.max(np.abs(c), axis=1) < CLOSED * reach)
             if (converged | ~finite).all():
                 break
-    first, second = sizes[0], sizes[1] if len(sizes) > 1 else np.zeros_like(sizes[0])
+    second = sizes[1] if len(sizes) > 1 else np.zeros_like(sizes[0])
+    return pose, converged, _contraction(np.stack([sizes[0], second], axis=-1))
+
+
+def _contraction(sizes: Array) -> Array:
+    """Return the second step's length over the first's (N,), of both (N, 2)."""
+    first, second = sizes.T
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(first > 1e-6, second / first, 0.0)
-    return pose, converged, np.where(np.isfinite(ratio), ratio, np.inf)
+    return np.where(np.isfinite(ratio), ratio, np.inf)
 
 
 def moved(pose: Array, step: Array) -> Array:
     """Return motors (N, 8) moved by (origin displacement, rotation) steps (N, 6)."""
-    turn = step[:, 3:]
-    t = cga.translation(pose)
-    stay = cga.motor_from_rotation_vector(turn, np.zeros(3))
-    shift = t + step[:, :3] - cga.move_point(stay, t)
-    return cga.compose(cga.motor_from_rotation_vector(turn, shift), pose)
+    turn = np.zeros_like(step)
+    turn[:, :3] = step[:, 3:]
+    rotor = cga.compose(cga.motor_exp(turn), pose)
+    rotor[:, 4:] = 0.0
+    return cga.compose(cga.translator(cga.translation(pose) + step[:, :3]), rotor)
 
 
 def smallest_singular_value(closure: Closure, pose: Array) -> tuple[Array, Array]:

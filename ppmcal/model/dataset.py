@@ -207,7 +207,7 @@ class Environment:
     place: Ints | None = None
     touch: Bools | None = None
 
-    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Environment:
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Environment:
         """Return the environment of some rows; their history stays whole."""
         return Environment(self.approach[rows], self.velocity[rows], self.temperature[rows],
                            self.wrench[rows], self.time[rows], self.row[rows],
@@ -225,10 +225,22 @@ class Environment:
 
 def unknown_environment(rows: int, joints: int) -> Environment:
     """Return an environment of which nothing is known."""
-    one = np.full(rows, np.nan)
-    many = np.full((rows, joints), np.nan)
-    return Environment(many, many, one, np.full((rows, 6), np.nan), one, np.full(rows, np.inf),
-                       np.full((rows, 3), np.nan))
+    one, many = unknown(rows), unknown(rows, joints)
+    return Environment(many, many, one, unknown(rows, 6), one, np.full(rows, np.inf),
+                       unknown(rows, 3))
+
+
+def unknown(*shape: int) -> Array:
+    """Return nan everywhere, read-only and in the space of one: there may be a million rows."""
+    return np.broadcast_to(np.array(np.nan), shape)
+
+
+def _by_joint(columns: Mapping[str, Array], what: str, actuators: Sequence[str], n: int) -> Array:
+    """Return the columns ``what_<actuator>`` (N, k), nan where there is none."""
+    names = [f"{what}_{a}" for a in actuators]
+    if not any(name in columns for name in names):
+        return unknown(n, len(names))
+    return np.stack([columns.get(name, unknown(n)) for name in names], axis=-1)
 
 
 def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity: Array,
@@ -245,12 +257,10 @@ def environment(columns: Mapping[str, Array], actuators: Sequence[str], gravity:
             the direction of approach; else ``time`` tells in which order.
     """
     n = q.shape[0]
-    blank = np.full(n, np.nan)
-    approach = np.stack([columns.get(f"dir_{a}", blank) for a in actuators], axis=-1)
-    if sequence:
-        approach = ways(q)
-    velocity = np.stack([columns.get(f"vel_{a}", blank) for a in actuators], axis=-1)
-    wrench, force = np.full((n, 6), np.nan), np.full((n, 3), np.nan)
+    blank = unknown(n)
+    approach = ways(q) if sequence else _by_joint(columns, "dir", actuators, n)
+    velocity = _by_joint(columns, "vel", actuators, n)
+    wrench, force = unknown(n, 6), unknown(n, 3)
     if "payload" in columns or any(w in columns for w in WRENCH):
         given = [np.asarray(columns.get(w, np.zeros(n))) for w in WRENCH]
         weight = STANDARD_GRAVITY * np.asarray(columns.get("payload", np.zeros(n)))

@@ -132,7 +132,9 @@ def history_of(q: Array, time: Array, temperature: Array, wrench: Array, weight:
     place[order] = np.arange(order.size)
     if not order.size:
         return None, place
-    return History(q[order], times, temperature[order], wrench[order], weight[order],
+    if not (order.size == n and np.all(np.diff(order) == 1)):   # else nothing is copied
+        q, temperature, wrench, weight = (v[order] for v in (q, temperature, wrench, weight))
+    return History(q, times, temperature, wrench, weight,
                    np.asarray(np.isfinite(q).any(axis=0))), place
 
 

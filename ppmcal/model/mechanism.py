@@ -67,6 +67,7 @@ class Mechanism:
         effects: what acts beyond geometry.
         units: the file's units, in which everything is written.
         free_patterns: the file's ``free`` list, or None.
+        optional: patterns of freedoms to take, or leave, by what predicts left-out rows, in order.
         registrations: frame and target of data sets that were identified, by name.
         digits: half the last printed digit of the file's numbers by quantity, SI.
         findings: warnings that reading the file gave.
@@ -92,6 +93,7 @@ class Mechanism:
     units: Units
     effects: tuple[Effect, ...] = ()
     free_patterns: tuple[str, ...] | None = None
+    optional: tuple[tuple[str, ...], ...] = ()
     registrations: Mapping[str, Registration] = field(default_factory=dict)
     digits: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
@@ -204,7 +206,7 @@ class Mechanism:
 
     def with_free(self, patterns: Sequence[str] | None) -> Mechanism:
         """Return the machine with another choice of free parameters."""
-        return replace(self, free=tuple(free_indices(self.parameters, patterns)))
+        return replace(self, free=tuple(free_indices(self.parameters, patterns)), optional=())
 
     def with_values(self, g: Array) -> Mechanism:
         """Return the machine with parameters ``g`` (P,) as its present values."""

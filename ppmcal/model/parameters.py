@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import lru_cache
 
 import numpy as np
 
@@ -101,6 +102,8 @@ class SlotMap:
 
     def jacobian(self, g: Array, slots: Sequence[str], columns: Sequence[int]) -> Array:
         """Return d(slots)/d(parameters ``columns``), (..., S, C), at ``g`` (..., P)."""
+        if not self.polar and g.ndim == 1:
+            return _direct(self.direct, tuple(slots), tuple(columns))
         row = {s: i for i, s in enumerate(slots)}
         column = {p: i for i, p in enumerate(columns)}
         out = np.zeros((*g.shape[:-1], len(slots), len(columns)))
@@ -132,6 +135,18 @@ class SlotMap:
                 slots += [x, y]
                 used += [p for p in (r, a) if p in wanted]
         return slots, sorted(set(used))
+
+
+@lru_cache(maxsize=4096)
+def _direct(direct: tuple[tuple[str, int], ...], slots: tuple[str, ...], columns: tuple[int, ...]
+            ) -> Array:
+    """Return d(slots)/d(parameters) (S, C) where each slot is a parameter; the same at all g."""
+    out = np.zeros((len(slots), len(columns)))
+    for slot, p in direct:
+        if slot in slots and p in columns:
+            out[slots.index(slot), columns.index(p)] += 1.0
+    out.setflags(write=False)
+    return out
 
 
 def free_indices(parameters: Sequence[Parameter], patterns: Sequence[str] | None) -> list[int]:

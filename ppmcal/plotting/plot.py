@@ -41,6 +41,12 @@ class Axis:
         tens = found[found == 10.0 ** np.round(np.log10(found))] if self.log else found
         return tens if len(tens) > 2 else found
 
+    def part(self, value: float) -> float:
+        """Return where a value is between the ends, 0 to 1."""
+        if self.log:
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
 
 def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float = 0.05) -> Axis:
     """Return an axis that holds the finite values, with a margin.
@@ -80,6 +86,7 @@ def plot(canvas: Canvas, x: Axis, y: Axis, names: tuple[str, str], layers: Seque
     """Draw layers over two axes that have their names beside them."""
     floor, right = height - BOTTOM, WIDTH - RIGHT
     axes = canvas.axes(left, TOP, right, floor)
+    axes.set_xscale("log" if x.log else "linear")
     axes.set_yscale("log" if y.log else "linear")
     axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high))
     axes.spines["left"].set(visible=True, linewidth=1.0, color=SOFT)
@@ -88,7 +95,7 @@ def plot(canvas: Canvas, x: Axis, y: Axis, names: tuple[str, str], layers: Seque
         axis.set_ticks(ticks.tolist(), labels=number_words(ticks))
         axis.set_ticks([], minor=True)
     for label in axes.get_xticklabels():
-        part = (label.get_position()[0] - x.low) / (x.high - x.low)
+        part = x.part(label.get_position()[0])
         label.set_visible(left + part * (right - left) + 0.5 * width(label.get_text()) <= WIDTH)
     widest = max([width(words) for words in number_words(ticks)], default=1.0)
     axes.tick_params("y", length=0.0, pad=5.0, labelsize=LETTERS * min(1.0, (left - 20.0) / widest))

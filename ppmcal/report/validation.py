@@ -14,6 +14,7 @@ from ppmcal.io.results.validation import (
     ValidationRecord,
     effects_sentence,
     model_sentence,
+    noise_sentence,
     registered_sentence,
 )
 from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
@@ -38,8 +39,8 @@ def days(datasets: Sequence[ValidatedDataset]) -> str:
     out = figures([picture(d) for d in datasets])
     for data in datasets:
         out += paragraph(typeset(f"{model_sentence(data)} {effects_sentence(data)}".strip()))
-        out += table(typeset(registered_sentence(data)), _heads(data),
-                     [_row(e) for e in data.errors]) if data.errors else ""
+        how = typeset(f"{registered_sentence(data)} {noise_sentence(data)}".strip())
+        out += table(how, _heads(data), [_row(e) for e in data.errors]) if data.errors else ""
     return out
 
 

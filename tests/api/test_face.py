@@ -17,7 +17,7 @@ from helpers.paths import ROOT
 
 import ppmcal
 from ppmcal.api.result import Result
-from ppmcal.io import csv as ppmcal_csv
+from ppmcal.io import tables as ppmcal_tables
 
 NOTEBOOK = ROOT / "docs" / "calibration.ipynb"
 FUNCTIONS = [n for n in ppmcal.__all__ if not n[0].isupper()]
@@ -240,7 +240,7 @@ def test_compensation_in_memory_is_that_from_files(stage, fit, folder, tmp_path)
 
 def test_a_table_of_targets_is_read_once(stage, fit, tmp_path, monkeypatch):
     read = []
-    monkeypatch.setattr(ppmcal_csv, "read_bytes", lambda path: read.append(path.name) or
+    monkeypatch.setattr(ppmcal_tables, "read_bytes", lambda path: read.append(path.name) or
                         path.read_bytes())
     poses, joints = tmp_path / "poses.csv", tmp_path / "joints.csv"
     poses.write_text("label,y,x,rz\none,0,0,0\ntwo,-3,4,1\n")

@@ -547,7 +547,7 @@ def test_rows_out_of_order_do_not_keep_the_held_out_fit_from_ending(tmp_path: Pa
     """A third of the rows is wrong: what the fit left out, that of the others leaves out too."""
     problem = campaign(tmp_path, "shuffled", machine, 120)
     fit = identify(problem)
-    figures, _ = held_out(problem, FitOptions(), 0.2, 0, fit.keep)
+    figures, _ = held_out(fit, FitOptions(), 0.2, 0)
     inside = residuals(problem, fit.state).figures(fit.keep)
     assert figures["position"]["rms"] < 2.0 * inside["position"]["rms"]
 

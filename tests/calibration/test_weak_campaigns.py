@@ -126,3 +126,16 @@ def test_flat_short_and_few_name_nothing() -> None:
     assert not flat.diagnosis.effects
     assert flat.record.campaign is not None
     assert flat.record.next_measurements.file == "next.csv"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_few_poses_are_no_ground_for_a_part_of_a_name(seed: int) -> None:
+    """Six poses and a strong backlash: names that leave something are made of what they leave."""
+    text = scenario("delta-linear", approach="both", seed=seed, effects=[
+        {"kind": "backlash", "on": ["a"], "parameters": {"width": 30.0 * float(
+            scenario("delta-linear")["instrument"]["sigma"]["position"])}}],
+        poses={"random": delta(80.0)["poses"]["random"] | {"count": 6}})
+    found = ppmcal.diagnose(shipped("delta-linear"), campaign(text), draws=500)
+    assert {e.kind for e in found.diagnosis.effects} <= {"backlash"}
+    assert found.verdict in ("unnamed", "named", "named-set")

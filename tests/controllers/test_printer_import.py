@@ -378,3 +378,73 @@ def test_real_beds_come_out_as_the_steps_that_were_worked_out_of_them(tmp_path: 
         steps = np.array([[float(r[f"stepper_{t}_usteps"]) for t in "abc"] for r in table])
         assert np.max(np.abs(touches[:, 1:4] / mesh["active_geometry"]["stepdists"] - steps)) < 1e-3
         assert touches[:, 4].tolist() == [float(r["approach_dir_x"]) for r in table]
+
+
+# ---------------------------------------------------------------- radius
+
+
+def test_a_radius_that_was_measured_by_hand_is_nominal(tmp_path: Path) -> None:
+    path = written(tmp_path, config(REAL, body="delta_radius: 100.0\n"))
+    said = import_config("klipper", path)
+    assert any("was never this printer's" in f for f in said.findings)
+    found = import_config("klipper", path, radius=140.4)
+    nominal = found.printer.nominal
+    assert nominal.geometry.radius == 140.4 and nominal.origin["delta_radius"] == "--radius"
+    assert nominal.radius == 1.0 and not found.findings
+    found.save(tmp_path / "o")
+    machine = read_mechanism(tmp_path / "o" / "machine.yaml")
+    place = machine.names.index("delta_radius")
+    assert machine.nominals[place] == pytest.approx(0.1404, abs=1e-12)
+    assert machine.parameters[place].prior_sigma == pytest.approx(0.001)
+    run = ppmcal("import", "klipper", "printer.cfg", "--radius", "140.4", "--json", cwd=tmp_path,
+                 expect=0)
+    assert run.json["nominal_from"]["delta_radius"] == "--radius"
+
+
+def test_a_radius_far_from_what_is_printed_with_is_said_and_none_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, config(REAL))
+    found = import_config("klipper", path, radius=160.0)
+    assert any("19.4 mm from the 140.62 mm" in f for f in found.findings)
+    assert found.printer.nominal.radius >= 19.4
+    for wrong in ("0", "-3", "nan", "350"):
+        run = ppmcal("import", "klipper", "printer.cfg", "--radius", wrong, cwd=tmp_path, expect=2)
+        assert "radius" in run.err
+    assert not (tmp_path / "imported").exists()
+
+
+def test_reprap_takes_a_radius_too(tmp_path: Path) -> None:
+    (tmp_path / "config.g").write_text("M665 R140 L300 B110 H290\n")
+    found = import_config("reprap", tmp_path / "config.g", radius=140.7)
+    assert found.printer.nominal.geometry.radius == 140.7
+    assert found.printer.geometry.radius == 140.0    # what touches were made with
+    assert found.printer.nominal.origin["delta_radius"] == "--radius"
+    assert not any("--radius" in f for f in found.findings)
+
+
+# ---------------------------------------------------------------- freedoms
+
+
+def test_freedoms_are_left_to_what_predicts_best_unless_chosen(tmp_path: Path) -> None:
+    path = written(tmp_path, config(REAL, pairs=1.0, noise=0.01))
+    for rods, optional in (((), True), ((300,), True), (("shared",), False)):
+        found = import_config("klipper", path, rods=rods)
+        found.save(tmp_path / "o")
+        machine = read_mechanism(tmp_path / "o" / "machine.yaml")
+        assert bool(machine.optional) == optional
+        assert not any("direction" in machine.names[i] for i in machine.free)
+    import_config("klipper", path).save(tmp_path / "o")
+    run = ppmcal("identify", "o/machine.yaml", "o/heights.csv", "o/distances.csv", cwd=tmp_path)
+    assert "are missed by so many times the noise" in " ".join(run.out.split())
+    told = json.loads((tmp_path / "identified" / "identification.json").read_text())["freedoms"]
+    # towers stand upright: what is kept is what the file frees
+    assert [s["kept"] for s in told["sets"]] == [True, True, False]
+    ppmcal("identify", "o/machine.yaml", "o/heights.csv", "o/distances.csv", "--free", "*.offset",
+           "--out", "own", cwd=tmp_path)
+    assert json.loads((tmp_path / "own" / "identification.json").read_text())["freedoms"] is None
+
+
+def test_one_flat_alone_frees_no_leaning_towers(tmp_path: Path) -> None:
+    """It cannot tell them from the bed's own shape."""
+    found = import_config("klipper", written(tmp_path, config(REAL)))
+    found.save(tmp_path / "o")
+    assert read_mechanism(tmp_path / "o" / "machine.yaml").optional == ()

@@ -139,7 +139,7 @@ def test_a_cluster_gives_the_same_machines(tmp_path: Path) -> None:
                                   dashboard_address=None, protocol="tcp",
                                   local_directory=str(tmp_path)) as cluster:
         options = ("--accuracy", 0.5, "--machines", 120, "--json", "--seed", 3)
-        far = ppmcal("tolerances", CONFIGS / "3-RPR.yaml", *options, "--dask",
+        far = ppmcal("tolerances", CONFIGS / "3-RPR.yaml", *options, "--scheduler",
                      cluster.scheduler_address, "--out", tmp_path / "far").json
     near = ppmcal("tolerances", CONFIGS / "3-RPR.yaml", *options, "--out", tmp_path / "near").json
     assert far["yield"] == near["yield"]
@@ -148,7 +148,7 @@ def test_a_cluster_gives_the_same_machines(tmp_path: Path) -> None:
 
 def test_no_scheduler_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    run_ = ppmcal("tolerances", CONFIGS / "3-RPR.yaml", "--accuracy", 1, "--dask", "nonsense",
+    run_ = ppmcal("tolerances", CONFIGS / "3-RPR.yaml", "--accuracy", 1, "--scheduler", "nonsense",
                   "--out", tmp_path / "o", expect=2)
     assert "no scheduler answers" in run_.err.replace("\n", " ")
 

@@ -34,6 +34,6 @@ def run(mechanism: Mechanism, scenario: Scenario, seed: int = 1, name: str = "a"
     campaign = simulate(mechanism, scenario, seed)
     with tempfile.TemporaryDirectory() as folder:
         for file, text in files(mechanism, scenario, campaign, name, {}).items():
-            (Path(folder) / file).write_text(text, encoding="utf-8")
+            (Path(folder) / file).write_text(str(text), encoding="utf-8")
         data = read_campaign([Path(folder) / "measurements.csv"], mechanism)[0]
     return Run(mechanism, scenario, campaign, data)

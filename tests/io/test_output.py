@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from ppmcal.errors import BadInput
 from ppmcal.io import Output, csv_text, json_text, provenance
+from ppmcal.io.csv_writer import CHUNK, LongText, csv_lines
 from ppmcal.io.folder import RECORD, running
 from ppmcal.io.yaml import read_bytes
 
@@ -244,3 +245,30 @@ def test_provenance(tmp_path):
     assert (got["command"], got["seed"], got["numpy"]) == ("ppmcal identify", 7, np.__version__)
     with pytest.raises(BadInput, match="cannot be read"):
         provenance([tmp_path / "b"], "", None)
+
+
+def test_a_long_table_is_written_as_it_is_made(tmp_path):
+    """The same bytes as from one text, the record's digest too; a row that fails leaves nothing."""
+    size = 2 * CHUNK + 7
+    columns = [np.arange(size), np.linspace(0.0, 1.0, size),
+               np.array(["a, b", None] + [""] * (size - 2), dtype=object)]
+    lines = csv_lines(["row", "x", "word"], columns)
+    with Output(tmp_path / "lines") as out:
+        out.add("table.csv", lines)
+    with Output(tmp_path / "text") as out:
+        out.add("table.csv", csv_text(["row", "x", "word"], columns))
+    made, told = (tmp_path / name / "table.csv" for name in ("lines", "text"))
+    assert made.read_bytes() == told.read_bytes()
+    assert made.read_text().splitlines()[1] == '0,0,"a, b"'
+    assert len(made.read_text().splitlines()) == size + 1
+    assert (tmp_path / "lines" / RECORD).read_bytes() == (tmp_path / "text" / RECORD).read_bytes()
+
+    def broken():
+        yield "row,x\n"
+        raise OSError("no space left")
+
+    with pytest.raises(BadInput, match="no space left"), Output(tmp_path / "broken") as out:
+        out.add("other.csv", "a\n1\n")
+        out.add("table.csv", LongText(broken))
+    assert not (tmp_path / "broken").exists()
+    assert not list(tmp_path.glob(".ppmcal.*"))

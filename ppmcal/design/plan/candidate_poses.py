@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from ppmcal.design.plan.clearance import too_close
 from ppmcal.errors import BadInput, NoResult
@@ -232,6 +231,8 @@ def _points(size: int, seed: int, batch: int = BATCH) -> Iterator[Array]:
 
     A shift modulo 1 keeps them even (Cranley and Patterson 1976).
     """
+    from scipy.stats import qmc  # a quarter of a second, and few commands plan
+
     sobol = qmc.Sobol(size, scramble=False)
     shift = np.random.default_rng([seed, 0]).uniform(size=size)
     while True:

@@ -11,6 +11,7 @@ from ppmcal.calibration.validation import residuals
 from ppmcal.diagnosis.added_variable_test import probability
 from ppmcal.diagnosis.result import Candidate, Diagnosis
 from ppmcal.io import write_mechanism
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_tables import residuals_csv
@@ -22,11 +23,11 @@ from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism, resolved
 
 
 def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRecord
-          ) -> dict[str, str]:
+          ) -> dict[str, Content]:
     """Return file name -> text of everything that diagnose writes but pictures."""
     found, fit = result.identification, result.identification.fit
     before = residuals(result.before.problem, result.before.state)
-    out = {
+    out: dict[str, Content] = {
         "model.yaml": write_mechanism(
             found.mechanism,
             f"diagnosed by ppmcal {provenance.get('version', '')}: {result.verdict}; from "

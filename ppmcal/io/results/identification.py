@@ -8,8 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.summary import Identification
 from ppmcal.io import write_mechanism
+from ppmcal.io.csv_writer import Content
 from ppmcal.io.results.campaign import CampaignSummary
 from ppmcal.io.results.gross_errors import GrossErrorSummary
 from ppmcal.io.results.identifiability import FlatShape, IdentifiabilitySummary
@@ -20,6 +22,7 @@ from ppmcal.io.results.identification_parts import (
     DoubtfulPart,
     ExcludedRow,
     FittedDataset,
+    FreedomChoiceEntry,
     NoiseCheck,
     ParameterEstimate,
     RegistrationEntry,
@@ -44,11 +47,14 @@ STRONGEST = 50
 class IdentificationRecord(Record):
     """identification.json, in ``units``; rank, columns, iterations, prior_scale are bare.
 
+    ``by_normal_equations``: of the iterations, those whose step came from normal equations and not
+    from QR of the rows, their condition allowing it; the last one never does.
     ``observability``: O1 to O5, in tolerances per standard deviation; ``unexplained``: rms of
     what neither model nor noise explains; ``doubtful``: stretches of joints in which rows were
     left out that the model misses; ``campaign``: poses too weak for what was fitted, with those
-    that are missing in next.csv; ``measured_volume``: coordinate -> (low, high);
-    ``earlier``: content hash -> name of the tables behind a calibration carried on.
+    that are missing in next.csv; ``freedoms``: which optional ones were kept;
+    ``measured_volume``: coordinate -> (low, high); ``earlier``: content hash -> name of the
+    tables behind a calibration carried on.
     """
 
     FILE: ClassVar[str] = "identification.json"
@@ -61,6 +67,7 @@ class IdentificationRecord(Record):
     columns: Whole | None = None
     redundant: tuple[Combination, ...] = ()
     iterations: Whole | None = None
+    by_normal_equations: Whole | None = None
     converged: Flag | None = None
     prior_scale: Finite | None = None
     residual: ResidualStages = ResidualStages()
@@ -78,14 +85,15 @@ class IdentificationRecord(Record):
     units: UnitNames = UnitNames()
     doubtful: tuple[DoubtfulPart, ...] = ()
     campaign: CampaignSummary | None = None
+    freedoms: FreedomChoiceEntry | None = None
     measured_volume: Mapping[Text, Numbers] = Field(default_factory=dict)
     provenance: Provenance = Provenance()
     earlier: Mapping[Text, Text] = Field(default_factory=dict)
     covariance: CovarianceEntry | None = None
 
     @classmethod
-    def of(cls, result: Identification, provenance: Mapping[str, Any], method: str
-           ) -> IdentificationRecord:
+    def of(cls, result: Identification, provenance: Mapping[str, Any], method: str,
+           freedoms: FreedomChoice | None = None) -> IdentificationRecord:
         """Return the record of an identification."""
         fit, mechanism, units = result.fit, result.mechanism, result.mechanism.units
         carried = {} if result.earlier is None else {"earlier": dict(result.earlier.inputs)}
@@ -97,7 +105,8 @@ class IdentificationRecord(Record):
             parameters=tuple(ParameterEstimate.of(e, units) for e in result.estimates),
             rank=result.rank, columns=len(result.columns),
             redundant=tuple(Combination.of(d, mechanism) for d in result.redundant),
-            iterations=fit.iterations, converged=fit.converged, prior_scale=fit.prior_scale,
+            iterations=fit.iterations, by_normal_equations=fit.summed, converged=fit.converged,
+            prior_scale=fit.prior_scale,
             residual=stages, unexplained=summaries(
                 {k: {"rms": v} for k, v in result.unexplained.items()}, units),
             holdout_note=result.holdout_note, noise=NoiseCheck.of(result.noise),
@@ -108,6 +117,7 @@ class IdentificationRecord(Record):
             excluded=_excluded(result), findings=result.findings, datasets=_datasets(result),
             doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
             campaign=CampaignSummary.of(result.campaign, units),
+            freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
             units=UnitNames.of(units), measured_volume=_volume(result),
             provenance=Provenance.model_validate(provenance), **carried,
             covariance=CovarianceEntry.of(result))
@@ -116,7 +126,7 @@ class IdentificationRecord(Record):
         """Return the content without the covariance."""
         return {k: v for k, v in self.entries().items() if k != "covariance"}
 
-    def files(self, result: Identification) -> dict[str, str]:
+    def files(self, result: Identification) -> dict[str, Content]:
         """Return file name -> text of everything that identify writes of its ``result``."""
         names = ", ".join(d.name for d in result.fit.problem.datasets)
         missing = {} if result.campaign is None else {

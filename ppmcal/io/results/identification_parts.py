@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.noise import Noise
 from ppmcal.calibration.posterior import of_data
@@ -244,6 +245,34 @@ def summaries(values: Mapping[str, Mapping[str, float]], units: Units
 
 def _over(value: float | None, factor: float) -> float | None:
     return None if value is None or not np.isfinite(value) else value / factor
+
+
+class FreedomSetEntry(Part):
+    """A set of freedoms; ``adds``: parameters beyond the set before.
+
+    ``missed``: rms of left-out rows over their noise, bare; ``behind``: mean square less that of
+    the best set, and ``error``, the standard error of that, both bare; ``kept``: in the fit.
+    """
+
+    adds: tuple[Text, ...] = ()
+    missed: Finite | None = None
+    behind: Finite | None = None
+    error: Finite | None = None
+    kept: Flag = False
+
+
+class FreedomChoiceEntry(Part):
+    """Nested sets of freedoms, smallest first, as they predict ``blocks`` left out in turn."""
+
+    blocks: Whole = 0
+    sets: tuple[FreedomSetEntry, ...] = ()
+
+    @classmethod
+    def of(cls, found: FreedomChoice) -> FreedomChoiceEntry:
+        """Return the entry; all figures are bare."""
+        return cls(blocks=found.blocks, sets=tuple(
+            FreedomSetEntry(adds=s.adds, missed=s.missed, behind=s.behind, error=s.error,
+                            kept=n <= found.kept) for n, s in enumerate(found.sets)))
 
 
 class DoubtfulPart(Part):

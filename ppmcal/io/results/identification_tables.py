@@ -11,8 +11,8 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import labels
 from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import Residuals
-from ppmcal.io import csv_text
-from ppmcal.io.results.record import Column, table_text
+from ppmcal.io.csv_writer import LongText, csv_text
+from ppmcal.io.results.record import Column, table_lines, table_text
 from ppmcal.io.results.tables import joint_columns
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
@@ -48,22 +48,28 @@ def missing_csv(mechanism: Mechanism, missing: MissingPoses) -> str:
     return table_text(columns, mechanism.units)
 
 
-def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> str:
+def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> LongText:
     """Return residuals.csv: one line per input row, data set by data set.
 
     Rows that held nothing usable come last, with their reason.
     """
     sets = fit.problem.datasets
     dropped = [(d.name, row, reason) for d in sets for row, reason in d.dropped]
+    sizes, lost = [len(d) for d in sets], len(dropped)
+    reasons = np.full(sum(sizes) + lost, "", dtype=object)
+    for begin, own in zip(np.cumsum([0, *sizes]), fit.reasons, strict=False):
+        reasons[[begin + n for n in own]] = list(own.values())
+    reasons[len(reasons) - lost:] = [reason for _, _, reason in dropped]
     columns = [
-        Column("row", [*(int(n) for d in sets for n in d.rows), *(row for _, row, _ in dropped)]),
-        Column("dataset", [*(d.name for d in sets for _ in range(len(d))),
-                           *(n for n, _, _ in dropped)]),
-        *_coordinate_columns(fit.problem, before, after, len(dropped)),
-        Column("used", [*(int(u) for k in fit.keep for u in k), *(0 for _ in dropped)]),
-        Column("reason", [*(r.get(n, "") for r, d in zip(fit.reasons, sets, strict=True)
-                            for n in range(len(d))), *(reason for _, _, reason in dropped)])]
-    return table_text(columns, fit.problem.mechanism.units)
+        Column("row", np.concatenate([*(d.rows for d in sets),
+                                      np.array([row for _, row, _ in dropped], dtype=np.int64)])),
+        Column("dataset", np.repeat(
+            np.array([*(d.name for d in sets), *(n for n, _, _ in dropped)], dtype=object),
+            [*sizes, *(1 for _ in dropped)])),
+        *_coordinate_columns(fit.problem, before, after, lost),
+        Column("used", np.concatenate([*fit.keep, np.zeros(lost, dtype=bool)]).astype(int)),
+        Column("reason", reasons)]
+    return table_lines(columns, fit.problem.mechanism.units)
 
 
 def _coordinate_columns(problem: Problem, before: Residuals, after: Residuals, dropped: int

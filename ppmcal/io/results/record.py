@@ -27,8 +27,9 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from ppmcal.errors import BadInput
+from ppmcal.io.csv_writer import LongText, csv_lines
 from ppmcal.io.json import AGAIN, LARGEST, read_object
-from ppmcal.io.output import csv_text, json_text, plain
+from ppmcal.io.output import json_text, plain
 from ppmcal.units import Units
 
 _READ = "read"
@@ -208,7 +209,12 @@ def in_units(columns: Sequence[Column], units: Units) -> dict[str, Any]:
             for c in columns}
 
 
+def table_lines(columns: Sequence[Column], units: Units) -> LongText:
+    """Return a long CSV of columns in the file's units."""
+    shown = in_units(columns, units)
+    return csv_lines(list(shown), list(shown.values()))
+
+
 def table_text(columns: Sequence[Column], units: Units) -> str:
     """Return a CSV of columns in the file's units."""
-    shown = in_units(columns, units)
-    return csv_text(list(shown), list(shown.values()))
+    return str(table_lines(columns, units))

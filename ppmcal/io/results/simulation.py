@@ -10,7 +10,7 @@ import yaml
 from pydantic import Field
 
 from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates_of
-from ppmcal.io import csv_text
+from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
 from ppmcal.io.results.tables import joint_columns
@@ -67,7 +67,7 @@ class TruthRecord(Record):
 
 
 def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: str,
-          provenance: Mapping[str, Any]) -> dict[str, str]:
+          provenance: Mapping[str, Any]) -> dict[str, Content]:
     """Return file name -> text of everything that simulate writes, in the machine's units."""
     units = mechanism.units
     header: dict[str, Any] = {"pose": campaign.pose}
@@ -89,7 +89,7 @@ def files(mechanism: Mechanism, scenario: Scenario, campaign: Campaign, name: st
     if campaign.temperature is not None:
         header["temperature"] = campaign.temperature - ZERO_CELSIUS
     header["time"] = campaign.time
-    return {"measurements.csv": csv_text(list(header), list(header.values())),
+    return {"measurements.csv": csv_lines(list(header), list(header.values())),
             "measurements.yaml": sidecar(mechanism, scenario, name),
             TruthRecord.FILE: TruthRecord.of(mechanism, scenario, campaign, provenance).text()}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
+from ppmcal.calibration.day_noise import REPEATS, STATED, DayNoise
 from ppmcal.calibration.frozen_models import ModelError, Validated
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, UnitNames, Whole
@@ -34,7 +35,7 @@ class ErrorSize(Part):
 class PredictedError(Part):
     """What one machine misses; ``closer``: by how much less than the model, with 95 % interval.
 
-    ``noise``: rms over the stated noise, bare. ``verdict``: better, worse or same.
+    ``noise``: rms over the data set's noise, bare. ``verdict``: better, worse or same.
     """
 
     model: Text = ""
@@ -59,6 +60,26 @@ class PredictedError(Part):
                    high=found.interval[1] / factor, unit=unit, verdict=verdict)
 
 
+class NoiseUsed(Part):
+    """The noise of one typical value that a data set is judged by; ``stated``: by its file.
+
+    ``factor``: over the stated one, bare; ``source``: stated, residuals or repeats.
+    """
+
+    value: Finite | None = None
+    stated: Finite | None = None
+    unit: Text = ""
+    factor: Finite | None = None
+    source: Text = ""
+
+    @classmethod
+    def of(cls, found: DayNoise, units: Units) -> NoiseUsed:
+        """Return a noise in file units."""
+        value = found.sigma / units.factor("length")
+        return cls(value=value, stated=value / found.factor, unit=units.length,
+                   factor=found.factor, source=found.source)
+
+
 class ValidatedDataset(Part):
     """One data set; ``fitted``: what of the registration, ``demanded`` by the data alone."""
 
@@ -68,13 +89,16 @@ class ValidatedDataset(Part):
     of_rows: Whole = 0
     fitted: tuple[Text, ...] = ()
     demanded: tuple[Text, ...] = ()
+    noise: NoiseUsed | None = None
     errors: tuple[PredictedError, ...] = ()
 
     @classmethod
-    def of(cls, found: Validated, units: Units) -> ValidatedDataset:
+    def of(cls, found: Validated, units: Units, noise: DayNoise | None = None
+           ) -> ValidatedDataset:
         """Return a data set in file units."""
         return cls(name=found.name, source=found.source, rows=found.rows[0], of_rows=found.rows[1],
                    fitted=found.fitted, demanded=found.demanded,
+                   noise=None if noise is None else NoiseUsed.of(noise, units),
                    errors=tuple(PredictedError.of(e, units, n == 0)
                                 for n, e in enumerate(found.errors)))
 
@@ -92,12 +116,14 @@ class ValidationRecord(Record):
     provenance: Provenance = Provenance()
 
     @classmethod
-    def of_validation(cls, found: Sequence[Validated], name: str, units: Units,
-                      provenance: Mapping[str, Any], findings: Sequence[str]) -> ValidationRecord:
+    def of_validation(cls, found: Sequence[Validated], noise: Sequence[DayNoise], name: str,
+                      units: Units, provenance: Mapping[str, Any], findings: Sequence[str]
+                      ) -> ValidationRecord:
         """Return the record of a validation."""
         return cls(
             format=cls.FORMAT, name=name, units=UnitNames.of(units),
-            datasets=tuple(ValidatedDataset.of(v, units) for v in found),
+            datasets=tuple(ValidatedDataset.of(v, units, n)
+                           for v, n in zip(found, noise, strict=True)),
             findings=tuple(findings), provenance=Provenance.model_validate(provenance))
 
     def files(self) -> dict[str, str]:
@@ -130,12 +156,29 @@ def registered_sentence(data: ValidatedDataset) -> str:
     return f"{data.name}: {data.rows} of {data.of_rows} rows; fitted: {fitted}{tail}."
 
 
+def noise_sentence(data: ValidatedDataset) -> str:
+    """Return the noise that a data set is judged by with its source, empty where none is told."""
+    used = data.noise
+    if used is None or used.factor is None:
+        return ""
+    size = f"{number(used.factor, 3)} times what its sidecar states" if used.value is None else (
+        f"{number(used.value, 3)} {used.unit}")
+    stated = "" if used.stated is None else f" (its sidecar: {number(used.stated)} {used.unit})"
+    if used.source == STATED:
+        return f"Noise {size}, as its sidecar states." if used.value is not None else ""
+    how = "as repeats scatter" if used.source == REPEATS else (
+        "estimated from what a fit of that day alone leaves")
+    return f"Noise {size}, {how}{stated}."
+
+
 def model_sentence(data: ValidatedDataset) -> str:
     """Return how well the model predicts a data set."""
     first = data.errors[0] if data.errors else PredictedError()
     sizes = [f"{number(s.rms)} {s.unit}" for s in (first.position, first.rotation)
              if s and s.rms is not None]
-    return f"{data.name}: the model misses by {' and '.join(sizes)} rms."
+    times = "" if first.noise is None or data.noise is None else (
+        f", {number(first.noise, 2)} times the noise")
+    return f"{data.name}: the model misses by {' and '.join(sizes)} rms{times}."
 
 
 def effects_sentence(data: ValidatedDataset) -> str:

@@ -46,15 +46,16 @@ def _mount(axis: str, on: str, turn: str) -> ChainStep:
     plain = align(axis)
 
     def back(values: Values) -> Array:
-        return orientation(values[on]).T if on else np.eye(3)
+        return np.swapaxes(orientation(values[on]), -1, -2) if on else np.eye(3)
 
     def motor(values: Values) -> Array:
         return cga.compose(cga.motor_from_matrix(back(values), np.zeros(3)), plain.motor(values))
 
     def twists(values: Values) -> list[tuple[str, Array]]:
         turned = back(values)
-        return [(name, np.concatenate([twist[..., :3] @ turned.T, twist[..., 3:]], axis=-1))
-                for name, twist in plain.twists(values)]
+        turns = [(name, (turned @ twist[..., :3, None])[..., 0])
+                 for name, twist in plain.twists(values)]
+        return [(name, np.concatenate([w, np.zeros_like(w)], axis=-1)) for name, w in turns]
 
     slots = tuple(SlotSpec(s.name, s.quantity, s.tolerance_class, s.default, axis)
                   for s in plain.slots)

@@ -23,7 +23,8 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 
 Values = Mapping[str, Any]
-"""Slot name -> scalar or (N,) array, direction name -> (3,) array, all SI."""
+"""Slot name -> scalar or (N,) array, direction name -> (3,) array, all SI; of L limbs together
+(1, L) or (N, L), and (1, L, 3)."""
 
 AXES = {
     "x": (1.0, 0.0, 0.0),
@@ -63,7 +64,8 @@ class ChainStep:
 
     ``motor(values)`` is the motion (..., 8); ``twists(values)`` yields for each slot the
     generator (..., 6) in the axes before the step, as ``(slot name, twist)``. A step that
-    ``needs`` a value which is not there is left out.
+    ``needs`` a value which is not there is left out. A ``drive`` moves by u along the one twist
+    that it yields, which does not depend on u (:mod:`driven`).
     """
 
     slots: tuple[SlotSpec, ...]
@@ -72,6 +74,7 @@ class ChainStep:
     joint: bool = False
     constants: tuple[str, ...] = ()
     needs: str = ""
+    drive: bool = False
 
 
 def _unit(kind: str, direction: Any) -> Array:
@@ -111,7 +114,8 @@ def slide(
         return cga.translator(np.asarray(values[name], dtype=float)[..., None] * direction(values))
 
     slots = () if name == U else (SlotSpec(name, "length", "length", default),)
-    return ChainStep(slots, motor, lambda values: [(name, _unit("translation", direction(values)))])
+    return ChainStep(slots, motor, lambda values: [(name, _unit("translation", direction(values)))],
+                     drive=name == U)
 
 
 def turn(name: str) -> ChainStep:
@@ -122,7 +126,7 @@ def turn(name: str) -> ChainStep:
         return cga.rotor(np.array(AXES["z"]), np.asarray(values[name], dtype=float))
 
     slots = () if name == U else (SlotSpec(name, "angle", "angle"),)
-    return ChainStep(slots, motor, lambda values: [(name, unit)])
+    return ChainStep(slots, motor, lambda values: [(name, unit)], drive=name == U)
 
 
 def align(name: str, zero: str | None = None) -> ChainStep:
@@ -185,17 +189,17 @@ def _stack(values: Values, names: Collection[str]) -> Array:
 
 
 def orientation(axis: Any, zero: Any = None) -> Array:
-    """Return the matrix whose third column is ``axis``, first column towards ``zero``.
+    """Return the matrices (..., 3, 3): third column ``axis`` (..., 3), first towards ``zero``.
 
     Without ``zero`` the first column is the base axis least parallel to ``axis``, made
     perpendicular: any choice will do, since only the third column is used then.
     """
     z = np.asarray(axis, dtype=float)
-    z = z / np.linalg.norm(z)
-    x = np.eye(3)[int(np.argmin(np.abs(z)))] if zero is None else np.asarray(zero, dtype=float)
-    x = x - (x @ z) * z
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
+    z = z / np.linalg.norm(z, axis=-1, keepdims=True)
+    x = np.eye(3)[np.argmin(np.abs(z), axis=-1)] if zero is None else np.asarray(zero, dtype=float)
+    x = x - np.sum(x * z, axis=-1, keepdims=True) * z
+    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
 def left_jacobian(rotation_vector: Array) -> Array:
@@ -227,8 +231,9 @@ def cross_matrix(v: Array) -> Array:
 class ErrorTwists:
     """Error twists of one step's slots: generators in the axes before the step.
 
-    ``names`` (K,); ``to_root`` (8,) or (N, 8): the chain up to there; ``generators`` (K, 6) or
-    (N, K, 6). In the chain's root axes each twist is Ad(to_root) generator.
+    ``names`` (K,); ``to_root`` (8,), (N, 8) or of L limbs (1 or N, L, 8): the chain up to there;
+    ``generators`` (K, 6), or one set for each of these. In the chain's root axes each twist is
+    Ad(to_root) generator.
     """
 
     names: tuple[str, ...]
@@ -236,16 +241,16 @@ class ErrorTwists:
     generators: Array
 
     def twists(self) -> Array:
-        """Return the twists in root axes (K, 6) or (N, K, 6)."""
+        """Return the twists in root axes (..., K, 6)."""
         return cga.adjoint_twist(self.to_root[..., None, :], self.generators)
 
     def pairing(self, lines: Array, picked: Sequence[int]) -> Array:
-        """Return the pairing of lines (N, k, 6), root axes, with some of the twists (N, k, K).
+        """Return the pairing of lines (N, ..., k, 6), root axes, with some twists (N, ..., k, K).
 
         Where the chain moves from pose to pose, one line is carried back to the step's axes
         instead of all twists to the root: the same number, for less.
         """
-        if self.to_root.ndim == 1:
+        if self.to_root.ndim == 1 or self.to_root.shape[0] == 1:
             generators = self.twists()[..., picked, :]
         else:
             lines = cga.move_line(cga.reverse(self.to_root)[..., None, :], lines)
@@ -266,7 +271,7 @@ class Chain:
 
         Joint frames whose components are all zero and unwanted are skipped.
         """
-        total = cga.identity_motor()
+        total, moved = cga.identity_motor(), False
         carried: list[ErrorTwists] = []
         for step in self.steps:
             if step.joint and not any(s.name in wanted or np.any(values.get(s.name, 0.0))
@@ -278,5 +283,6 @@ class Chain:
             if mine:
                 stacked = np.stack(np.broadcast_arrays(*(t for _, t in mine)), axis=-2)
                 carried.append(ErrorTwists(tuple(n for n, _ in mine), total, stacked))
-            total = cga.compose(total, step.motor(values))
+            motor = step.motor(values)
+            total, moved = cga.compose(total, motor) if moved else motor, True
         return total, tuple(carried)

@@ -26,9 +26,10 @@ from ppmcal.model.registry import Registry
 
 @dataclass(frozen=True)
 class ClosureSurface:
-    """The KGB of one limb for N poses, with the twists of its slots.
+    """The KGB of a limb for N poses, with the twists of its slots.
 
-    Axes: n poses (or 1 where nothing depends on the pose), k equations.
+    Axes: n poses (or 1 where nothing depends on the pose), k equations. Of L limbs together, the
+    limbs come behind the poses: (n, L, k, ...).
 
     Attributes:
         fixed: base-side vectors, (n, k, 5), base axes.
@@ -52,16 +53,30 @@ class ClosureSurface:
 
 
 @dataclass(frozen=True)
+class EquationForm:
+    """One closure equation in words that the compiled path knows.
+
+    ``name``: ``sphere``, centred at the end of the base chain; ``base plane``, square to the local
+    ``axis`` (0, 1, 2: x, y, z) of the base chain's end; ``platform plane``, of the platform's.
+    """
+
+    name: str
+    axis: int = 0
+
+
+@dataclass(frozen=True)
 class Surface:
     """How the three chain motors become KGB vectors: one closure family.
 
     ``build(base, middle, platform)`` takes the chain motors (..., 8) and returns
-    ``fixed, moving, scale, radius, middle_lines`` as lists over the k equations.
+    ``fixed, moving, scale, radius, middle_lines`` as lists over the k equations. ``forms`` says the
+    same equation by equation; a family without them is evaluated by ``build`` alone.
     """
 
     name: str
     point_moves: tuple[bool, ...]
     build: Callable[[Array, Array, Array], Iterator[tuple[Array, Array, Array, Array, Array]]]
+    forms: tuple[EquationForm, ...] = ()
 
     @property
     def equations(self) -> int:
@@ -176,17 +191,21 @@ class LimbKind:
         middle, middle_twists = self.middle.evaluate(values, wanted)
         platform, platform_twists = self.platform.evaluate(values, wanted)
         columns = list(zip(*self.surface.build(base, middle, platform), strict=True))
-        fixed, moving, scale, radius, lines = (_stack(list(c), 1 if i in (2, 3) else 2)
+        fixed, moving, scale, radius, lines = (_stack(list(c), 0 if i in (2, 3) else 1)
                                                for i, c in enumerate(columns))
         return ClosureSurface(fixed, moving, scale, radius, self.surface.point_moves, lines,
                     base_twists, middle_twists, platform_twists)
 
 
-def _stack(parts: list[Array], rank: int) -> Array:
-    """Stack the k equations behind the pose axis: k arrays (n?, ...) -> (n, k, ...)."""
-    full = [p.reshape(1, *p.shape) if p.ndim < rank else p for p in parts]
-    n = max(p.shape[0] for p in full)
-    return np.stack([np.broadcast_to(p, (n, *p.shape[1:])) for p in full], axis=1)
+def _stack(parts: list[Array], own: int) -> Array:
+    """Stack the k equations behind poses (and limbs): arrays (n?, L?, ...) -> (n, L?, k, ...).
+
+    ``own``: how many axes each of them has of its own, behind those.
+    """
+    lead = max(1, *(p.ndim - own for p in parts))
+    full = [p.reshape((1,) * (lead + own - p.ndim) + p.shape) for p in parts]
+    shape = np.broadcast_shapes(*(p.shape[:lead] for p in full))
+    return np.stack([np.broadcast_to(p, shape + p.shape[lead:]) for p in full], axis=lead)
 
 
 _REGISTRY: Registry[LimbKind] = Registry("limb kind", "ppmcal.limbs")

@@ -13,7 +13,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.linalg import Array
-from ppmcal.model.limbs.kind import Surface
+from ppmcal.model.limbs.kind import EquationForm, Surface
 
 _Equation = tuple[Array, Array, Array, Array, Array]
 _Y = np.array([0.0, 1.0, 0.0])
@@ -66,7 +66,9 @@ def _circle(base: Array, middle: Array, platform: Array) -> Iterator[_Equation]:
            np.zeros(plane.shape[:-1]), _line(_Z, reach))
 
 
-SPHERE = Surface("sphere", (True,), _sphere)
-BASE_PLANE = Surface("base plane", (True,), _base_plane)
-PLATFORM_PLANE = Surface("platform plane", (False,), _platform_plane)
-CIRCLE = Surface("circle", (True, True), _circle)
+SPHERE = Surface("sphere", (True,), _sphere, (EquationForm("sphere"),))
+BASE_PLANE = Surface("base plane", (True,), _base_plane, (EquationForm("base plane", 1),))
+PLATFORM_PLANE = Surface("platform plane", (False,), _platform_plane,
+                         (EquationForm("platform plane", 1),))
+CIRCLE = Surface("circle", (True, True), _circle,
+                 (EquationForm("sphere"), EquationForm("base plane", 2)))

@@ -1,0 +1,218 @@
+"""One campaign of a batch: run as its command would be, and remembered by its inputs."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ppmcal import __version__
+from ppmcal.api.compare import ComparisonResult, compare
+from ppmcal.api.compensate import CompensationResult, compensate
+from ppmcal.api.diagnose import DiagnosisResult, diagnose, save_misread
+from ppmcal.api.identify import IdentificationResult, identify
+from ppmcal.calibration.misread import Misread
+from ppmcal.errors import BadInput, PpmcalError
+from ppmcal.io.batch_manifest import CampaignJob, options_key
+from ppmcal.io.folder import LEFT, read_record, running
+from ppmcal.io.results.batch import (
+    CampaignQuantity,
+    CampaignRecord,
+    change_quantities,
+    effect_quantities,
+    fit_quantities,
+)
+from ppmcal.io.sidecar import sidecar_path
+
+KEPT = f"{LEFT}batch"
+"""Folder of what is remembered of each campaign, within that of the results."""
+LOCK = threading.Lock()
+"""Campaigns change the folder of the process: one at a time where a worker has threads."""
+COMPARE = "compare"
+PRODUCTS = (COMPARE, "compensate")
+"""Commands that read what others have left beside the files that are named."""
+Outcome = IdentificationResult | DiagnosisResult | CompensationResult | ComparisonResult
+
+
+@dataclass(frozen=True)
+class BatchPlace:
+    """Where all campaigns of a batch read and write: folders, as seen from the manifest's."""
+
+    folder: str
+    out: str
+    force: bool
+
+    def place(self, campaign: CampaignJob) -> str:
+        """Return the folder of a campaign's results, from the manifest's folder."""
+        return os.path.join(self.out, *campaign.name.split("/"))
+
+    def kept(self, campaign: CampaignJob) -> Path:
+        """Return where a campaign is remembered."""
+        out = Path(self.folder, self.out, KEPT)
+        return out.joinpath(*campaign.name.split("/")).with_suffix(".json")
+
+
+def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
+    """Return what is remembered of a campaign whose inputs and results are as they were then.
+
+    The working folder is the manifest's.
+    """
+    path = at.kept(campaign)
+    if not path.is_file():
+        return None
+    try:
+        record = CampaignRecord.read(path)
+    except BadInput:
+        return None
+    place = Path(at.place(campaign))
+    same = (not record.writing and not record.failed and record.key == _key(at, campaign)
+            and all(_digest(Path(p)) == d for p, d in record.inputs.items())
+            and all(_digest(place / name) == d for name, d in record.outputs.items()))
+    # machines may have been put into another design since
+    return record.model_copy(update={"design": campaign.design or record.design}) if same else None
+
+
+def _key(at: BatchPlace, campaign: CampaignJob) -> str:
+    """Return the hash of what is asked, and of the version that answers."""
+    asked = json.dumps([__version__, options_key(campaign), at.place(campaign)])
+    return hashlib.sha256(asked.encode()).hexdigest()
+
+
+def _digest(path: Path) -> str:
+    """Return the SHA-256 of a file, empty where there is none."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return ""
+
+
+def run_campaign(at: BatchPlace, campaign: CampaignJob) -> int:
+    """Run one campaign as its command would, remember how it ended, and return the exit code."""
+    with LOCK, contextlib.chdir(at.folder):
+        place, kept = at.place(campaign), at.kept(campaign)
+        typed = campaign.typed(place)
+        own = CampaignRecord(
+            format=CampaignRecord.FORMAT, campaign=campaign.name, machine=campaign.machine,
+            date=campaign.date, design=campaign.design, command=campaign.command, typed=typed,
+            key=_key(at, campaign))
+        stopped = _stopped_while_writing(kept)
+        seen: set[str] = set()
+
+        def writing() -> None:
+            _keep(kept, own.model_copy(update={"writing": True}))
+
+        try:
+            with running(campaign.command, Path(place), at.force or stopped, typed) as run:
+                try:
+                    record = own.model_copy(update=_result(campaign, place, writing))
+                finally:
+                    seen.update(run.read.values())
+        except Exception as error:
+            record = own.model_copy(update=_failure(error))
+        written = read_record(Path(place)) or {}
+        record = record.model_copy(update={
+            "inputs": {p: _digest(Path(p)) for p in sorted({*seen, *_named(campaign)})},
+            "outputs": {} if record.failed else {
+                n: w.digest for n, w in written.items() if w.command == campaign.command}})
+        _keep(kept, record)
+    return record.exit_code
+
+
+def _named(campaign: CampaignJob) -> set[str]:
+    """Return files on which a campaign depends, there or not, besides those that it has read."""
+    files = {campaign.model, *campaign.data}
+    files |= {str(sidecar_path(Path(d))) for d in campaign.data}
+    if campaign.command in PRODUCTS:
+        files |= {str(Path(campaign.model).with_name(n))
+                  for n in ("identification.json", "diagnosis.json")}
+    return {f for f in files if not Path(f).is_dir()}
+
+
+def _stopped_while_writing(kept: Path) -> bool:
+    """Whether the run before was killed while it replaced results: what is there is a mixture."""
+    try:
+        return kept.is_file() and CampaignRecord.read(kept).writing
+    except BadInput:
+        return False
+
+
+def _keep(path: Path, record: CampaignRecord) -> None:
+    """Write a record, whole or not at all."""
+    part = path.with_suffix(".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(record.text(), encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise BadInput(f"cannot be written ({error.strerror or error})", str(path),
+                       "Check permissions and space, and start the batch again") from None
+
+
+def _result(campaign: CampaignJob, place: str, writing: Callable[[], None]) -> dict[str, Any]:
+    """Run a campaign's command, save its files and return what came out."""
+    try:
+        result = _call(campaign)
+    except Misread as refused:
+        if campaign.command == "diagnose":
+            writing()
+            save_misread(refused, campaign.model, campaign.data, place,
+                         dict(campaign.options).get("seed", 0))
+        raise
+    writing()
+    result.save(place)
+    return {"exit_code": int(result.needs_a_look), "message": result.headline(),
+            "findings": result.findings, "quantities": tuple(_quantities(result)),
+            "verdict": _verdict(result), "design": campaign.design or result.mechanism.name}
+
+
+def _call(campaign: CampaignJob) -> Outcome:
+    options = {{"kind": "kinds"}.get(k, k): v for k, v in campaign.options}
+    if campaign.command == COMPARE:
+        return compare(campaign.model, campaign.data[0])
+    if campaign.command == "compensate":
+        return compensate(campaign.model, campaign.data[0], **options)
+    if campaign.command == "diagnose":
+        return diagnose(campaign.model, campaign.data, **options)
+    return identify(campaign.model, campaign.data, **options)
+
+
+def _verdict(result: Outcome) -> str:
+    if isinstance(result, DiagnosisResult):
+        return result.verdict
+    return result.record.verdict if isinstance(result, ComparisonResult) else "done"
+
+
+def _quantities(result: Outcome) -> Iterator[CampaignQuantity]:
+    """Yield what the table has of a result."""
+    if isinstance(result, ComparisonResult):
+        yield from change_quantities(result.record)
+    elif isinstance(result, CompensationResult):
+        units = result.mechanism.units
+        for stage, rms in zip(("before", "after"), result.errors(), strict=True):
+            yield CampaignQuantity(
+                what="error", name="position", parameter=stage, unit=units.length,
+                value=None if rms is None else rms / units.factor("length"))
+        yield CampaignQuantity(what="refused", value=float(len(result.refused)))
+    else:
+        yield from fit_quantities(result.identification)
+        if isinstance(result, DiagnosisResult):
+            yield from effect_quantities(result.record)
+
+
+def _failure(error: BaseException) -> dict[str, Any]:
+    """Return exit code and message of an error, as the command line has them."""
+    if isinstance(error, PpmcalError):
+        code, text = error.exit_code, str(error)
+    elif isinstance(error, MemoryError):
+        code, text = 3, "not enough memory for this many rows."
+    else:
+        code, text = 3, (f"ppmcal failed: {type(error).__name__}: {error}. This is a fault of "
+                         "ppmcal: run the campaign alone with PPMCAL_DEBUG=1, and report it.")
+    return {"exit_code": code, "verdict": "failed", "message": text}

@@ -1,0 +1,99 @@
+"""The noise of measurements that frozen machines are to predict: stated, or as the day shows it.
+
+What exceeds noise, and which registration data demand, rests on the noise. A file may say that its
+stated one only begins an estimate, or may plainly be wrong. A frozen machine's own errors are no
+noise; what a fit to that day leaves, geometry and registration free, is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from ppmcal.calibration.fit import FitOptions
+from ppmcal.calibration.noise import (
+    ENOUGH_REPEATS,
+    FAILED_NOISE,
+    Noise,
+    noise_check,
+    typical_noise,
+    with_estimated_noise,
+)
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.registration_freedoms import OPEN, OPENED, opened
+from ppmcal.errors import PpmcalError
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
+
+STATED, RESIDUALS, REPEATS = "stated", "residuals", "repeats"
+
+
+@dataclass(frozen=True)
+class DayNoise:
+    """The noise that a day is judged by.
+
+    Attributes:
+        factor: over the stated one.
+        sigma: of a typical value or position, m; nan where neither was measured.
+        source: ``stated``; ``residuals`` of a fit to that day alone, or its ``repeats``.
+    """
+
+    factor: float
+    sigma: float
+    source: str
+
+
+def day_noise(machines: Sequence[Mechanism], data: Dataset) -> DayNoise:
+    """Return the noise of a data set; where it cannot be told, as it is stated.
+
+    It is estimated where the file wants that. Stated noise gives way where the data plainly say
+    otherwise: residuals far smaller than it, or repeats that scatter more. Larger residuals alone
+    do not: they may be what the model misses.
+
+    Args:
+        machines: with their free geometry, which may be another that day; the least noise counts.
+        data: the data set.
+    """
+    wide = opened(data, OPENED.get(data.kind, OPEN))
+    known = float("nan") if data.kind == "pose" and not np.isfinite(
+        data.sigma_position).any() else typical_noise(data)
+    found = [n for m in machines if (n := _noise(m, wide)) is not None]
+    factor, source = min(found, default=(1.0, STATED))
+    return DayNoise(factor, factor * known, source)
+
+
+def _noise(machine: Mechanism, data: Dataset) -> tuple[float, str] | None:
+    """Return the noise over the stated one and its source, None where a fit does not tell."""
+    options = FitOptions()
+    try:
+        fit, factors = with_estimated_noise(
+            Problem(machine, (data,), machine.free), options, None, [data.estimated])
+    except PpmcalError:
+        return None
+    factor, check = float(factors[0]), noise_check(fit)
+    repeats = check.repeat_ratio if check.repeat_degrees >= ENOUGH_REPEATS else None
+    if data.estimated:
+        if repeats and repeats < 1.0:    # the rest is what the model misses
+            return factor * repeats, REPEATS
+        return factor, RESIDUALS
+    if check.overstated and check.by_dataset:    # on redundancy enough
+        return (repeats, REPEATS) if repeats and repeats < check.sigma_ratio else (
+            check.sigma_ratio, RESIDUALS)
+    return (repeats, REPEATS) if repeats and _noisier(check) else (1.0, STATED)
+
+
+def _noisier(check: Noise) -> bool:
+    """Whether repeats scatter by more than the stated noise can."""
+    ratio, degrees = check.repeat_ratio or 0.0, check.repeat_degrees
+    return bool(ratio > 1.0 and chdtrc(degrees, degrees * ratio**2) < FAILED_NOISE)
+
+
+def with_day_noise(machines: Sequence[Mechanism], datasets: Sequence[Dataset]
+                   ) -> tuple[list[Dataset], list[DayNoise]]:
+    """Return data sets with the noise that they are judged by, and where it is from."""
+    found = [day_noise(machines, d) for d in datasets]
+    return [replace(d.noisier(n.factor), estimated=False)
+            for d, n in zip(datasets, found, strict=True)], found

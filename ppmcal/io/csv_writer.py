@@ -1,0 +1,99 @@
+"""CSV tables that are written: made line by line, so that a long one is never held whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+CHUNK = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class LongText:
+    """A text that is made while it is written; ``parts`` makes it, piece by piece."""
+
+    parts: Callable[[], Iterator[str]]
+
+    def __str__(self) -> str:
+        """Return it whole."""
+        return "".join(self.parts())
+
+
+Content = str | bytes | LongText
+"""What a file holds."""
+
+
+def encoded(content: Content) -> Iterator[bytes]:
+    r"""Yield a file's bytes; what UTF-8 cannot hold becomes ``\udcff``."""
+    if isinstance(content, bytes):
+        yield content
+        return
+    for part in content.parts() if isinstance(content, LongText) else (content,):
+        yield part.encode("utf-8", "backslashreplace")
+
+
+def csv_text(header: Sequence[str], columns: Sequence[Any]) -> str:
+    """Return a CSV, as :func:`csv_lines`, whole."""
+    return str(csv_lines(header, columns))
+
+
+def csv_lines(header: Sequence[str], columns: Sequence[Any]) -> LongText:
+    """Return a CSV with 17 significant digits.
+
+    Args:
+        header: column names.
+        columns: one sequence or array (N,) for each; floats, integers, booleans or words
+            (None is an empty cell).
+    """
+    arrays = [_printable(c) for c in columns]
+    if len(arrays) != len(header):
+        raise ValueError(f"{len(header)} names for {len(arrays)} columns")
+    sizes = {len(a) for _, a in arrays}
+    if len(sizes) > 1:
+        raise ValueError(f"columns of different lengths: {sorted(sizes)}")
+    size = sizes.pop() if sizes else 0
+    line = ",".join(form for form, _ in arrays) + "\n"
+    plain = bool(arrays) and all(form == "%.17g" for form, _ in arrays)
+
+    def parts() -> Iterator[str]:
+        yield ",".join(_cell(h) for h in header) + "\n"
+        for start in range(0, size, CHUNK):
+            own = [a[start:start + CHUNK] for _, a in arrays]
+            if plain:
+                cells = np.column_stack(own).ravel().tolist()
+            else:
+                lists = [a.tolist() if form != "%s" else [_cell(v) for v in a]
+                         for (form, _), a in zip(arrays, own, strict=True)]
+                cells = [c for row in zip(*lists, strict=True) for c in row]
+            yield (line * len(own[0])) % tuple(cells)
+
+    return LongText(parts)
+
+
+def _printable(values: Any) -> tuple[str, Any]:
+    """Return the format of a column and the column as an array (N,)."""
+    array = np.asarray(values)
+    if array.ndim != 1:
+        array = np.array(list(values), dtype=object)
+    if array.dtype.kind == "f":
+        return "%.17g", array
+    if array.dtype.kind in "iu":
+        return "%d", array
+    return "%s", array if array.dtype == object else array.astype(object)
+
+
+def _cell(value: object) -> str:
+    """Return one cell of text, quoted where it must be."""
+    if value is None:
+        return ""
+    if isinstance(value, bool | np.bool_):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return f"{value:.17g}"
+    text = str(value)
+    if any(c in text for c in ',"\n\r'):
+        return '"' + text.replace('"', '""') + '"'
+    return text

@@ -1,0 +1,85 @@
+"""Parquet tables: the same columns as a CSV has, in a quarter of the space and without parsing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from ppmcal.errors import BadInput
+from ppmcal.io.csv import Table
+from ppmcal.io.frames import as_table
+
+MAGIC = b"PAR1"
+"""What every such file begins with."""
+
+
+def parquet_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) -> Table:
+    """Return a Parquet file as columns; an empty cell is nan.
+
+    Args:
+        data: of the file.
+        source: what messages call it.
+        may_be_text: says of a column name whether it may hold text.
+
+    Raises:
+        BadInput: pyarrow is not there, the file is damaged, a column holds no numbers, or as
+            :func:`ppmcal.io.frames.as_table`.
+    """
+    try:
+        import pyarrow  # forty megabytes, for those who have such files
+        from pyarrow import parquet
+    except ImportError:
+        raise BadInput("is a Parquet file, which only pyarrow can read", source,
+                       "Install it (pip install pyarrow), or save the table as CSV") from None
+    try:
+        held = parquet.read_table(pyarrow.BufferReader(data))
+    except (pyarrow.ArrowException, OSError) as error:
+        raise BadInput(f"cannot be read as Parquet ({_first_line(error)})", source,
+                       "Write the file again, or save the table as CSV") from None
+    names = [str(n).strip() for n in held.column_names]
+    double = next((n for i, n in enumerate(names) if n in names[:i]), None)
+    if double is not None:
+        raise BadInput(f"two columns are called '{double}'", source, "Rename one of them")
+    columns = {n: _values(c) for n, c in zip(names, held.columns, strict=True)}
+    return as_table(columns, (), source, may_be_text)
+
+
+def refuse_without_pyarrow(source: str) -> None:
+    """Refuse to begin what will end in a Parquet file that nothing can write.
+
+    Raises:
+        BadInput: pyarrow is not there.
+    """
+    if find_spec("pyarrow") is None:
+        raise BadInput("is a Parquet file, which only pyarrow can write", source,
+                       "Install it (pip install 'ppmcal[parquet]')")
+
+
+def parquet_bytes(columns: Mapping[str, tuple[str, Sequence[Any]]]) -> bytes:
+    """Return a Parquet file.
+
+    Args:
+        columns: name -> kind (``text``, ``float`` or ``int``) and N cells; None is an empty one.
+    """
+    import pyarrow
+    from pyarrow import parquet
+
+    kinds = {"text": pyarrow.string(), "float": pyarrow.float64(), "int": pyarrow.int64()}
+    held = pyarrow.table({name: pyarrow.array(cells, kinds[kind])
+                          for name, (kind, cells) in columns.items()})
+    sink = pyarrow.BufferOutputStream()
+    parquet.write_table(held, sink)
+    return bytes(sink.getvalue())
+
+
+def _values(column: Any) -> Any:
+    """Return the cells of a column (N,): floats where it holds numbers, else objects."""
+    cells = column.to_numpy()
+    return cells.astype(float) if np.issubdtype(cells.dtype, np.number) else cells
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).splitlines()[0][:80] if str(error) else type(error).__name__

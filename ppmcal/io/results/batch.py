@@ -1,0 +1,140 @@
+"""What a batch keeps of each campaign, and the one table that it makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import ClassVar
+
+from pydantic import Field
+
+from ppmcal.calibration.summary import Identification
+from ppmcal.io.parquet import parquet_bytes
+from ppmcal.io.results.comparison import ComparisonRecord
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+
+TABLE = "campaigns.parquet"
+
+
+class CampaignQuantity(Part):
+    """One number of a campaign, in ``unit``.
+
+    ``what`` says of what kind it is:
+
+    - ``error``: rms of the residuals of a kind ``name`` at a stage ``parameter`` (before, after,
+      holdout; of compensate before and after, as predicted);
+    - ``noise``: rms of the residuals over the noise, before or after;
+    - ``parameter``: an identified value with ``nominal``, ``sigma`` and ``tolerance``;
+    - ``effect``: of a named effect ``name`` on the actuators ``on``, one of its parameters;
+    - ``change``: since the campaign before, by ``value``, as compare names it;
+    - ``refused``: targets without a command.
+    """
+
+    what: Text = ""
+    name: Text = ""
+    on: Text = ""
+    parameter: Text = ""
+    value: Shown | None = None
+    sigma: Shown | None = None
+    nominal: Shown | None = None
+    tolerance: Shown | None = None
+    unit: Text = ""
+    p_value: Shown | None = None
+    status: Text = ""
+
+
+class CampaignRecord(Record):
+    """What a batch remembers of a campaign: by which inputs it is finished, and what came out.
+
+    ``key``: what was asked of it and by which version; ``inputs`` and ``outputs``: SHA-256 by
+    path and by file name; ``writing``: it was stopped while it wrote. ``exit_code`` is that of
+    its command alone; ``message`` the error, or the result in a line.
+    """
+
+    FILE: ClassVar[str] = "campaign.json"
+    FORMAT: ClassVar[str] = "ppmcal/campaign/1"
+
+    campaign: Text = ""
+    machine: Text = ""
+    date: Text = ""
+    design: Text = ""
+    command: Text = ""
+    typed: Text = ""
+    exit_code: Whole = 0
+    verdict: Text = ""
+    message: Text = ""
+    findings: tuple[Text, ...] = ()
+    quantities: tuple[CampaignQuantity, ...] = ()
+    writing: Flag = False
+    key: Text = ""
+    inputs: Mapping[Text, Text] = Field(default_factory=dict)
+    outputs: Mapping[Text, Text] = Field(default_factory=dict)
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no result."""
+        return self.exit_code > 1
+
+    def of_kind(self, what: str) -> list[CampaignQuantity]:
+        """Return the quantities of one kind."""
+        return [q for q in self.quantities if q.what == what]
+
+
+def fit_quantities(found: Identification) -> Iterator[CampaignQuantity]:
+    """Yield errors, noise and parameters of a fit, file units."""
+    fit, units = found.fit, found.mechanism.units
+    stages = {"before": found.before.figures(fit.keep), "after": found.after.figures(fit.keep),
+              "holdout": found.holdout}
+    for stage, figures in stages.items():
+        for kind, s in summaries(figures, units).items():
+            yield CampaignQuantity(what="error", name=kind, parameter=stage, value=s.rms,
+                                   unit=s.unit)
+    yield CampaignQuantity(what="noise", name="residual", parameter="after",
+                           value=found.noise.sigma_ratio)
+    for estimate in found.estimates:
+        e = ParameterEstimate.of(estimate, units)
+        yield CampaignQuantity(what="parameter", name=e.name, value=e.value, sigma=e.sigma,
+                               nominal=e.nominal, tolerance=e.tolerance, unit=e.unit,
+                               status=e.status)
+
+
+def effect_quantities(record: DiagnosisRecord) -> Iterator[CampaignQuantity]:
+    """Yield the named effects of a diagnosis, and its residuals over the noise."""
+    for stage, ratio in (("before", record.fit.before), ("after", record.fit.after)):
+        yield CampaignQuantity(what="noise", name="diagnosis", parameter=stage, value=ratio)
+    for effect in record.effects:
+        own = CampaignQuantity(what="effect", name=effect.kind, on=", ".join(effect.on),
+                               p_value=effect.p_value, status=record.verdict)
+        if not effect.parameters:
+            yield own
+        for name, v in effect.parameters.items():
+            yield own.model_copy(update={"parameter": name, "value": v.value, "sigma": v.sigma,
+                                         "unit": v.unit})
+
+
+def change_quantities(record: ComparisonRecord) -> Iterator[CampaignQuantity]:
+    """Yield the changes that a comparison names."""
+    for change in record.changes:
+        for n in change.numbers:
+            yield CampaignQuantity(
+                what="change", name=change.name, parameter=n.name, value=n.value, sigma=n.sigma,
+                unit=n.unit, p_value=change.p_value, status=", ".join(change.instead))
+
+
+def campaigns_table(records: Sequence[CampaignRecord]) -> bytes:
+    """Return the Parquet table: for each campaign a row ``campaign``, then its quantities.
+
+    The row of the campaign has its verdict as ``status`` and error or result as ``message``.
+    """
+    own = ("campaign", "machine", "date", "design", "command", "exit_code")
+    rows = [({k: getattr(r, k) for k in own}, r, q) for r in records
+            for q in (CampaignQuantity(what="campaign", status=r.verdict), *r.quantities)]
+    columns: dict[str, tuple[str, list[object]]] = {
+        k: ("int" if k == "exit_code" else "text", [head[k] for head, _, _ in rows]) for k in own}
+    for name, field in CampaignQuantity.model_fields.items():
+        kind = "text" if field.default == "" else "float"
+        columns[name] = kind, [getattr(q, name) for _, _, q in rows]
+    columns["message"] = "text", [r.message if q.what == "campaign" else "" for _, r, q in rows]
+    columns["run"] = "text", [r.typed if q.what == "campaign" else "" for _, r, q in rows]
+    return parquet_bytes(columns)

@@ -1,0 +1,161 @@
+"""Limbs as tables for the compiled path, read off their declarations.
+
+A limb kind has nothing to add: chains whose steps say which of them is driven
+(:mod:`ppmcal.model.limbs.driven`) and a surface that says its equations
+(:class:`ppmcal.model.limbs.kind.EquationForm`) are all it takes. Where one limb of a machine has
+no such form (a plug-in's own step or surface, a universal joint whose axes do not meet, an effect
+that changes a length from row to row), the NumPy path of :mod:`closure` is taken for all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.kinematics.closure import Closure
+from ppmcal.kinematics.entry_tables import entry_tables
+from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
+from ppmcal.linalg import Array, Bools
+from ppmcal.model.limbs.chain import U, cross_matrix
+from ppmcal.model.limbs.driven import DrivenChain, cut_at_drive
+
+MANY = 512
+"""From so many rows on the compiled path pays for its import (a quarter of a second)."""
+FORMS = {"sphere": 0, "base plane": 1, "platform plane": 2}
+STILL, SLIDES, TURNS = 0, 1, 2
+CHAINS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledLimbs:
+    """A closure whose limbs all have a compiled form.
+
+    Attributes:
+        closure: of N rows.
+        limbs: its tables.
+        u: joint coordinates (N, L).
+        chains: of each group of limbs, cut at the drive.
+    """
+
+    closure: Closure
+    limbs: LimbTables
+    u: Array
+    chains: tuple[tuple[DrivenChain, ...], ...]
+
+    def newton(self, pose: Array, iterations: int, smallest: float, closed: float
+               ) -> tuple[Array, Bools, Array, Array]:
+        """Solve the closure for the motors, row by row; see :func:`forward.newton`.
+
+        Args:
+            pose: motors (N, 8) to start from.
+            iterations: at most so many.
+            smallest: a step below this part of the length scale, or rad, ends the search.
+            closed: so does a misclosure below this part of the reach, both together.
+
+        Returns:
+            motors (N, 8), converged (N,), lengths of the first two steps (N, 2), signs of det A
+            (N, 2) at the start and at the end.
+        """
+        from ppmcal.kinematics.compiled_closure import newton_rows
+
+        mechanism = self.closure.model.mechanism
+        pose = np.array(pose, dtype=float)
+        found = newton_rows(self.limbs, self._each(self.u, len(pose)), pose,
+                            mechanism.length_scale, mechanism.reach, iterations, smallest, closed)
+        return pose, *found
+
+    def error_columns(self, pose: Array, by_pose: Array, place: Mapping[int, int], out: Array,
+                      homing: int | None = None) -> bool:
+        """Set columns of the Jacobian of what is seen, -by_pose A^-1 (Bg, Jq).
+
+        Args:
+            pose: closed platform motors (N, 8).
+            by_pose: d seen/d(platform origin displacement, rotation) (N or 1, m, 6).
+            place: parameter -> its column; those that the closure was asked for.
+            out: (N, m, C), in place, contiguous.
+            homing: column of the first joint's offset, where those are wanted.
+
+        Returns:
+            Whether there is such a form; if not, nothing is set.
+        """
+        entries = self.entries(place, homing)
+        if entries is None:
+            return False
+        from ppmcal.kinematics.compiled_closure import fill_columns
+
+        count = len(pose)
+        fill_columns(self.limbs, entries, self._each(self.u, count),
+                     self._each(self.closure.q, count), np.ascontiguousarray(pose),
+                     np.ascontiguousarray(by_pose), out)
+        return True
+
+    def entries(self, place: Mapping[int, int], homing: int | None) -> EntryTables | None:
+        """Return what columns are made of, None where a drive ratio changes from row to row."""
+        return entry_tables(self.closure, self.chains, place, homing)
+
+    @staticmethod
+    def _each(values: Array, count: int) -> Array:
+        return np.ascontiguousarray(np.broadcast_to(values, (count, values.shape[1])))
+
+
+def compiled_limbs(closure: Closure, rows: int) -> CompiledLimbs | None:
+    """Return a closure's compiled form for so many rows; None where NumPy is the way."""
+    if rows < MANY or closure.model.parameters.ndim > 1:
+        return None
+    mechanism = closure.model.mechanism
+    first = np.cumsum([0, *(limb.kind.surface.equations for limb in mechanism.limbs)])
+    count = len(mechanism.limbs)
+    ends, drive = np.zeros((count, CHAINS, 3, 12)), np.zeros((count, CHAINS), dtype=np.int64)
+    form, axis = np.zeros((2, int(first[-1])), dtype=np.int64)
+    u = np.zeros((max(g.values[U].shape[0] for g in closure.groups), count))
+    every = []
+    for group in closure.groups:
+        kind, own = group.kind, list(group.limbs)
+        forms = kind.surface.forms
+        if group.turning or group.pose is not None or not forms or any(
+                f.name not in FORMS for f in forms):
+            return None
+        parts = [cut_at_drive(chain, group.values, group.wanted, len(own))
+                 for chain in (kind.base, kind.middle, kind.platform)]
+        chains = tuple(p for p in parts if p is not None)
+        moved = [m for m in map(_ends, chains) if m is not None]
+        if len(moved) < CHAINS:
+            return None
+        for k, (how, where) in enumerate(moved):
+            drive[own, k], ends[own, k] = how, where
+        form[group.rows], axis[group.rows] = [FORMS[f.name] for f in forms], [f.axis for f in forms]
+        u[:, own] = group.values[U]
+        every.append(chains)
+    tables = LimbTables(ends, drive, first, np.repeat(np.arange(count), np.diff(first)), form, axis,
+                        np.array(mechanism.dof))
+    return CompiledLimbs(closure, tables, u, tuple(every))
+
+
+def _ends(chain: DrivenChain) -> tuple[int, Array] | None:
+    """Return how a chain of L limbs moves and where it ends (L, 3, 12), None for a screw."""
+    w, v = chain.drive[:, :3], chain.drive[:, 3:]
+    turns, slides = bool(w.any()), bool(v.any())
+    if turns and (slides or np.any(np.abs(np.sum(w * w, axis=-1) - 1.0) > 1e-15)):
+        return None
+    before, after = (_matrix(m) for m in (chain.before, chain.after))
+    parts = np.zeros((len(w), 3, 4, 4))
+    if turns:
+        along = w[:, :, None] * w[:, None, :]
+        parts[:, 0, :3, :3], parts[:, 0, 3, 3] = along, 1.0
+        parts[:, 1, :3, :3], parts[:, 2, :3, :3] = np.eye(3) - along, cross_matrix(w)
+    else:
+        parts[:, 0], parts[:, 1, :3, 3] = np.eye(4), v
+    whole = before[:, None] @ parts @ after[:, None]
+    out = np.concatenate([whole[..., :3, :3].reshape(len(w), 3, 9), whole[..., :3, 3]], axis=-1)
+    return TURNS if turns else SLIDES if slides else STILL, out
+
+
+def _matrix(motor: Array) -> Array:
+    """Return motors (L, 8) as homogeneous matrices (L, 4, 4)."""
+    out = np.zeros((len(motor), 4, 4))
+    out[:, :3, :3], out[:, :3, 3] = cga.rotation_matrix(motor), cga.translation(motor)
+    out[:, 3, 3] = 1.0
+    return out

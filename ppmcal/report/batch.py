@@ -1,0 +1,212 @@
+"""The page of a batch: who is worst, what machines have in common, what has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from html import escape
+from urllib.parse import quote
+
+import numpy as np
+from markupsafe import Markup
+
+from ppmcal import __version__
+from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
+from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
+from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes
+from ppmcal.report.batch_changes import changes, effect_changes
+from ppmcal.report.batch_common import common_effects, common_parameters, common_sentences
+from ppmcal.report.format import count, listed, typeset
+from ppmcal.report.html import Cell, amount, figures, page, paragraph, table, words
+from ppmcal.units import LENGTHS
+
+PLOTTED, NAMES, ROW = 40, 150.0, 15.0
+KINDS = ("position", "closure", "height", "distance", "rotation")
+"""Kinds of error by which machines are ranked: the first that they have."""
+
+
+def batch_page(records: Sequence[CampaignRecord]) -> str:
+    """Return one self-contained page about the campaigns of a batch."""
+    own = [r for r in records if r.command != "compare"]
+    failed = [r for r in own if r.failed]
+    designs: dict[str, list[CampaignRecord]] = {}
+    for r in records:
+        if not r.failed:
+            designs.setdefault(r.design, []).append(r)
+    sections = []
+    for name, some in designs.items():
+        if len(designs) > 1:
+            sections.append(f"<h2>{escape(name)}</h2>")
+        sections += _design(some)
+    sections += [_failed(failed), changes([r for r in records if r.command == "compare"]),
+                 _campaigns(own)]
+    machines = len({r.machine for r in own})
+    lead = [f"{count(len(own), 'campaign')} of {count(machines, 'machine')}: "
+            f"{sum(r.exit_code == 0 for r in own)} done without findings, "
+            f"{sum(r.exit_code == 1 for r in own)} to look at, {len(failed)} failed."]
+    common = [s for some in designs.values() for s in common_sentences(some)]
+    return page(title=f"Batch: {count(machines, 'machine')}", lead=[*lead, *common], tiles=[],
+                look=_look(records, failed), version=__version__, folders=count(
+                    len(own), "campaign"),
+                sections=[Markup(s) for s in sections if s])
+
+
+def _design(records: Sequence[CampaignRecord]) -> list[str]:
+    """Return the sections about the machines of one design."""
+    latest = [r for r in last_of_each(records) if r.command != "compare"]
+    ranked = ranking(latest)
+    return [_ranking(ranked, latest), common_effects(records), common_parameters(records),
+            effect_changes(records)]
+
+
+def last_of_each(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:
+    """Return the latest campaign of each machine and command."""
+    out: dict[tuple[str, str], CampaignRecord] = {}
+    for r in sorted(records, key=lambda r: r.date):
+        out[r.machine, r.command] = r
+    return list(out.values())
+
+
+def _error(record: CampaignRecord, kind: str, stage: str) -> CampaignQuantity | None:
+    return next((q for q in record.of_kind("error")
+                 if (q.name, q.parameter) == (kind, stage) and q.value is not None), None)
+
+
+def _si(q: CampaignQuantity | None) -> float:
+    return float("nan") if q is None or q.value is None else q.value * LENGTHS.get(q.unit, 1.0)
+
+
+def left(record: CampaignRecord) -> CampaignQuantity | None:
+    """Return what is left of the error: on unseen poses, else on those of the fit."""
+    return next((q for kind in KINDS for stage in ("holdout", "after")
+                 if (q := _error(record, kind, stage)) is not None), None)
+
+
+def ranking(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:
+    """Return the latest fit of each machine, worst first; of compensate alone what it predicts."""
+    best: dict[str, CampaignRecord] = {}
+    order = ("compensate", "identify", "diagnose")
+    for r in sorted(records, key=lambda r: (order.index(r.command), r.date)):
+        if left(r) is not None and (r.machine not in best or r.command != "compensate"):
+            best[r.machine] = r
+    return sorted(best.values(), key=lambda r: -_si(left(r)))
+
+
+def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]) -> str:
+    """Return the table and picture of machines, worst first."""
+    if not ranked:
+        return ""
+    rows = []
+    for i, r in enumerate(ranked, 1):
+        q = left(r)
+        assert q is not None
+        before = _error(r, q.name, "before")
+        after = _error(r, q.name, "after")
+        noise = next((n.value for n in reversed(r.of_kind("noise")) if n.parameter == "after"),
+                     None)
+        rows.append([_link(r, r.machine), amount(i, str(i)), words(r.date), words(r.command),
+                     _amount(before), _amount(after), _amount(q),
+                     words(f"{q.unit} {q.name}".strip()), amount(noise),
+                     *_farthest(r), words(_named(r.machine, latest), "wrap"),
+                     words("to look at" if r.exit_code else "", "warn" if r.exit_code else "")])
+    heads = ["machine", "rank", "date", "by", "rms error before", "after", "on unseen poses", "of",
+             "after / noise", "farthest parameter", "tolerances off", "effects", "status"]
+    note = ("Ranked by what is left: the rms error on poses that the fit has not seen, else on its "
+            "own; of each machine the latest fit.")
+    used = [i for i in range(len(heads)) if any(row[i].html not in ("", "–") for row in rows)]
+    return ("<h2>Machines, worst first</h2>" + paragraph(note, "note")
+            + table("", [heads[i] for i in used], [[row[i] for i in used] for row in rows],
+                    sort=True) + figures([_picture(ranked)]))
+
+
+def _amount(q: CampaignQuantity | None) -> Cell:
+    return amount(None if q is None else q.value)
+
+
+def _link(record: CampaignRecord, text: str) -> Cell:
+    """Return a cell that leads to the folder of the results, beside the page, if there are any."""
+    if record.failed:
+        return words(text)
+    return Cell(f'<a href="{escape(quote(record.campaign))}/">{escape(text)}</a>')
+
+
+def _farthest(record: CampaignRecord) -> tuple[Cell, Cell]:
+    """Return the parameter that is most tolerances off nominal, and how many."""
+    found = [(abs(q.value - q.nominal) / q.tolerance, q.name) for q in record.of_kind("parameter")
+             if q.value is not None and q.nominal is not None and q.tolerance]
+    if not found:
+        return words(""), amount(None)
+    most, name = max(found)
+    return words(name), amount(most, bad=most > 3.0)
+
+
+def _named(machine: str, latest: Sequence[CampaignRecord]) -> str:
+    """Return the effects that the latest diagnosis of a machine names."""
+    for r in latest:
+        if r.machine == machine and r.command == "diagnose":
+            names = list(dict.fromkeys(q.name + (f" on {q.on}" if q.on else "")
+                                       for q in r.of_kind("effect")))
+            return listed(names) or r.verdict
+    return ""
+
+
+def _picture(ranked: Sequence[CampaignRecord]) -> Drawing | None:
+    """Return errors before, after and on unseen poses of each machine on a logarithmic scale."""
+    kinds = [(r, q) for r in ranked[:PLOTTED] if (q := left(r)) is not None]
+    name, unit = kinds[0][1].name, kinds[0][1].unit
+    shown = [(r.machine, _si(_error(r, name, "before")), _si(q)) for r, q in kinds
+             if q.name == name]
+    factor = LENGTHS.get(unit, 1.0)
+    values = np.array([v[1:] for v in shown]) / factor
+    if len(shown) < 2 or not np.isfinite(values).any():
+        return None
+    less = f" The {len(shown)} worst of {len(ranked)}." if len(shown) < len(ranked) else ""
+    return Drawing(
+        f"Error in {name} of each machine",
+        f"Rings: with nominal geometry; dots: what is left after the fit.{less}",
+        f"{len(shown)} machines.", partial(_draw, names=[s[0] for s in shown], values=values,
+                                           axis=f"rms {name} error ({unit})"),
+        TOP + ROW * len(shown) + BOTTOM, (("ring", "before"), ("after", "left")))
+
+
+def _draw(canvas: Canvas, names: Sequence[str], values: np.ndarray, axis: str) -> None:
+    y = len(names) - np.arange(len(names)) - 0.5
+    for i, name in enumerate(names):
+        canvas.text(NAMES - 6.0, TOP + ROW * (i + 0.5) + 3.5, name, room=NAMES - 8.0, ha="right",
+                    size=SMALL)
+    layers = [strokes(y, values.min(axis=1), values.max(axis=1), "ink", 0.8, 0.4, flat=True),
+              marks(values[:, 0], y, "before", "o", 5.6), dots(values[:, 1], y, "after", 6.5)]
+    plot(canvas, span(values, log=True), Axis(0.0, float(len(names))), (axis, ""), layers, NAMES,
+         TOP + ROW * len(names) + BOTTOM, y_ticks=False)
+
+
+def _failed(failed: Sequence[CampaignRecord]) -> str:
+    """Return who failed, with message and the command to try alone."""
+    rows = [[words(r.campaign), amount(r.exit_code, str(r.exit_code)), words(r.message, "wrap"),
+             Cell(f"<code>{escape(r.typed)}</code>", kind="wrap")] for r in failed]
+    return ("<h2>Failed</h2>" + table("", ["campaign", "exit code", "message", "alone"], rows)
+            + paragraph("The command alone does the same from the manifest's folder.", "note")
+            ) if rows else ""
+
+
+def _campaigns(records: Sequence[CampaignRecord]) -> str:
+    """Return all campaigns, folded away."""
+    rows = [[_link(r, r.campaign), words(r.date), amount(r.exit_code, str(r.exit_code)),
+             words(r.verdict), words(typeset(r.message), "wrap")] for r in records]
+    return (f"<details><summary>All {count(len(rows), 'campaign')}</summary>"
+            + table("", ["campaign", "date", "exit code", "verdict", "result"], rows, sort=True)
+            + "</details>")
+
+
+def _look(records: Sequence[CampaignRecord], failed: Sequence[CampaignRecord]) -> list[str]:
+    """Return what the user must look at: who failed, changed, or has findings."""
+    out = [f"{r.campaign} failed: {r.message}" for r in failed[:10]]
+    if len(failed) > 10:
+        out.append(f"and {len(failed) - 10} more failed, see below")
+    changed = [r.machine for r in records if r.command == "compare" and r.verdict == "changed"]
+    if changed:
+        out.append(f"changed since last time: {listed(changed, 12)}")
+    found = [r.campaign for r in records if r.exit_code == 1 and r.command != "compare"]
+    if found:
+        out.append(f"{count(len(found), 'campaign')} with findings: {listed(found)}")
+    return out

@@ -1,0 +1,305 @@
+"""A batch: the bytes of each command alone, whatever runs it and however often it was stopped."""
+
+import importlib.util
+import json
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from helpers.commands import EXECUTABLE, ppmcal, tree
+from helpers.fleets import DESIGN, write_fleet
+
+import ppmcal as face
+from ppmcal.api import campaign as campaign_module
+from ppmcal.api.campaign import KEPT
+from ppmcal.io.results.batch import CampaignRecord
+from ppmcal.io.yaml import dump_yaml, read_yaml
+
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None,
+                                reason="writes Parquet")
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    """Three machines on two dates, the last of which has changed; and a file that is missing."""
+    manifest = write_fleet(tmp_path_factory.mktemp("fleet"))
+    content = read_yaml(manifest)
+    content["campaigns"].append({"machine": "m09", "date": "2026-01-10", "data": "gone.csv"})
+    manifest.write_text(dump_yaml(content))
+    return manifest
+
+
+@pytest.fixture(scope="module")
+def alone(fleet):
+    """The results of the batch in one process."""
+    out = fleet.parent / "alone"
+    run = ppmcal("batch", fleet, "--out", out, "--cores", 1, "--json", expect=1)
+    return out, run.json
+
+
+def copied(fleet, folder):
+    """Return the manifest in a copy of its folder, and the folder for its results there."""
+    shutil.copytree(fleet.parent, folder / "fleet", ignore=shutil.ignore_patterns("alone"))
+    return folder / "fleet" / fleet.name, folder / "fleet" / "alone"
+
+
+def results(out):
+    """Return the files of all campaigns that have some: below machine, date and command."""
+    return {k: v for k, v in tree(out).items() if k.count("/") == 3 and not k.startswith(".")}
+
+
+def table(out):
+    from pyarrow import parquet
+
+    return parquet.read_table(out / "campaigns.parquet").to_pylist()
+
+
+@pytest.mark.slow
+def test_each_campaign_has_the_bytes_of_its_command_alone(fleet, alone, tmp_path):
+    out, _ = alone
+    before = tree(out)
+    lines = [r["run"] for r in table(out) if r["what"] == "campaign" and r["exit_code"] < 2]
+    assert len(lines) == 9      # six identifications, three comparisons
+    shutil.move(out, tmp_path / "moved")
+    try:
+        for line in lines:
+            ppmcal(*shlex.split(line)[1:], cwd=fleet.parent)
+        again = tree(out)
+    finally:
+        shutil.rmtree(out)
+        shutil.move(tmp_path / "moved", out)
+    # the hidden record of each folder too
+    assert again == {k: v for k, v in before.items() if k.count("/") == 3 and k[0] != "."}
+
+
+@pytest.mark.slow
+def test_a_failed_campaign_is_reported_and_the_rest_finished(alone):
+    out, said = alone
+    ends = {c["campaign"]: c for c in said["campaigns"]}
+    lost = ends.pop("m09/2026-01-10/identify")
+    assert lost["exit_code"] == 2
+    assert "gone.csv: there is no such file" in lost["message"]
+    assert all(c["exit_code"] < 2 for c in ends.values())
+    assert "gone.csv" in (out / "batch.html").read_text()
+    row, = (r for r in table(out) if r["campaign"] == "m09/2026-01-10/identify")
+    assert (row["exit_code"], row["status"]) == (2, "failed")
+    assert not (out / "m09").exists()
+
+
+@pytest.mark.slow
+def test_the_table_has_what_the_commands_wrote(alone):
+    out, _ = alone
+    rows = [r for r in table(out) if r["campaign"] == "m01/2026-01-10/identify"]
+    record = json.loads((out / "m01/2026-01-10/identify/identification.json").read_text())
+    written = {p["name"]: (p["value"], p.get("sigma"), p["unit"]) for p in record["parameters"]}
+    assert {r["name"]: (r["value"], r["sigma"], r["unit"]) for r in rows
+            if r["what"] == "parameter"} == written
+    rms = {r["parameter"]: r["value"] for r in rows
+           if (r["what"], r["name"]) == ("error", "position")}
+    assert rms == {s: record["residual"][s]["position"]["rms"]
+                   for s in ("before", "after", "holdout")}
+
+
+@pytest.mark.slow
+def test_what_changed_since_last_time_is_named_and_nothing_else(alone):
+    out, said = alone
+    verdicts = {c["machine"]: c["verdict"] for c in said["campaigns"] if c["command"] == "compare"}
+    assert verdicts == {"m00": "unchanged", "m01": "unchanged", "m02": "changed"}
+    change, *more = (r for r in table(out) if r["what"] == "change")
+    assert not more
+    assert change["name"] == "leg2.base.point.x"
+    assert abs(change["value"] - 0.4) < 4.0 * change["sigma"]
+    assert "changed since last time: m02" in (out / "batch.html").read_text()
+
+
+@pytest.mark.slow
+def test_nothing_is_done_twice(fleet, alone):
+    out, said = alone
+    before = {p: p.stat().st_mtime_ns for p in out.rglob("*.json") if "m09" not in str(p)
+              and p.parent != out}
+    again = ppmcal("batch", fleet, "--out", out, "--cores", 1, "--json", expect=1).json
+    assert len(again["finished_before"]) == 9
+    assert again["campaigns"] == said["campaigns"]
+    assert {p: p.stat().st_mtime_ns for p in before} == before
+
+
+@pytest.mark.slow
+def test_two_processes_give_the_same_bytes(fleet, alone, tmp_path):
+    manifest, out = copied(fleet, tmp_path)
+    ppmcal("batch", manifest, "--out", out, "--cores", 2, expect=1)
+    assert results(out) == results(alone[0])
+
+
+@pytest.mark.slow
+def test_three_workers_of_a_cluster_give_the_same_bytes(fleet, alone, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    manifest, out = copied(fleet, tmp_path)
+    with distributed.LocalCluster(n_workers=3, threads_per_worker=1, processes=True,
+                                  dashboard_address=None, protocol="tcp",
+                                  local_directory=str(tmp_path)) as cluster:
+        assert cluster.scheduler_address.startswith("tcp://")
+        ppmcal("batch", manifest, "--out", out, "--scheduler", cluster.scheduler_address, expect=1)
+        with distributed.Client(cluster) as client:
+            busy = client.run(_campaigns_run)
+    assert results(out) == results(alone[0])
+    assert sum(n > 0 for n in busy.values()) == 3
+
+
+def _campaigns_run():
+    """Return whether this worker has run campaigns."""
+    return int("ppmcal.api.campaign" in sys.modules)
+
+
+@pytest.mark.slow
+def test_a_killed_batch_goes_on_where_it_was(fleet, alone, tmp_path):
+    manifest, out = copied(fleet, tmp_path)
+    kept = out / KEPT
+    run = subprocess.Popen([*EXECUTABLE, "batch", str(manifest), "--out", str(out), "--cores", "1"],
+                           stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 60.0
+    while len(list(kept.rglob("*.json"))) < 3 and time.monotonic() < end:
+        time.sleep(0.01)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    assert not (out / "campaigns.parquet").exists()
+    sound = [CampaignRecord.read(p) for p in kept.rglob("*.json")]
+    done = {r.campaign for r in sound if not r.writing and not r.failed}
+    assert 0 < len(done) < 9
+    again = ppmcal("batch", manifest, "--out", out, "--cores", 1, "--json", expect=1).json
+    assert set(again["finished_before"]) == done
+    assert [(c["campaign"], c["exit_code"]) for c in again["campaigns"]] == [
+        (c["campaign"], c["exit_code"]) for c in alone[1]["campaigns"]]
+    assert results(out) == results(alone[0])
+
+
+def small(folder):
+    """Return the manifest of one machine, and the places of its two campaigns' results."""
+    manifest = write_fleet(folder, machines=1, rows=20)
+    return manifest, ["m00/2026-01-10/identify", "m00/2026-03-12/identify"]
+
+
+def finished_before(manifest, out):
+    return set(ppmcal("batch", manifest, "--out", out, "--cores", 1, "--json").json[
+        "finished_before"])
+
+
+@pytest.mark.slow
+def test_what_is_new_is_run_again(tmp_path):
+    manifest, (first, second) = small(tmp_path)
+    out = tmp_path / "out"
+    compared = "m00/2026-03-12/compare-identify"
+    assert finished_before(manifest, out) == set()
+    assert finished_before(manifest, out) == {first, second, compared}
+    # another measurement
+    data = tmp_path / "runs/m00/2026-03-12/measurements.csv"
+    lines = data.read_text().splitlines(keepends=True)
+    data.write_text("".join(lines[:-1]))
+    assert finished_before(manifest, out) == {first}
+    # another sidecar
+    sidecar = data.with_suffix(".yaml")
+    sidecar.write_text(sidecar.read_text() + "# by hand\n")
+    assert finished_before(manifest, out) == {first}
+    # another option
+    content = read_yaml(manifest)
+    content["options"]["identify"] = {"seed": 1}
+    manifest.write_text(dump_yaml(content))
+    assert finished_before(manifest, out) == set()
+    # a result that is gone
+    (out / first / "residuals.csv").unlink()
+    assert finished_before(manifest, out) == {second}
+    assert (out / first / "residuals.csv").exists()
+
+
+@pytest.mark.slow
+def test_results_that_were_edited_are_not_replaced(tmp_path):
+    manifest, (first, _) = small(tmp_path)
+    out = tmp_path / "out"
+    finished_before(manifest, out)
+    own = out / first / "parameters.csv"
+    own.write_text("mine\n")
+    said = {c["campaign"]: c for c in ppmcal(
+        "batch", manifest, "--out", out, "--cores", 1, "--json", expect=1).json["campaigns"]}
+    assert said[first]["exit_code"] == 2
+    assert "was edited since" in said[first]["message"]
+    assert own.read_text() == "mine\n"
+    ppmcal("batch", manifest, "--out", out, "--cores", 1, "--force")
+    assert own.read_text() != "mine\n"
+
+
+@pytest.mark.slow
+def test_a_mixture_that_a_killed_run_left_is_replaced(tmp_path):
+    """Files are replaced one by one; stopped in between, some are old and some are new."""
+    manifest, (first, second) = small(tmp_path)
+    out = tmp_path / "out"
+    finished_before(manifest, out)
+    good = results(out)
+    kept = (out / KEPT / first).with_suffix(".json")
+    record = CampaignRecord.read(kept)
+    kept.write_text(record.model_copy(update={"writing": True}).text())
+    (out / first / "parameters.csv").write_text("half")
+    assert finished_before(manifest, out) == {second}
+    assert results(out) == good
+
+
+@pytest.mark.slow
+def test_a_fault_of_the_program_ends_one_campaign_alone(tmp_path, monkeypatch):
+    manifest, (first, second) = small(tmp_path)
+
+    def breaks(model, data, **options):
+        if "2026-01-10" in data[0]:
+            raise ZeroDivisionError("by chance")
+        return face.identify(model, data, **options)
+
+    monkeypatch.setattr(campaign_module, "identify", breaks)
+    found = face.batch(manifest, tmp_path / "out", cores=1)
+    ends = {r.campaign: r for r in found.records}
+    assert ends[first].exit_code == 3
+    assert "ZeroDivisionError: by chance" in ends[first].message
+    assert not ends[second].failed
+    assert set(ends) == {first, second}     # nothing to compare with
+    assert found.needs_a_look
+
+
+@pytest.mark.slow
+def test_a_diagnosis_and_a_compensation_are_run_too(tmp_path):
+    manifest, (_, second) = small(tmp_path)
+    ppmcal("batch", manifest, "--out", tmp_path / "out", "--cores", 1)
+    (tmp_path / "targets.csv").write_text("x,y,rz\n500,290,10\n510,280,12\n")
+    content = read_yaml(manifest)
+    content["campaigns"] = [
+        {"data": "runs/{machine}/{date}/*.csv", "command": "diagnose",
+         "options": {"draws": 200, "kind": ["backlash", "gain"]}},
+        {"machine": "m00", "date": "2026-03-12", "command": "compensate", "data": "targets.csv",
+         "model": f"out/{second}/identified.yaml"}]
+    manifest.write_text(dump_yaml(content))
+    found = face.batch(manifest, tmp_path / "more", cores=1)
+    assert [r.command for r in found.records] == ["diagnose", "diagnose", "compensate"]
+    assert not found.failed
+    q = found.records[-1].of_kind("error")
+    assert [x.parameter for x in q] == ["before", "after"]
+    assert (tmp_path / "more/m00/2026-03-12/compensate/commands.csv").exists()
+    # the knowledge beside the model is an input, though nobody named it
+    known = tmp_path / "out" / second / "identification.json"
+    known.write_text(known.read_text() + "\n")
+    assert set(face.batch(manifest, tmp_path / "more", cores=1).done_before) == {
+        r.campaign for r in found.records[:2]}
+
+
+@pytest.mark.slow
+def test_what_all_units_share_is_the_designs(tmp_path):
+    manifest = write_fleet(tmp_path, machines=8, dates=("2026-01-10",), own=0.03, rows=24)
+    found = face.batch(manifest, tmp_path / "out", cores=1)
+    page = found.files()["batch.html"]
+    lead = page[:page.index("</header>")]
+    (name, size), = DESIGN.items()
+    assert "so by design: " in lead
+    assert name in lead
+    errors = [q.value - q.nominal for r in found.records for q in r.of_kind("parameter")
+              if q.name == name]
+    # the prior keeps a part of it
+    assert 0.4 * size < np.mean(errors) < size

@@ -1,0 +1,190 @@
+"""The compiled path against NumPy's: every kind, every slot, and what has no compiled form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from helpers import machines
+from helpers.machines import KINDS, Array
+
+from ppmcal.kinematics import compiled_limbs
+from ppmcal.kinematics.closure import Closure, Model
+from ppmcal.kinematics.forward import forward, newton
+from ppmcal.model.effects import Shift
+from ppmcal.model.limbs import kinds
+from ppmcal.model.limbs.chain import Chain, ChainStep, U, slide
+from ppmcal.model.limbs.driven import cut_at_drive
+from ppmcal.model.mechanism import Mechanism
+
+COUNT = 37
+"""Rows: no multiple of those that are made together."""
+MACHINES: dict[str, Callable[[], Mechanism]] = {
+    **{f"{kind} plain": lambda kind=kind: machines.plain(kind) for kind in KINDS},
+    **{f"{kind} full": lambda kind=kind: machines.full(kind) for kind in KINDS},
+    "mixed planar": lambda: machines.mixed("planar"),
+    "mixed spatial": lambda: machines.mixed("spatial"),
+    "delta, linear": lambda: machines.delta("(P)US", 3),
+    "delta, rotary": lambda: machines.delta("(R)US", 3),
+}
+every_machine = pytest.mark.parametrize("name", MACHINES)
+
+
+@contextmanager
+def rows_from(count: int) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled_limbs, "MANY", count)
+        yield
+
+
+def compiled(closure: Closure, rows: int = COUNT) -> compiled_limbs.CompiledLimbs | None:
+    with rows_from(1):
+        return compiled_limbs.compiled_limbs(closure, rows)
+
+
+@cache
+def rows_of(name: str) -> tuple[Mechanism, Array, Array]:
+    """Return a machine with all its parameters off nominal, joint values and poses."""
+    mechanism = MACHINES[name]()
+    rng = np.random.default_rng(2)
+    # axes that do not meet have no compiled form
+    off = np.array([0.0 if p.per_unit or p.name.endswith("axis_offset") else
+                    {"length": 1e-4 * mechanism.reach, "angle": 1e-3}[p.quantity]
+                    for p in mechanism.parameters])
+    mechanism = mechanism.with_values(mechanism.values + off * rng.uniform(-1.0, 1.0, off.size))
+    q, pose = machines.spread(Model(mechanism), COUNT, seed=3)
+    return mechanism, q, pose
+
+
+def numpy_columns(closure: Closure, pose: Array, by_pose: Array, asked: Sequence[int]) -> Array:
+    """Return -by_pose A^-1 (Bg, Jq) from the matrices themselves."""
+    a = closure.pose_matrix(pose)
+    both = np.concatenate([closure.error_matrix(pose, asked), closure.joint_matrix(pose)],
+                          axis=-1)
+    return -by_pose[..., closure.model.mechanism.dof] @ np.linalg.solve(a, both)
+
+
+@every_machine
+def test_columns_are_those_of_the_matrices(name: str) -> None:
+    mechanism, q, pose = rows_of(name)
+    # wanted, an offset makes the joint's turn depend on the pose
+    asked = [i for i, n in enumerate(mechanism.names) if not n.endswith("axis_offset")]
+    count = len(asked)
+    closure = Model(mechanism).closure(q, asked)
+    by_pose = np.random.default_rng(1).normal(size=(COUNT, 4, 6))
+    tables = compiled(closure)
+    assert tables is not None, "every kind of the package has a compiled form"
+    out = np.zeros((COUNT, 4, count + len(mechanism.actuators)))
+    assert tables.error_columns(pose, by_pose, {p: i for i, p in enumerate(asked)}, out, count)
+    wanted = numpy_columns(closure, pose, by_pose, asked)
+    size = np.abs(wanted).max(axis=(0, 1), initial=1e-300)
+    apart = np.abs(out - wanted).max(axis=(0, 1))
+    # columns that are round-off themselves are round-off of the largest ones
+    condition = np.linalg.cond(closure.pose_matrix(pose)).max()
+    assert (apart <= 1e-13 * np.maximum(size, 1e-2 * size.max()) * max(1.0, condition / 30.0)).all()
+
+
+@every_machine
+def test_newton_takes_the_same_way(name: str) -> None:
+    mechanism, q, _ = rows_of(name)
+    closure = Model(mechanism).closure(q)
+    start = np.tile(mechanism.home, (COUNT, 1))
+    with rows_from(10 * COUNT):
+        plain = newton(closure, start)
+    with rows_from(1):
+        fast = newton(closure, start)
+    np.testing.assert_array_equal(fast[1], plain[1])
+    assert fast[1].any()
+    np.testing.assert_allclose(fast[0][fast[1]], plain[0][plain[1]], rtol=0.0,
+                               atol=1e-13 * max(mechanism.reach, 1.0))
+    np.testing.assert_allclose(fast[2][fast[1]], plain[2][plain[1]], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["(R)RR full", "U(P)S full", "R(P)S plain", "mixed planar"])
+def test_far_poses_are_led_to_the_same_place(name: str) -> None:
+    """Joints far from home, some out of reach: the same rows converge, at the same poses."""
+    mechanism, _, _ = rows_of(name)
+    model = Model(mechanism)
+    home = forward(model, machines.spread(model, 1)[0])
+    assert home.converged.all()
+    away = np.random.default_rng(4).uniform(-8.0, 8.0, (COUNT, len(mechanism.actuators)))
+    q = machines.spread(model, 1, size=0.0)[0] + machines.joint_steps(model) * away
+    q[3] = np.nan
+    with rows_from(10 * COUNT):
+        plain = forward(model, q)
+    with rows_from(1):
+        fast = forward(model, q)
+    np.testing.assert_array_equal(fast.converged, plain.converged)
+    assert fast.converged.any()
+    np.testing.assert_allclose(fast.pose, plain.pose, rtol=0.0,
+                               atol=1e-11 * max(mechanism.reach, 1.0))
+
+
+def test_a_singular_pose_gives_nan() -> None:
+    mechanism = machines.plain("(P)RR")
+    closure = Model(mechanism).closure(np.zeros((1, 3)), [0])
+    tables = compiled(closure, 1)
+    assert tables is not None
+    flat = tables.limbs._replace(axis=tables.limbs.axis, ends=np.zeros_like(tables.limbs.ends))
+    out = np.zeros((1, 6, 1))
+    replace(tables, limbs=flat).error_columns(mechanism.home[None], np.eye(6)[None], {0: 0}, out)
+    assert np.isnan(out).any()
+
+
+def test_a_shift_of_joints_is_compiled_and_one_of_struts_is_not() -> None:
+    mechanism, q, pose = rows_of("(P)US plain")
+    step = np.linspace(0.0, 1e-4, COUNT)
+    joint = Model(mechanism, shift=Shift({(1, "offset"): step})).closure(q, [0, 1])
+    tables = compiled(joint)
+    assert tables is not None
+    place = {p: i for i, p in enumerate(mechanism.free)}
+    asked = Model(mechanism, shift=Shift({(1, "offset"): step})).closure(q, mechanism.free)
+    out = np.zeros((COUNT, 6, len(place)))
+    again = compiled(asked)
+    assert again is not None
+    assert again.error_columns(pose, np.eye(6)[None], place, out)
+    wanted = -np.linalg.solve(asked.pose_matrix(pose), asked.error_matrix(pose, mechanism.free))
+    np.testing.assert_allclose(out, wanted, rtol=0.0, atol=1e-13 * np.abs(wanted).max())
+    strut = Model(mechanism, shift=Shift({(1, "length"): step})).closure(q, [0, 1])
+    assert compiled(strut) is None
+
+
+def test_a_surface_without_forms_goes_through_numpy() -> None:
+    """A plug-in's own surface: no compiled form for the machine, and the same poses."""
+    mechanism, q, pose = rows_of("(P)RR full")
+    kind = mechanism.limbs[0].kind
+    own = replace(kind, surface=replace(kind.surface, forms=()))
+    plugged = replace(mechanism, limbs=tuple(replace(limb, kind=own) for limb in mechanism.limbs))
+    assert compiled(Model(plugged).closure(q)) is None
+    with rows_from(1):
+        found = forward(Model(plugged), q)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.pose, pose, rtol=0.0, atol=1e-13 * mechanism.reach)
+
+
+def test_a_step_that_does_not_declare_its_drive_has_no_form() -> None:
+    known = slide(U, "x")
+    own = ChainStep((), known.motor, known.twists)
+    by_get = ChainStep((), lambda v: known.motor({U: v.get(U, 0.0)}), known.twists)
+    values = {U: np.linspace(0.0, 1.0, COUNT)[:, None], "bar": np.array([[0.3]])}
+    bar = slide("bar", "x")
+    assert cut_at_drive(Chain((known, bar)), values, {U, "bar"}, 1) is not None
+    assert cut_at_drive(Chain((own, bar)), values, {"bar"}, 1) is None
+    assert cut_at_drive(Chain((by_get, bar)), values, {"bar"}, 1) is None
+    assert cut_at_drive(Chain((known, known)), values, {"bar"}, 1) is None
+    differs = values | {"bar": values[U]}
+    assert cut_at_drive(Chain((known, bar)), differs, {"bar"}, 1) is None
+
+
+def test_offset_joints_that_turn_go_through_numpy() -> None:
+    mechanism = machines.offset_joints("U(P)S", "base")
+    q, _ = machines.spread(Model(mechanism), COUNT)
+    assert compiled(Model(mechanism).closure(q)) is None
+
+
+def test_every_kind_declares_its_form() -> None:
+    assert all(kind.surface.forms for kind in kinds().values())
