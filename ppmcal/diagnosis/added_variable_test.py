@@ -158,8 +158,9 @@ class AddedVariableTest:
         return self.blocks[key]
 
     def _inverse(self, chosen: Sequence[int]) -> Array:
-        own = self._columns(np.array(chosen, dtype=np.int64))
-        return pseudo_inverse(own @ own.T)
+        if not chosen:
+            return np.zeros((0, 0))
+        return pseudo_inverse(self._own_blocks(np.array([chosen], dtype=np.int64))[0])
 
     def left(self, chosen: Sequence[int]) -> float:
         """Return |M r|^2 with the columns ``chosen`` in the model."""
