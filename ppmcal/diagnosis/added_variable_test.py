@@ -21,13 +21,15 @@ VISIBLE = 1e-8
 TINY = 1e-200
 
 
+FEW = 64
+"""Fewer columns than this are looked at one by one."""
 DRAWS = 250
 """Draws of noise that are worked on at a time."""
 CHUNK = 2**20
 """So many numbers of columns are gathered at a time."""
 
 
-class Columns(Protocol):
+class ProjectedColumns(Protocol):
     """Columns M C of unit length before M, however they are kept."""
 
     def __len__(self) -> int:
@@ -47,15 +49,15 @@ class GivenColumns:
     unit: Array
 
     def __len__(self) -> int:
-        """See :class:`Columns`."""
+        """See :class:`ProjectedColumns`."""
         return len(self.unit)
 
     def some(self, which: Sequence[int]) -> Array:
-        """See :class:`Columns`."""
+        """See :class:`ProjectedColumns`."""
         return self.unit[list(which)]
 
     def along(self, values: Array, out: Array | None = None) -> Array:
-        """See :class:`Columns`."""
+        """See :class:`ProjectedColumns`."""
         return np.matmul(self.unit, values, out=out)
 
 
@@ -75,7 +77,7 @@ class AddedVariableTest:
             were asked for.
     """
 
-    first: Columns
+    first: ProjectedColumns
     right: Array
     length: Array
     square: float
@@ -126,6 +128,9 @@ class AddedVariableTest:
     def _columns(self, which: Ints) -> Array:
         """Return columns (..., n), none taken out."""
         first = len(self.first)
+        few = which.tolist() if which.ndim == 1 and which.size < FEW else []
+        if few and max(few) < first and len(set(few)) == len(few):
+            return self.first.some(few)
         need, place = np.unique(which, return_inverse=True)
         out = self.first.some(need[need < first].tolist())
         if len(out) < need.size:
@@ -153,8 +158,9 @@ class AddedVariableTest:
         return self.blocks[key]
 
     def _inverse(self, chosen: Sequence[int]) -> Array:
-        own = self._columns(np.array(chosen, dtype=np.int64))
-        return pseudo_inverse(own @ own.T)
+        if not chosen:
+            return np.zeros((0, 0))
+        return pseudo_inverse(self._own_blocks(np.array([chosen], dtype=np.int64))[0])
 
     def left(self, chosen: Sequence[int]) -> float:
         """Return |M r|^2 with the columns ``chosen`` in the model."""
@@ -230,8 +236,9 @@ def build_test(basis: Array, columns: Array, residual: Array, count: int) -> Add
     return test_of(GivenColumns(unit), length, hidden.T, basis, residual, count)
 
 
-def test_of(first: Columns, length: Array, hidden: Array, basis: Array, residual: Array, count: int
-            ) -> AddedVariableTest:
+def test_of(
+    first: ProjectedColumns, length: Array, hidden: Array, basis: Array, residual: Array, count: int
+) -> AddedVariableTest:
     """Return the tests of columns that were scaled and projected already; as :func:`build_test`."""
     clean = residual - basis @ (basis.T @ residual)
     return AddedVariableTest(first, first.along(clean[:, None])[:, 0], length, float(clean @ clean),
@@ -242,7 +249,8 @@ Noise = Iterable[tuple[Array, Array]]
 """Simulated noise as tests see it, some draws at a time: C^T M z (T, b) and |M z|^2 (b,)."""
 
 
-def seen_noise(first: Columns, basis: Array, noise: Array) -> Iterator[tuple[Array, Array]]:
+def seen_noise(first: ProjectedColumns, basis: Array, noise: Array
+               ) -> Iterator[tuple[Array, Array]]:
     """Yield simulated noise (n, B) as tests see it; each block is good until the next."""
     room = np.empty((len(first), DRAWS))
     for begin in range(0, noise.shape[1], DRAWS):

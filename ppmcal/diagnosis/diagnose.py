@@ -103,7 +103,8 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
         gap = _gap(found, held, options)
     say("judging what is left")
     left = left_over(found.last, options.seed)
-    start = left if found.last is found.first else remainder(
+    same = found.last.search is found.first.search and not found.last.chosen
+    start = left if same or found.last is found.first else remainder(
         replace(found.first, chosen=()), options.seed)
     out = _rows_left_out(found, final or whole)
     lasting = earned(found, whole, final, left, out.suspicious, options.seed, options.fit)

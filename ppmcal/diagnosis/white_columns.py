@@ -16,14 +16,14 @@ from ppmcal.diagnosis.library_columns import Products
 from ppmcal.diagnosis.linear_system import TOGETHER, System, Whitening
 from ppmcal.linalg import Array, column_lengths
 
-KEPT = 2**22
-"""So many numbers of columns that were asked for one by one are kept."""
+FEW, KEPT = 32, 2**23
+"""Columns that are asked for so few at a time are kept, so many numbers of them."""
 BLOCK = 256
 
 
 @dataclass(frozen=True, eq=False)
 class WhiteColumns:
-    """Columns of a library, see :class:`ppmcal.diagnosis.added_variable_test.Columns`.
+    """Columns of a library, see :class:`ppmcal.diagnosis.added_variable_test.ProjectedColumns`.
 
     ``length`` (T,): of the whitened columns; ``hidden`` (r, T): what the geometry, with the basis
     (n, r), has of them at unit length.
@@ -56,17 +56,21 @@ class WhiteColumns:
 
     def some(self, which: Sequence[int]) -> Array:
         """Return some of them, no two the same (k, n)."""
-        few = len(which) * len(self.basis) <= KEPT // 4
-        if few and all(c in self.kept for c in which) and len(which):
-            return np.stack([self.kept[c] for c in which])
+        if not 0 < len(which) <= FEW:
+            return self._made(which)
+        new = [c for c in which if c not in self.kept]
+        if new:
+            if len(self.kept) * len(self.basis) > KEPT:
+                self.kept.clear()
+                new = list(which)
+            self.kept.update(zip(new, self._made(new), strict=True))
+        return np.array([self.kept[c] for c in which])
+
+    def _made(self, which: Sequence[int]) -> Array:
         at = list(which)
         out = self.noise.apply(self.products.some(at), self.system).T
         out /= self.length[at, None]
         out -= self.hidden[:, at].T @ self.basis.T
-        if few:
-            if len(self.kept) * len(self.basis) > KEPT:
-                self.kept.clear()
-            self.kept.update(zip(at, out.copy(), strict=True))
         return out
 
     def along(self, values: Array, out: Array | None = None) -> Array:

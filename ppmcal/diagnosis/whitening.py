@@ -136,6 +136,10 @@ def _projected(system: System, library: Library, extra: Sequence[int]) -> list[i
     return chosen
 
 
+APART = 1e-3
+"""Columns of which each is so far from the others, at unit length, need no singular values."""
+
+
 def _gains(system: System, library: Library, groups: Sequence[Sequence[int]]) -> list[float]:
     """Return what groups of columns of the library explain of the residual, each alone."""
     residual = system.residual.reshape(-1)
@@ -146,9 +150,22 @@ def _gains(system: System, library: Library, groups: Sequence[Sequence[int]]) ->
         along = units.T @ residual
         for group in groups[begin:end]:
             at = [place[c] for c in group]
-            out.append(float(along[at[0]] ** 2) if len(at) == 1 else float(np.sum((units[
-                :, at] @ np.linalg.lstsq(units[:, at], residual, rcond=None)[0]) ** 2)))
+            out.append(_gain(units[:, at], along[at], residual))
     return out
+
+
+def _gain(unit: Array, along: Array, residual: Array) -> float:
+    """Return what unit columns (n, k) explain of a residual, ``along`` being their products."""
+    if along.size == 1:
+        return float(along[0] ** 2)
+    gram = unit.T @ unit
+    try:
+        root = np.linalg.cholesky(gram)
+    except np.linalg.LinAlgError:
+        root = np.zeros((1, 1))
+    if np.diagonal(root).min() > APART:
+        return float(np.sum(np.linalg.solve(root, along) ** 2))
+    return float(np.sum((unit @ np.linalg.lstsq(unit, residual, rcond=None)[0]) ** 2))
 
 
 def _runs(sizes: Sequence[int], most: int) -> Iterator[tuple[int, int]]:
