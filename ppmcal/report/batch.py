@@ -105,7 +105,7 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord])
         noise = next((n.value for n in reversed(r.of_kind("noise")) if n.parameter == "after"),
                      None)
         rows.append([_link(r, r.machine), amount(i, str(i)), words(r.date), words(r.command),
-                     _amount(before), _amount(after), _amount(q),
+                     _amount(before), _amount(after), _amount(_error(r, q.name, "holdout")),
                      words(f"{q.unit} {q.name}".strip()), amount(noise),
                      *_farthest(r), words(_named(r.machine, latest), "wrap"),
                      words("to look at" if r.exit_code else "", "warn" if r.exit_code else "")])

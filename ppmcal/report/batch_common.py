@@ -73,13 +73,20 @@ def shared_effects(records: Sequence[CampaignRecord]) -> list[SharedEffect]:
 
 def shared_parameters(records: Sequence[CampaignRecord]
                       ) -> list[tuple[str, str, float | None, CommonError]]:
-    """Return name, unit, tolerance and mean error of each parameter, surest first."""
+    """Return name, unit, tolerance and mean error of each parameter, surest first.
+
+    Of those that every machine has: what is there only where it was found is never 0 on average.
+    """
     columns: dict[tuple[str, str], list[tuple[float, float | None]]] = {}
-    for r in _latest(records, "identify", "diagnose"):
+    fits = _latest(records, "identify", "diagnose")
+    for r in fits:
+        named = {q.name for q in r.of_kind("effect")}
         for q in r.of_kind("parameter"):
-            if q.value is not None and q.nominal is not None and q.status != "fixed":
+            if (q.value is not None and q.nominal is not None and q.status != "fixed"
+                    and q.name.partition(".")[0] not in named):
                 columns.setdefault((q.name, q.unit), []).append(
                     (q.value - q.nominal, q.tolerance))
+    columns = {k: own for k, own in columns.items() if len(own) == len(fits)}
     found = common_errors([np.array([e for e, _ in own]) for own in columns.values()])
     out = [(name, unit, own[0][1], f) for ((name, unit), own), f in
            zip(columns.items(), found, strict=True) if f is not None]

@@ -37,6 +37,7 @@ def write_fleet(folder, machines=3, dates=("2026-01-10", "2026-03-12"), backlash
             effects = [{"kind": "backlash", "on": ["leg1"], "parameters": {"width": 0.12}}]
             run = ppmcal.simulate(folder / "bench.yaml", {
                 **scenario, "errors": now, "effects": effects if m < backlash else [],
+                "approach": "sequence",
                 "noise": {}, "poses": {"random": {
                     "center": {"x": 500, "y": 290, "rz": 10}, "count": rows,
                     "half_range": {"x": 80, "y": 80, "rz": 8}}},

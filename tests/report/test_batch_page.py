@@ -100,6 +100,21 @@ def test_parameters_that_are_fixed_are_not_judged():
         common_sentences(records))
 
 
+def test_what_is_there_only_where_it_was_found_is_not_judged():
+    """A backlash that three of six machines have is not off by design, though never 0."""
+    width = [parameter(0.1 + 0.001 * i, 0.0, name="backlash.leg1.width") for i in range(6)]
+    some = [diagnosed(f"m{i}", parameter(100.0 + (-0.1) ** i), width[i], effect("backlash", 0.1))
+            for i in range(3)]
+    rest = [diagnosed(f"m{i}", parameter(100.0 + (-0.1) ** i)) for i in range(3, 6)]
+    assert [name for name, *_ in shared_parameters(some + rest)] == ["leg1.offset"]
+    everyone = [diagnosed(r.machine, *r.quantities, effect("backlash", 0.1), width[i])
+                for i, r in enumerate(some + rest)]
+    assert [name for name, *_ in shared_parameters(everyone)] == ["leg1.offset"]
+    other = [record(r.machine, parameter(100.0), parameter(0.1, 0.0, name="gain.leg1"))
+             for r in some] + rest
+    assert [name for name, *_ in shared_parameters(other)] == ["leg1.offset"]
+
+
 @pytest.mark.slow
 def test_means_over_units_are_named_as_rarely_as_promised():
     """Units around nominal, 20 parameters of 6 machines: one wrong name in a hundred batches."""
