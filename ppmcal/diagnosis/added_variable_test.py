@@ -233,10 +233,10 @@ def build_test(basis: Array, columns: Array, residual: Array, count: int) -> Add
     unit = columns.T / length[:, None]
     hidden = unit @ basis
     unit -= hidden @ basis.T
-    return test_of(GivenColumns(unit), length, hidden.T, basis, residual, count)
+    return prepared(GivenColumns(unit), length, hidden.T, basis, residual, count)
 
 
-def test_of(
+def prepared(
     first: ProjectedColumns, length: Array, hidden: Array, basis: Array, residual: Array, count: int
 ) -> AddedVariableTest:
     """Return the tests of columns that were scaled and projected already; as :func:`build_test`."""

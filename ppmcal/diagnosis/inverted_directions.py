@@ -122,7 +122,7 @@ class _Sums:
         value = np.einsum("pkl,pl->pk", inverse, right)
         left = self.square - np.sum(right * value, axis=1)
         n = self.stage.search.test.freedom
-        noise = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2) * left[:, None] / n)
+        noise = np.sqrt(np.maximum(np.diagonal(inverse, axis1=1, axis2=2) * left[:, None], 0.0) / n)
         left = np.where(self._physical(value, noise), left, np.inf)
         if not np.isfinite(left).any():
             return None

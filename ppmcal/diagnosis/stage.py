@@ -9,7 +9,7 @@ import numpy as np
 
 from ppmcal.calibration.least_squares import column_scale
 from ppmcal.calibration.problem import Problem, State
-from ppmcal.diagnosis.added_variable_test import seen_noise, test_of
+from ppmcal.diagnosis.added_variable_test import prepared, seen_noise
 from ppmcal.diagnosis.candidates import library
 from ppmcal.diagnosis.hypotheses import Hypothesis, Library
 from ppmcal.diagnosis.linear_system import (
@@ -171,7 +171,7 @@ def _tested(system: System, found: Library, noise: Whitening, rng: np.random.Gen
     basis = range_basis(jacobian, INVISIBLE)
     residual = noise.apply(system.residual[..., None], system)[:, 0]
     columns = WhiteColumns.of(found.products, noise, system, basis)
-    test = test_of(columns, columns.length, columns.hidden, basis, residual, system.count)
+    test = prepared(columns, columns.length, columns.hidden, basis, residual, system.count)
     left = residual - basis @ (basis.T @ residual)
     drawn = simulated(noise, system, basis, left, 0 if like else draws, rng)
     search = prepare(test, _cautious(found.hypotheses, noise), seen_noise(columns, basis, drawn),

@@ -20,6 +20,9 @@ RATIO = "ratio"
 NO_TOLERANCE = "no tolerance is given for"
 """What a finding says of parameters whose tolerance is a default."""
 
+RIGID = 1e-6
+"""A reciprocal so small against its nominal value is none."""
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -69,9 +72,13 @@ class Parameter:
     def stepped(self, value: float, step: float) -> float:
         """Return the value after a Gauss-Newton step; a reciprocal one keeps its sign.
 
-        With c = 1/value the step is dc = -step c^2, at most so large that c falls to a tenth.
+        With c = 1/value the step is dc = -step c^2, at most so large that c falls to a tenth, and
+        not below :data:`RIGID` of nominal, where there is as good as nothing to give way.
         """
-        return value / max(1.0 - step / value, 0.1) if self.reciprocal else value + step
+        if not self.reciprocal:
+            return value + step
+        most = max(abs(self.nominal) / RIGID, abs(value))
+        return float(np.clip(value / max(1.0 - step / value, 0.1), -most, most))
 
     def matches(self, pattern: str) -> bool:
         """Whether a shell pattern names this parameter or a slot that it feeds."""

@@ -75,26 +75,11 @@ def test_the_shape_of_the_flat_is_no_leaning_tower(printer, shape):
 
 
 def _warped(data, size=0.08):
-    """Touches of a flat that is bent as no low order says, row by row from side to side."""
+    """Touches of a flat that is bent as no low order says."""
     places = np.unique(data.groups, return_inverse=True)[1]
     x, y = 0.9 * (places // 9 - 4) / 4.0, 0.9 * (places % 9 - 4) / 4.0
     bent = 1e-3 * size * (np.sin(3.3 * x + 0.4) * np.cos(3.9 * y - 0.7) - x**3 * y)
     return replace(data, value=data.value - bent)
-
-
-def _row_by_row(data):
-    """The same, the head going one way in one row and back in the next."""
-    places = np.unique(data.groups, return_inverse=True)[1]
-    return replace(data, columns={"dir_x": np.where(places // 9 % 2 == 0, 1.0, -1.0)})
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [5, 6])
-def test_a_flat_of_any_shape_is_no_backlash(printer, seed):
-    """A warp that no low order has: what it would take away of an effect is no name."""
-    data = [_row_by_row(_warped(d)) for d in touches(printer, seed)]
-    found = ppmcal.diagnose(printer, data, draws=400)
-    assert all("bed_shape" in e.alternatives for e in found.diagnosis.effects)
 
 
 @pytest.mark.slow

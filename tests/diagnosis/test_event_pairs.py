@@ -30,11 +30,12 @@ def scene(seed: int, rho: float, step: float) -> tuple[Any, Any]:
     system = SimpleNamespace(
         residual=noise + step * off * give[..., 0], jacobian=geometry,
         observed=np.ones((ROWS, VALUES), dtype=bool), dataset=np.zeros(ROWS, dtype=np.int64),
-        apart=np.ones(ROWS - 1, dtype=np.int64), count=ROWS * VALUES)
+        apart=np.ones(ROWS - 1, dtype=np.int64), count=ROWS * VALUES,
+        problem=SimpleNamespace(datasets=(None,)))
     each = [SimpleNamespace(effect=SimpleNamespace(onset="from_row"), size=1, columns=(c,),
                             family="zero_shift", on=(f"leg{c // len(ONSETS)}",))
             for c in range(columns.shape[-1])]
-    return system, SimpleNamespace(columns=columns, hypotheses=each)
+    return system, SimpleNamespace(some=lambda which: columns[..., list(which)], hypotheses=each)
 
 
 def pair(seed: int, rho: float, step: float) -> list[tuple[int, int]]:
