@@ -89,8 +89,8 @@ def _motors(turn: Array) -> Array:
 @contextmanager
 def counted() -> Iterator[list[int]]:
     """Count how often a fit reduces all its rows to a triangle."""
+    from ppmcal.calibration import gauss_newton, least_squares
     from ppmcal.calibration import identify as loop
-    from ppmcal.calibration import least_squares
 
     calls = [0]
     plain = least_squares.qr_factor
@@ -99,7 +99,7 @@ def counted() -> Iterator[list[int]]:
         calls[0] += 1
         return plain(*args, **more)  # type: ignore[arg-type]
 
-    places = [m for m in (least_squares, loop) if hasattr(m, "qr_factor")]
+    places = [m for m in (least_squares, gauss_newton, loop) if hasattr(m, "qr_factor")]
     with pytest.MonkeyPatch.context() as patch:
         for m in places:
             patch.setattr(m, "qr_factor", counting)
