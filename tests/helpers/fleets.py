@@ -55,4 +55,4 @@ def write_fleet(folder, machines=3, dates=("2026-01-10", "2026-03-12"), backlash
 
 
 def _bytes(content):
-    return content if isinstance(content, bytes) else content.encode()
+    return content if isinstance(content, bytes) else str(content).encode()
