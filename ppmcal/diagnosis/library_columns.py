@@ -81,8 +81,8 @@ class Products:
     def along(self, values: Array, out: Array | None = None) -> Array:
         """Return the inner products (T, B) of all columns with values (N, m, B)."""
         out = np.empty((self.shape[0], values.shape[2])) if out is None else out
-        out[self.whole] = self.given.reshape(len(self.given), -1) @ values.reshape(
-            -1, values.shape[2])
+        flat = values.reshape(-1, values.shape[2])
+        out[self.whole] = self.given.reshape(len(self.given), len(flat)) @ flat
         for product in self.outer:
             seen = np.einsum("nm,nmb->nb", product.unit, values)
             for begin in range(0, len(product.at), BLOCK):

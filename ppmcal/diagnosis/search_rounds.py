@@ -26,8 +26,10 @@ from ppmcal.diagnosis.refit import (
 from ppmcal.diagnosis.result import Found
 from ppmcal.diagnosis.selection import borne, own_log_p
 from ppmcal.diagnosis.stage import DRAWS, Stage, named_only, run_stage
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Bools
 from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import Mechanism
 
 Say = Callable[[str], None]
 ROUNDS = 3
@@ -103,7 +105,10 @@ def confirm(found: Found, whole: Fit, options: DiagnosisOptions) -> tuple[Found,
         last = replace(found.last, chosen=_without(found.last, weakest))
         if not named_only(last):
             break
-        found = _refitted(found, last, options)
+        smaller = _refitted(found, last, options)
+        if smaller is None:
+            break
+        found = smaller
     return nothing_named(found), None
 
 
@@ -115,11 +120,16 @@ def _without(last: Stage, key: Key) -> tuple[int, ...]:
     return tuple(borne(last.search, [i for i in last.chosen if i not in mine]))
 
 
-def _refitted(found: Found, last: Stage, options: DiagnosisOptions) -> Found:
-    """Fit the training rows with what a stage still names, and judge that at its own fit."""
+def _refitted(found: Found, last: Stage, options: DiagnosisOptions) -> Found | None:
+    """Fit the training rows with what a stage still names, and judge that at its own fit.
+
+    None where that is no machine.
+    """
     before, first = found.before, found.first
     mechanism, added = with_named(before.problem.mechanism, last.search, named_only(last))
-    after = with_mechanism(before, mechanism, options.fit)
+    after = _machine(before, mechanism, options)
+    if after is None:
+        return None
     again = _at_fit(after, first, last, added, options)
     same = sorted(map(key_of, again.named)) == sorted(map(key_of, last.named))
     return Found(before, after, first, again if same else last, added)
@@ -155,13 +165,27 @@ def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> 
             return Found(before, before, first, last, ())
         mechanism, added = with_named(before.problem.mechanism, last.search, named_only(last))
         say("fitting geometry and " + ", ".join(f.label for f in last.named))
-        after = with_mechanism(before, mechanism, options.fit)
+        new = _machine(before, mechanism, options)
+        if new is None:
+            return nothing_named(Found(before, before, first, last, ()))
+        after = new
         again = _at_fit(after, first, last, added, options)
         same = {(f.family, f.on) for f in again.named} == {(f.family, f.on) for f in last.named}
         last = again
         if same:
             break
     return Found(before, after, first, last, added)
+
+
+def _machine(before: Fit, mechanism: Mechanism, options: DiagnosisOptions) -> Fit | None:
+    """Fit the training rows with what a search found; None where they have no pose with it.
+
+    A tower that leans by more than a right angle is found where a shape looks like that of one.
+    """
+    try:
+        return with_mechanism(before, mechanism, options.fit)
+    except (BadInput, NoResult):
+        return None
 
 
 def _at_fit(after: Fit, first: Stage, last: Stage, added: Sequence[Added],

@@ -71,7 +71,7 @@ def survivals(stage: Stage, left: Remainder) -> dict[int, Survival]:
         stage: of the last tests.
         left: what its effects leave.
     """
-    touches = left.adequate and of_touches(stage)   # the rest asks nothing, the flat does
+    touches = of_touches(stage)
     follows, shape = _absorber(stage, left, (PLACE,) if touches else ())
     named = named_only(stage)
     out = {}

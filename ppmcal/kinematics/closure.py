@@ -125,7 +125,8 @@ class Closure:
         d = self.model.mechanism.equations
         if len(parts) == 1:
             return np.reshape(parts[0], (parts[0].shape[0], d, *parts[0].shape[3:]))
-        out = np.empty((max(p.shape[0] for p in parts), d, *parts[0].shape[3:]))
+        sizes = {p.shape[0] for p in parts}     # 1 where a surface is the same in all rows
+        out = np.empty((0 if 0 in sizes else max(sizes), d, *parts[0].shape[3:]))
         for group, values in zip(self.groups, parts, strict=True):
             out[:, group.rows] = values
         return out

@@ -71,7 +71,7 @@ def tolerances(_: Path) -> TolerancesRecord:
         metric=None,
         tool=None,
         cores=1,
-        dask=None,
+        scheduler=None,
         seed=3,
     )
     return TolerancesRecord.of(solve(m, job, lambda _: None), m, source(m))

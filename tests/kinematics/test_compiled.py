@@ -215,3 +215,12 @@ def test_few_rows_and_help_do_not_import_the_compiler() -> None:
             "forward(Model(machine), np.tile(home_state(machine).q, (20, 1)))\n"
             "assert 'numba' not in sys.modules\n")
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+@pytest.mark.parametrize("name", ["mixed planar", "U(P)S full", "(R)RR full"])
+def test_no_rows_have_no_equations(name: str) -> None:
+    """Where nothing is known of the load there are no rows, and groups of limbs still agree."""
+    mechanism, q, pose = rows_of(name)
+    closure = Model(mechanism).closure(q[:0])
+    assert closure.lines(pose[:0]).shape == (0, mechanism.equations, 6)
+    assert closure.misclosure(pose[:0]).shape == (0, mechanism.equations)
