@@ -20,7 +20,7 @@ from ppmcal.api.identify import IdentificationResult, identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.batch_manifest import CampaignJob, options_key
-from ppmcal.io.folder import LEFT, read_record, running
+from ppmcal.io.folder import LEFT, digest_of, read_record, running
 from ppmcal.io.results.batch import (
     CampaignQuantity,
     CampaignRecord,
@@ -72,8 +72,8 @@ def finished(at: BatchPlace, campaign: CampaignJob) -> CampaignRecord | None:
         return None
     place = Path(at.place(campaign))
     same = (not record.writing and not record.failed and record.key == _key(at, campaign)
-            and all(_digest(Path(p)) == d for p, d in record.inputs.items())
-            and all(_digest(place / name) == d for name, d in record.outputs.items()))
+            and all(digest_of(Path(p)) == d for p, d in record.inputs.items())
+            and all(digest_of(place / name) == d for name, d in record.outputs.items()))
     # machines may have been put into another design since
     return record.model_copy(update={"design": campaign.design or record.design}) if same else None
 
@@ -82,15 +82,6 @@ def _key(at: BatchPlace, campaign: CampaignJob) -> str:
     """Return the hash of what is asked, and of the version that answers."""
     asked = json.dumps([__version__, options_key(campaign), at.place(campaign)])
     return hashlib.sha256(asked.encode()).hexdigest()
-
-
-def _digest(path: Path) -> str:
-    """Return the SHA-256 of a file, empty where there is none."""
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
-        return ""
 
 
 def run_campaign(at: BatchPlace, campaign: CampaignJob) -> int:
@@ -118,7 +109,7 @@ def run_campaign(at: BatchPlace, campaign: CampaignJob) -> int:
             record = own.model_copy(update=_failure(error))
         written = read_record(Path(place)) or {}
         record = record.model_copy(update={
-            "inputs": {p: _digest(Path(p)) for p in sorted({*seen, *_named(campaign)})},
+            "inputs": {p: digest_of(Path(p)) for p in sorted({*seen, *_named(campaign)})},
             "outputs": {} if record.failed else {
                 n: w.digest for n, w in written.items() if w.command == campaign.command}})
         _keep(kept, record)

@@ -164,6 +164,11 @@ class Library:
         """All columns (N, m, T), made where they are asked for."""
         return self.some(range(self.count))
 
+    @property
+    def measured_against(self) -> list[Hypothesis]:
+        """What the machine is measured against, a flat's shape, which a search does not name."""
+        return [f for f in self.unrecorded if f.effect is not None and f.effect.nuisance]
+
     def some(self, which: Sequence[int]) -> Array:
         """Return some columns (N, m, k)."""
         return self.products.some(which)

@@ -126,9 +126,7 @@ def possible(found: Found, effects: Sequence[NamedEffect], verdict: str,
 def measured_against(stage: Stage) -> Iterator[Candidate]:
     """Yield what the machine is measured against, a flat's shape, where that explains much."""
     test = stage.search.test
-    for f in stage.library.unrecorded:
-        if f.effect is None or not f.effect.nuisance:
-            continue
+    for f in stage.library.measured_against:
         square, rank = test.explained(np.array([f.columns]))
         value = float(log_p(square, test.square, rank, test.freedom)[0])
         if value < stage.search.detect:

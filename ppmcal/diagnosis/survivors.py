@@ -76,6 +76,8 @@ def survivals(stage: Stage, left: Remainder) -> dict[int, Survival]:
     named = named_only(stage)
     out = {}
     for i in named:
+        if touches and tied_with_nuisance(stage, i):
+            continue
         alone = replace(stage, chosen=tuple(j for j in named if j != i))
         basis, rest = explained(alone)
         own = form_columns(stage, stage.hypotheses[i])
@@ -84,8 +86,6 @@ def survivals(stage: Stage, left: Remainder) -> dict[int, Survival]:
                                      stage.system.count - basis.shape[1])
         value /= stage.hypotheses[i].caution
         fails = _fails(stage, stage.hypotheses[i], own, rest)
-        if touches and tied_with_nuisance(stage, i):
-            continue
         out[i] = Survival(value, follows, keeps, odds, fails, bool(
             value <= stage.search.name and keeps >= KEEPS and odds >= np.log(LONG_ODDS)
             and not fails))
@@ -99,8 +99,7 @@ def of_touches(stage: Stage) -> bool:
 
 def tied_with_nuisance(stage: Stage, effect: int) -> bool:
     """Whether a shape of what the machine is measured against does most of what an effect does."""
-    against = [f for f in stage.library.unrecorded if f.effect is not None and f.effect.nuisance]
-    return bool(look_alikes(stage.search, against, stage.chosen, effect))
+    return bool(look_alikes(stage.search, stage.library.measured_against, stage.chosen, effect))
 
 
 def _absorber(stage: Stage, left: Remainder, given: Sequence[str]) -> tuple[str, Array]:

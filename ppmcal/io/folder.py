@@ -115,7 +115,7 @@ def check_folder(folder: Path, run: Run) -> None:
         raise BadInput(f"holds files that ppmcal did not write, or an older version of it "
                        f"({_some(held)})", str(folder), MEND)
     edited = [n for n, w in (known or {}).items() if w.command == run.command
-              and _is_there(folder / n) and _digest(folder / n) != w.digest]
+              and _is_there(folder / n) and digest_of(folder / n) != w.digest]
     if edited:
         raise BadInput(f"{_some(edited)} {'were' if len(edited) > 1 else 'was'} edited since "
                        "ppmcal wrote it", str(folder), MEND)
@@ -188,7 +188,8 @@ def _identity(path: Path) -> Identity | None:
     return status.st_dev, status.st_ino
 
 
-def _digest(path: Path) -> str:
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 of a file, empty where there is none."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
