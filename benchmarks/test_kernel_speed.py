@@ -24,7 +24,7 @@ from scipy.linalg.lapack import dpotrf
 from scipy.optimize import least_squares as scipy_least_squares
 from test_speed import CONFIGS, problem_of
 
-from ppmcal.calibration.gauss_newton import _linearised, cost, least_squares
+from ppmcal.calibration.gauss_newton import cost, least_squares, linearised
 from ppmcal.calibration.least_squares import column_scale, prior_weights
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.design.error_jacobian import Poses, error_jacobian
@@ -135,7 +135,7 @@ class Run:
 
     def iteration(self, state: State) -> State:
         """One iteration: linearise, step, poses anew, cost."""
-        now = _linearised(self.problem, state, self.keep, self.prior, None, True)
+        now = linearised(self.problem, state, self.keep, self.prior)
         trial = self.problem.moved(state, now.small.step()[0])
         cost(self.problem, trial, self.keep, self.prior, None)
         return trial

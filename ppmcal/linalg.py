@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +91,26 @@ def subsample(keep: Sequence[Bools], most: int) -> list[Bools]:
         mask[rows[np.linspace(0, rows.size - 1, count).astype(int)]] = True
         out.append(mask)
     return out
+
+
+def row_by_row(change: Callable[..., Array], *rows: Array) -> Array:
+    """Return ``change(*rows)`` (N, ...), made once and kept as one of rows that are one in memory.
+
+    >>> row_by_row(lambda a: 2.0 * a, np.broadcast_to(1.5, (4, 1))).strides[0]
+    0
+    """
+    if any(len(r) < 2 or r.strides[0] != 0 for r in rows):
+        return change(*rows)
+    one = change(*(r[:1] for r in rows))
+    return np.broadcast_to(one, (len(rows[0]), *one.shape[1:]))
+
+
+def taken(rows: Array, keep: Ints | Bools) -> Array:
+    """Return ``rows[keep]``; rows that are one in memory stay so."""
+    if len(rows) < 2 or rows.strides[0] != 0:
+        return rows[keep]
+    count = int(keep.sum()) if keep.dtype == np.bool_ else len(keep)
+    return np.broadcast_to(rows[:1], (count, *rows.shape[1:]))
 
 
 def ways(q: Array) -> Array:

@@ -61,7 +61,7 @@ class Minimum:
 
 
 @dataclass(frozen=True, eq=False)
-class _Linearised:
+class Linearised:
     """The rows at a state: chi-squared of the data, and the step; ``reduced`` None from sums."""
 
     square: float
@@ -69,16 +69,16 @@ class _Linearised:
     reduced: QRFactor | None
 
 
-def _linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
-                weights: Sequence[Array] | None, by_sums: bool) -> _Linearised:
+def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
+               weights: Sequence[Array] | None = None, by_sums: bool = True) -> Linearised:
     """Return the linear problem at a state, from sums where wanted and where they allow it."""
     if by_sums:
         sums = normal_sums(problem, state, keep, weights)
         summed = summed_step(problem, state, sums, prior)
         if summed.condition < WORST_CONDITION:
-            return _Linearised(sums.square, summed, None)
+            return Linearised(sums.square, summed, None)
     reduced = qr_factor(problem, state, keep, weights)
-    return _Linearised(reduced.square, normal_step(problem, state, reduced, prior), reduced)
+    return Linearised(reduced.square, normal_step(problem, state, reduced, prior), reduced)
 
 
 def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
@@ -102,7 +102,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
     unit = column_scale(problem)
     for count in range(1, iterations + 1):
         weights = weigh(state) if weigh else None
-        now = _linearised(problem, state, keep, prior, weights, by_sums)
+        now = linearised(problem, state, keep, prior, weights, by_sums)
         # what is ill-conditioned at one state is so at the next
         by_sums = now.reduced is None
         summed += by_sums
@@ -114,7 +114,7 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
             step, decrease = now.small.step(damping)
             if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:
                 if now.reduced is None and not rough:
-                    now = _linearised(problem, state, keep, prior, weights, False)
+                    now = linearised(problem, state, keep, prior, weights, False)
                     summed -= 1
                     continue
                 # too small to be judged by the cost: a last plain step only polishes
@@ -153,7 +153,7 @@ def _second_chance(problem: Problem, trial: State, keep: Sequence[Bools], prior:
     """
     if not solved(trial, keep):
         return trial, float("inf")
-    there = _linearised(problem, trial, keep, prior, weights, by_sums)
+    there = linearised(problem, trial, keep, prior, weights, by_sums)
     trial = problem.moved(trial, there.small.step()[0])
     return trial, cost(problem, trial, keep, prior, weights)
 

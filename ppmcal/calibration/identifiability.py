@@ -221,12 +221,14 @@ def _scale(fit: Fit) -> Scale | None:
 def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
     """Return the longest distance between measured points of a data set, and its slope (C,)."""
     problem, state = fit.problem, fit.state
-    ends = problem.ends(i, state, np.flatnonzero(fit.keep[i]))
-    q, pose = (np.concatenate([e[part] for e in ends]) for part in (0, 1))
-    if len(q) < 2:
+    rows = np.flatnonzero(fit.keep[i])
+    count = rows.size * (1 if problem.datasets[i].to_q is None else 2)
+    if count < 2:
         return None
-    some = np.linspace(0, len(q) - 1, min(POSITIONS, len(q))).astype(int)
-    q, pose = q[some], pose[some]
+    some = np.linspace(0, count - 1, min(POSITIONS, count)).astype(int)
+    ends = problem.ends(i, state, rows[some % rows.size])
+    first = (some < rows.size)[:, None]
+    q, pose = (np.where(first, ends[0][part], ends[-1][part]) for part in (0, 1))
     target, turn = state.registrations[i].target, cga.rotation_matrix(pose)
     at = cga.translation(pose) + turn @ target
     away = np.linalg.norm(at[:, None] - at[None], axis=-1)

@@ -93,6 +93,8 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
 
 def _only(state: State, keep: Sequence[Bools]) -> State:
     """Return the state without poses of the rows that are not in use, which cost time."""
+    if all(k.all() for k in keep):
+        return state
     return replace(state, poses=tuple(np.where(k[:, None], p, np.nan) for p, k in
                                       zip(state.poses, keep, strict=True)))
 

@@ -76,13 +76,14 @@ def qr_factor(problem: Problem, state: State, keep: Sequence[Bools],
     stack = np.zeros((0, size))
     count = 0
     for i in range(len(problem.datasets)):
-        for block, values in white_blocks(problem, state, i, keep[i],
-                                          None if weights is None else weights[i]):
+        for part in white_blocks(problem, state, i, keep[i],
+                                 None if weights is None else weights[i]):
+            flat = part.rows.reshape(-1, size)
             # in pieces that stay in the cache, which halves the time
-            for begin in range(0, len(block), ROWS):
-                piece = np.concatenate([stack, block[begin:begin + ROWS]])
+            for begin in range(0, len(flat), ROWS):
+                piece = np.concatenate([stack, flat[begin:begin + ROWS]])
                 stack = np.asarray(np.linalg.qr(piece, mode="r"))
-            count += values
+            count += int(part.values.sum())
     if problem.earlier is not None:
         residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
         block = np.zeros((residual.size, size))

@@ -232,11 +232,20 @@ def noise_check(fit: Fit) -> Noise:
     return Noise(ratio, chi2, degrees, p, repeat, repeat_degrees, own)
 
 
+def _repeated(groups: NDArray[np.int64], keep: Bools) -> Bools:
+    """Return which of the rows ``keep`` (N,) others of them measure again."""
+    _, label, count = np.unique(groups[keep], return_inverse=True, return_counts=True)
+    out = np.zeros_like(keep)
+    out[keep] = count[label] > 1
+    return out
+
+
 def _repeats(fit: Fit) -> tuple[float | None, int]:
     """Scatter within repeats of a pose over the stated noise, and its degrees of freedom."""
     square, degrees = 0.0, 0
     white: list[tuple[int, NDArray[np.int64], Array, Bools]] = []
-    for rows in fit.problem.rows(fit.state, False, fit.keep):
+    again = [_repeated(d.groups, k) for d, k in zip(fit.problem.datasets, fit.keep, strict=True)]
+    for rows in fit.problem.rows(fit.state, False, again):
         groups = fit.problem.datasets[rows.dataset].groups[rows.index]
         white.append((rows.dataset, groups, rows.residual, rows.observed))
     for i in range(len(fit.problem.datasets)):

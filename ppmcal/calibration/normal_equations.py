@@ -15,7 +15,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.calibration.instrument_tables import SCALE, TARGET, TURN, InstrumentTables
 from ppmcal.calibration.observation import coordinates
-from ppmcal.calibration.problem import Problem, State
+from ppmcal.calibration.problem import PIECE, Problem, State
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.limb_tables import EntryTables, LimbTables
@@ -47,10 +47,11 @@ def normal_sums(problem: Problem, state: State, keep: Sequence[Bools],
             total += own[0]
             count += own[1]
             continue
-        for block, values in white_blocks(problem, state, i, keep[i],
-                                          None if weights is None else weights[i]):
-            total += block.T @ block
-            count += values
+        for part in white_blocks(problem, state, i, keep[i],
+                                 None if weights is None else weights[i]):
+            flat = part.rows.reshape(-1, size)
+            total += flat.T @ flat
+            count += int(part.values.sum())
     if problem.earlier is not None:
         residual, jacobian = problem.earlier.rows(problem.mechanism, problem.free, state.g)
         block = np.zeros((residual.size, size))
@@ -72,8 +73,10 @@ def row_squares(problem: Problem, state: State, index: int, rows: Bools) -> Arra
         return _few_squares(problem, state, index, at)
     from ppmcal.calibration.compiled_rows import row_squares as squares
 
-    seen, white, _ = problem.measured[index]
-    return squares(_sight(problem, state, index), *_taken(at, state.poses[index], seen, white))
+    sight = _sight(problem, state, index)
+    return np.concatenate([
+        squares(sight, _taken(rows, state.poses[index]), *problem.measured(index, rows)[:2])
+        for rows in _pieces(at)])
 
 
 def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Array | None:
@@ -81,8 +84,7 @@ def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Arra
     data, registration = problem.datasets[index], state.registrations[index]
     if problem.mechanism.motion == "planar":
         return None
-    seen, white, _ = problem.measured[index]
-    pose, seen, white = _taken(rows, state.poses[index], seen, white)
+    pose, (seen, white, _) = state.poses[index][rows], problem.measured(index, rows)
     placed = cga.compose(registration.frame, pose)
     scale = 1.0 if data.kind == "plane" else registration.scale
     left = seen - np.pad(scale * cga.move_point(placed, registration.target), ((0, 0), (0, 3)))
@@ -98,8 +100,9 @@ def _few_squares(problem: Problem, state: State, index: int, rows: Ints) -> Arra
 
 @dataclass(frozen=True)
 class _CompiledRows:
-    """Rows of a data set for the compiled path; ``values`` (N,): how many each holds."""
+    """Rows ``index`` (N,) of a data set, compiled; ``values`` (N,): how many each holds."""
 
+    index: Ints
     limbs: LimbTables
     entries: EntryTables
     sight: InstrumentTables
@@ -109,41 +112,51 @@ class _CompiledRows:
 
 
 def _compiled_rows(problem: Problem, state: State, index: int, keep: Bools,
-                   weights: Array | None) -> _CompiledRows | None:
-    """Return some rows (N,) of a data set, None where they have no compiled form."""
+                   weights: Array | None) -> Iterator[_CompiledRows]:
+    """Yield some rows (N,) of a data set by pieces, nothing where they have no compiled form."""
     at = np.flatnonzero(keep & finite_rows(state.poses[index]))
     if at.size < compiled_limbs.MANY or not _has_sight(problem, state, index):
-        return None
-    q, pose = _taken(at, problem.joints(index, state), state.poses[index])
-    closure = Model(problem.mechanism, state.g).closure(q, problem.free)
-    tables = compiled_limbs.compiled_limbs(closure, at.size)
-    if tables is None:
-        return None
+        return
+    data, model = problem.datasets[index], Model(problem.mechanism, state.g)
     opened = problem.opens[index]
     homing = opened.homing.start if opened.homing.stop > opened.homing.start else None
-    entries = tables.entries({p: c for c, p in enumerate(problem.free)}, homing)
-    if entries is None:
-        return None
-    seen, white, number = problem.measured[index]
-    seen, white = _taken(at, seen, white)
-    if weights is not None:
-        white = white * weights[at][:, None]
-    u = np.ascontiguousarray(np.broadcast_to(tables.u, (at.size, tables.u.shape[1])))
+    place = {p: c for c, p in enumerate(problem.free)}
     columns = np.array([*_open_columns(problem, index)[1], len(problem.columns)], dtype=np.int64)
-    return _CompiledRows(tables.limbs, entries, _sight(problem, state, index), columns,
-                         (u, np.ascontiguousarray(q), pose, seen, white), number[at])
+    sight = _sight(problem, state, index)
+    for rows in _pieces(at):
+        q = _taken(rows, data.q) + state.registrations[index].homing
+        tables = compiled_limbs.compiled_limbs(model.closure(q, problem.free), at.size)
+        entries = None if tables is None else tables.entries(place, homing)
+        if tables is None or entries is None:
+            return
+        seen, white, number = problem.measured(index, rows)
+        if weights is not None:
+            white = white * weights[rows][:, None]
+        u = np.ascontiguousarray(np.broadcast_to(tables.u, (rows.size, tables.u.shape[1])))
+        yield _CompiledRows(rows, tables.limbs, entries, sight, columns,
+                            (u, np.ascontiguousarray(q), _taken(rows, state.poses[index]), seen,
+                             white), number)
+
+
+def _pieces(rows: Ints) -> Iterator[Ints]:
+    """Yield rows (n,) in pieces, so that little that is made of them is held at once."""
+    for begin in range(0, rows.size, PIECE):
+        yield rows[begin:begin + PIECE]
 
 
 def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
                    weights: Array | None) -> tuple[Array, int] | None:
     """Return the sums (C + 1, C + 1) of a data set, None where it has no compiled form."""
-    rows = _compiled_rows(problem, state, index, keep, weights)
-    if rows is None:
-        return None
-    from ppmcal.calibration.compiled_rows import white_rows
+    upper, count, rows = None, 0, None
+    for rows in _compiled_rows(problem, state, index, keep, weights):
+        from ppmcal.calibration.compiled_rows import white_rows
 
-    upper = white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, *rows.arrays,
-                       np.zeros((0, 0, 0)))
+        own = white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, *rows.arrays,
+                         np.zeros((0, 0, 0)))
+        upper = own if upper is None else upper + own
+        count += int(rows.values.sum())
+    if upper is None or rows is None:
+        return None
     whole = np.triu(upper) + np.triu(upper, 1).T
     place = np.concatenate([rows.entries.column, rows.columns])
     # entries of one column add up; those of different columns are where they belong
@@ -151,36 +164,48 @@ def _compiled_sums(problem: Problem, state: State, index: int, keep: Bools,
     np.add.at(by_row, place, whole)
     total = np.zeros((len(by_row), len(by_row)))
     np.add.at(total.T, place, by_row.T)
-    return np.triu(total) + np.triu(total, 1).T, int(rows.values.sum())
+    return np.triu(total) + np.triu(total, 1).T, count
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteBlock:
+    """Some white rows of a data set, with the residual behind their C columns.
+
+    ``index`` (n,): which; ``rows`` (n, m, C + 1), 0 where nothing was measured; ``values`` (n,):
+    how many of the m each holds.
+    """
+
+    index: Ints
+    rows: Array
+    values: Ints
 
 
 def white_blocks(problem: Problem, state: State, index: int, keep: Bools,
-                 weights: Array | None = None) -> Iterator[tuple[Array, int]]:
-    """Yield white rows with their residuals behind (n, C + 1), and how many values they hold.
+                 weights: Array | None = None) -> Iterator[WhiteBlock]:
+    """Yield the rows of one data set that have a pose; arguments as :func:`normal_sums`."""
+    size, rows = len(problem.columns) + 1, None
+    for rows in _compiled_rows(problem, state, index, keep, weights):
+        from ppmcal.calibration.compiled_rows import white_rows
 
-    Arguments as :func:`normal_sums`, of one data set. Values that were not measured are rows of 0.
-    """
-    size = len(problem.columns) + 1
-    rows = _compiled_rows(problem, state, index, keep, weights)
-    if rows is None:
-        for part in problem.rows_of(index, state, True, keep):
-            block = np.concatenate([part.jacobian, part.residual[..., None]], axis=-1)
-            if weights is not None:
-                block *= weights[part.index][:, None, None]
-            yield block.reshape(-1, size), int(part.observed.sum())
+        for begin in range(0, len(rows.values), AT_ONCE):
+            some = slice(begin, begin + AT_ONCE)
+            u, q, pose, seen, white = (a[some] for a in rows.arrays)
+            out = np.zeros((*white.shape, size))
+            white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, u, q, pose, seen, white,
+                       out)
+            yield WhiteBlock(rows.index[some], out, rows.values[some])
+    if rows is not None:
         return
-    from ppmcal.calibration.compiled_rows import white_rows
-
-    for begin in range(0, len(rows.values), AT_ONCE):
-        u, q, pose, seen, white = (a[begin:begin + AT_ONCE] for a in rows.arrays)
-        out = np.zeros((*white.shape, size))
-        white_rows(rows.limbs, rows.entries, rows.sight, rows.columns, u, q, pose, seen, white, out)
-        yield out.reshape(-1, size), int(rows.values[begin:begin + AT_ONCE].sum())
+    for part in problem.rows_of(index, state, True, keep):
+        block = np.concatenate([part.jacobian, part.residual[..., None]], axis=-1)
+        if weights is not None:
+            block *= weights[part.index][:, None, None]
+        yield WhiteBlock(part.index, block, part.observed.sum(axis=1))
 
 
-def _taken(rows: Ints, *arrays: Array) -> list[Array]:
-    """Return some rows of arrays, themselves where that is all of them."""
-    return [np.ascontiguousarray(a) if rows.size == len(a) else a[rows] for a in arrays]
+def _taken(rows: Ints, array: Array) -> Array:
+    """Return some rows of an array, itself where that is all of them."""
+    return np.ascontiguousarray(array) if rows.size == len(array) else array[rows]
 
 
 def _has_sight(problem: Problem, state: State, index: int) -> bool:

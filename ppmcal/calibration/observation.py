@@ -14,7 +14,7 @@ import numpy as np
 
 from ppmcal import algebra as cga
 from ppmcal.kinematics.registration import predict
-from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.linalg import Array, Bools, Ints, finite_rows, row_by_row
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
 from ppmcal.model.mechanism import POSE_COORDINATES
@@ -71,11 +71,11 @@ def coordinates_of(kind: str, motion: str) -> tuple[int, ...]:
     return (0, 1, 2, 3, 4, 5) if kind == "pose" and motion == "spatial" else (0, 1, 2)
 
 
-def shown(data: Dataset) -> Array:
-    """Return what was measured in the places of x, y, z, rx, ry, rz (N, 6), nan elsewhere."""
-    out = np.concatenate([data.position, data.rotation], axis=1)
+def shown(data: Dataset, rows: Ints | slice = slice(None)) -> Array:
+    """Return what was measured in the places of x, y, z, rx, ry, rz (n, 6), nan elsewhere."""
+    out = np.concatenate([data.position[rows], data.rotation[rows]], axis=1)
     if data.kind in SCALARS:
-        out[:, SCALARS[data.kind]] = data.value
+        out[:, SCALARS[data.kind]] = data.value[rows]
     return out
 
 
@@ -239,8 +239,9 @@ def noise(data: Dataset, motion: str) -> Array:
     """Return the stated standard deviations of the measured coordinates (n, m)."""
     if data.kind in SCALARS:
         return data.sigma_value[:, None]
-    both = np.concatenate([data.sigma_position, data.sigma_rotation], axis=1)
-    return both[:, list(coordinates(data, motion))]
+    chosen = list(coordinates(data, motion))
+    return row_by_row(lambda *both: np.concatenate(both, axis=1)[:, chosen],
+                      data.sigma_position, data.sigma_rotation)
 
 
 def whitener(

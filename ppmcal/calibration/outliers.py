@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from ppmcal.calibration.fit import Fit, prediction_covariance
 from ppmcal.calibration.homing_shift import HomingShift, homing_shifts
-from ppmcal.calibration.normal_equations import row_squares
+from ppmcal.calibration.normal_equations import row_squares, white_blocks
 from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates, shown
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.registration import measured_pose
@@ -19,6 +18,8 @@ from ppmcal.linalg import Array, Bools, finite_rows
 
 HUBER = 1.5
 """Rows farther than this many standard deviations (root mean square) are down-weighted."""
+ALONE = 1e-3
+"""A row keeps less than this part of its own error where it alone fixes something."""
 REJECT = 0.05
 """A row is left out when its p-value times the number of rows is below this."""
 
@@ -62,33 +63,48 @@ def distances(problem: Problem, state: State, covariance: Array | None = None,
     """
     square = [np.full(len(d), np.nan) for d in problem.datasets]
     size = [np.zeros(len(d)) for d in problem.datasets]
-    rest = []
     for i, pose in enumerate(state.poses):
         solved = finite_rows(pose)
-        own = row_squares(problem, state, i, solved) if covariance is None else None
-        if own is None:
-            rest.append(problem.rows_of(i, state, covariance is not None))
-        else:
-            square[i][solved], size[i][solved] = own, problem.measured[i][2][solved]
-    for rows in chain.from_iterable(rest):
-        r = rows.residual
-        if covariance is None:
-            d2 = np.sum(r * r, axis=1)
-        else:
-            hat = rows.jacobian @ covariance @ np.swapaxes(rows.jacobian, -1, -2)
-            used = np.ones(r.shape[0]) if keep is None else np.where(
-                keep[rows.dataset][rows.index], 1.0, -1.0)
-            of_residual = np.eye(r.shape[1]) - used[:, None, None] * hat
-            singular = ~np.isfinite(of_residual).all(axis=(1, 2))
-            of_residual[singular] = np.eye(r.shape[1])
-            # a row that alone fixes a parameter has no residual to judge
-            weak = np.linalg.eigvalsh(of_residual)[:, 0] < 1e-3
-            of_residual[weak] = np.eye(r.shape[1])
-            d2 = np.sum(r * np.linalg.solve(of_residual, r[..., None])[..., 0], axis=1)
-            d2[singular] = np.inf
-        square[rows.dataset][rows.index] = d2
-        size[rows.dataset][rows.index] = rows.observed.sum(axis=1)
+        if covariance is not None and covariance.size:
+            for block in white_blocks(problem, state, i, solved):
+                used = np.ones(len(block.index)) if keep is None else np.where(
+                    keep[i][block.index], 1.0, -1.0)
+                square[i][block.index] = _freed(block.rows, covariance, used)
+                size[i][block.index] = block.values
+            continue
+        own = row_squares(problem, state, i, solved)
+        if own is not None:
+            rows = np.flatnonzero(solved)
+            square[i][rows], size[i][rows] = own, problem.measured(i, rows)[2]
+            continue
+        for part in problem.rows_of(i, state, False):
+            square[i][part.index] = np.sum(part.residual * part.residual, axis=1)
+            size[i][part.index] = part.observed.sum(axis=1)
     return Distances(tuple(square), tuple(size))
+
+
+def _freed(rows: Array, covariance: Array, used: Array) -> Array:
+    """Return squared distances (n,) of white rows (n, m, C + 1), residual last, less leverage.
+
+    Args:
+        rows: Jacobian and residual.
+        covariance: of the columns (C, C).
+        used: 1 where the fit used a row, -1 where not (n,).
+    """
+    jacobian, r = rows[..., :-1], rows[..., -1]
+    spread = (jacobian.reshape(-1, len(covariance)) @ covariance).reshape(jacobian.shape)
+    hat = spread @ np.swapaxes(jacobian, -1, -2)
+    of_residual = np.eye(r.shape[1]) - used[:, None, None] * hat
+    singular = ~np.isfinite(of_residual).all(axis=(1, 2))
+    of_residual[singular] = np.eye(r.shape[1])
+    # a row that alone fixes a parameter has no residual to judge; none does whose leverage is small
+    heavy = np.flatnonzero((used > 0.0) & ~singular
+                           & (np.trace(hat, axis1=1, axis2=2) > 1.0 - ALONE))
+    weak = heavy[np.linalg.eigvalsh(of_residual[heavy])[:, 0] < ALONE]
+    of_residual[weak] = np.eye(r.shape[1])
+    squares = np.sum(r * np.linalg.solve(of_residual, r[..., None])[..., 0], axis=1)
+    squares[singular] = np.inf
+    return np.asarray(squares)
 
 
 def huber_weights(problem: Problem, state: State, keep: Sequence[Bools]) -> list[Array]:

@@ -35,11 +35,13 @@ from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
 from ppmcal.kinematics.registration import by_displacement, displaced
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
-from ppmcal.model.dataset import Dataset, Environment
+from ppmcal.model.dataset import Dataset, Environment, unknown_environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
 CHUNK = 2048
+PIECE = 65536
+"""Of more rows not all that a compiled loop takes is made at once."""
 
 
 @dataclass(frozen=True)
@@ -187,10 +189,17 @@ class Problem:
 
         At least one, though it may be empty.
         """
-        environment, size = self.environments[index], len(self.datasets[index])
+        size = len(self.datasets[index])
         for begin in range(0, max(size, 1), CHUNK):
-            rows = slice(begin, begin + CHUNK)
-            yield rows, environment if size <= CHUNK else environment.take(rows)
+            rows = slice(begin, min(begin + CHUNK, size))
+            yield rows, self._at(index, rows)
+
+    def _at(self, index: int, rows: Ints | slice) -> Environment:
+        """Return what effects depend on in some rows; where there are none nothing is found out."""
+        if self.mechanism.effects:
+            return self.environments[index].take(rows)
+        count = rows.stop - rows.start if isinstance(rows, slice) else len(rows)
+        return unknown_environment(count, len(self.mechanism.actuators))
 
     def ends(self, index: int, state: State, rows: Ints | slice = slice(None)
              ) -> list[tuple[Array, Array]]:
@@ -216,7 +225,9 @@ class Problem:
             g[p] = self.mechanism.parameters[p].stepped(float(g[p]), s)
         registrations = tuple(o.moved(s, step)
                               for s, o in zip(state.registrations, self.opens, strict=True))
-        return self.solve(State(g, registrations, state.poses))
+        there = State(g, registrations, state.poses)
+        homed = any(o.homing.stop > o.homing.start for o in self.opens)
+        return self.solve(there) if self.free or homed else there
 
     def rows(self, state: State, jacobian: bool = True,
              keep: Sequence[NDArray[np.bool_]] | None = None) -> Iterator[Rows]:
@@ -237,27 +248,44 @@ class Problem:
         for begin in range(0, index.size, CHUNK):
             yield self._chunk(i, self.datasets[i], index[begin:begin + CHUNK], state, jacobian)
 
-    @cached_property
-    def measured(self) -> tuple[tuple[Array, Array, Ints], ...]:
-        """What each data set measured: x ... rz (N, 6), 0 where nothing, 1/sigma (N, m), how many.
+    def measured(self, index: int, rows: Ints) -> tuple[Array, Array, Ints]:
+        """Return what a data set measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many.
 
-        The second is 0 where nothing was measured; the third (N,) counts what was.
+        The first is 0 where nothing was measured, and so is the second; the third (n,) counts.
         """
-        out = []
-        for data in self.datasets:
-            own = shown(data)
-            if self.mechanism.motion != "planar":
-                own[~finite_rows(own[:, 3:]), 3:] = np.nan
-            motion = self.mechanism.motion
-            seen = np.isfinite(own[:, list(coordinates(data, motion))])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                white = np.where(seen, 1.0 / noise(data, motion), 0.0)
-            out.append((np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)))
-        return tuple(out)
+        data = self.datasets[index]
+        if len(data) > PIECE:
+            return self._measured(data, rows)
+        if index not in self._kept:
+            self._kept[index] = self._measured(data, np.arange(len(data)))
+        seen, white, number = self._kept[index]
+        if rows.size == len(data):
+            return seen, white, number
+        return seen[rows], white[rows], number[rows]
+
+    @cached_property
+    def _kept(self) -> dict[int, tuple[Array, Array, Ints]]:
+        return {}
+
+    def _measured(self, data: Dataset, rows: Ints) -> tuple[Array, Array, Ints]:
+        own, motion = shown(data, rows), self.mechanism.motion
+        if motion != "planar":
+            own[~finite_rows(own[:, 3:]), 3:] = np.nan
+        seen = np.isfinite(own[:, list(coordinates(data, motion))])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            white = np.where(seen, 1.0 / noise(data, motion)[rows], 0.0)
+        return np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
         part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
-        rows = self.environments[i].take(index)
+        with_noise = bool(np.any(data.sigma_actuator > 0.0))
+        asked = jacobian or with_noise
+        rows = self._at(i, index)
+
+        def surroundings() -> Environment:
+            # whoever asks how rows respond may ask about effects that the machine has not
+            return rows if self.mechanism.effects else self.environments[i].take(index)
+
         ends = self.ends(i, state, index)
         models = [shifted(Model(self.mechanism, state.g), rows, q, pose) for q, pose in ends]
         shift = models[0].shift
@@ -268,15 +296,14 @@ class Problem:
         moved = [by_displacement(p, shift) for p in platforms]
         seen = replace(seen, by_poses=tuple(
             by if d is None else by @ d for by, d in zip(seen.by_poses, moved, strict=True)))
-        with_noise = bool(np.any(data.sigma_actuator > 0.0))
         n, m = seen.residual.shape
         full = np.zeros((n, m, len(self.columns) if jacobian else 0))
         by_joint: list[Array] = []
         responses: list[Response] = []
-        if jacobian or with_noise:
+        if asked:
             for end, ((q, pose), model) in enumerate(zip(ends, models, strict=True)):
                 closure = model.closure(q, self.free if jacobian else ())
-                response = Response(closure, pose, seen, rows, end)
+                response = Response(closure, pose, seen, surroundings, end)
                 responses.append(response)
                 if with_noise:
                     by_joint.append(response.by_joint)

@@ -96,9 +96,10 @@ def unscaled(data: Dataset) -> Dataset:
 SUSPECT, BLUNDER = 5.0, 10.0
 """A row that misses by so many medians makes the start a robust one; one that then misses by so
 many does not decide where a fit starts."""
-SUBSET, TRIALS, CONCENTRATED, DECIDING = 6, 60, 5, 2000
-"""Rows per trial alignment, number of trials, rounds in which the nearer half decides, and rows
-that judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares)."""
+SUBSET, TRIALS, CONCENTRATED, DECIDING, ENOUGH = 6, 60, 5, 2000, 20_000
+"""Rows per trial alignment, number of trials, rounds in which the nearer half decides, rows that
+judge a trial (Rousseeuw and Van Driessen 1999, least trimmed squares), and rows that are aligned at
+most: it is where a fit starts."""
 
 
 def start_registration(data: Dataset, pose: Array, motion: str) -> Registration:
@@ -124,6 +125,7 @@ def start_registration(data: Dataset, pose: Array, motion: str) -> Registration:
     if rows.size < 3:
         raise BadInput(f"only {rows.size} usable rows: an unknown frame or target needs at least 3",
                        data.source, "Measure more poses")
+    rows = rows[np.linspace(0, rows.size - 1, min(rows.size, ENOUGH)).astype(int)]
     plain = _aligned(data, pose, position, rows, registration, planar)
     if rows.size < 2 * SUBSET:
         return plain

@@ -16,8 +16,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit
-from ppmcal.calibration.gauss_newton import least_squares, prior_square
-from ppmcal.calibration.least_squares import normal_step, qr_factor
+from ppmcal.calibration.gauss_newton import least_squares, linearised, prior_square
 from ppmcal.calibration.observation import SCALARS, coordinates
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows
@@ -118,8 +117,9 @@ def registration_hints(fit: Fit) -> tuple[RegistrationHint, ...]:
     A score test with the geometry free decides what is worth a fit; that fit, what is told. Each
     is judged with those before it open: of two files that disagree one is enough.
     """
-    keep = _with_outliers(fit)
-    problem, state = fit.problem, _refitted(fit.problem, fit.state, keep, fit.prior)
+    keep, problem = _with_outliers(fit), fit.problem
+    same = all((k == own).all() for k, own in zip(keep, fit.keep, strict=True))
+    state = fit.state if same else _refitted(problem, fit.state, keep, fit.prior)
     hints = list[RegistrationHint]()
     while state is not None and len(hints) < MOST_HINTS:
         best = max(_hints(fit, problem, state, keep), key=lambda h: h[0], default=None)
@@ -223,9 +223,8 @@ def _by_session(problem: Problem, state: State, keep: Sequence[Bools], i: int
 
 def _expected(problem: Problem, state: State, keep: Sequence[Bools], prior: Array) -> float:
     """Return the sum of squares of data and prior at the minimum of the linear problem."""
-    reduced = qr_factor(problem, state, keep)
-    decrease = normal_step(problem, state, reduced, prior).step()[1]
-    return reduced.square + prior_square(problem, state, prior) - decrease
+    now = linearised(problem, state, keep, prior)
+    return now.square + prior_square(problem, state, prior) - now.small.step()[1]
 
 
 def _refitted(problem: Problem, state: State, keep: Sequence[Bools], prior: Array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,8 +31,13 @@ class Response:
     closure: Closure
     pose: Array
     seen: ResidualJacobian
-    rows: Environment
+    surroundings: Callable[[], Environment]
     end: int = 0
+
+    @cached_property
+    def rows(self) -> Environment:
+        """What effects depend on."""
+        return self.surroundings()
 
     @cached_property
     def lines(self) -> Array:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.calibration.fit import Fit
+from ppmcal.calibration.normal_equations import white_blocks
 from ppmcal.linalg import Array, Bools
 
 FEW, OTHERS = 3, "others"
@@ -52,22 +53,21 @@ def clusters(fit: Fit, labels: Sequence[str], masks: Sequence[Sequence[Bools]]) 
         masks: by cluster the rows (N,) of every data set.
     """
     size = fit.scale.size
-    stacks = [np.zeros((0, size + 1)) for _ in labels]
-    count = np.zeros(len(labels))
-    for rows in fit.problem.rows(fit.state, True, fit.keep):
-        block = np.concatenate([rows.jacobian * fit.scale, rows.residual[..., None]], axis=-1)
-        block /= fit.noise      # the problem's rows are white by the stated noise
-        for s, mask in enumerate(masks):
-            mine = mask[rows.dataset][rows.index]
-            if mine.any():
-                own = np.concatenate([stacks[s], block[mine].reshape(-1, size + 1)])
-                stacks[s] = np.asarray(np.linalg.qr(own, mode="r"))
-                count[s] += float(rows.observed[mine].sum())
-    full = np.stack([t.T @ t for t in stacks])
+    sums, count = np.zeros((len(labels), size + 1, size + 1)), np.zeros(len(labels))
+    # the problem's rows are white by the stated noise
+    unit = np.append(fit.scale, 1.0) / fit.noise
+    for i, keep in enumerate(fit.keep):
+        for block in white_blocks(fit.problem, fit.state, i, keep):
+            for s, mask in enumerate(masks):
+                mine = mask[i][block.index]
+                if mine.any():
+                    own = block.rows[mine].reshape(-1, size + 1) * unit
+                    sums[s] += own.T @ own
+                    count[s] += float(block.values[mine].sum())
     free = list(fit.problem.free)
     away = np.zeros(size)
     away[:len(free)] = fit.problem.mechanism.nominals[free] - fit.state.g[free]
-    return Clusters(tuple(labels), full[:, :-1, :-1], full[:, :-1, -1], full[:, -1, -1], count,
+    return Clusters(tuple(labels), sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], count,
                     fit.prior * fit.scale, away / fit.scale)
 
 

@@ -93,7 +93,8 @@ def _opened(problem: Problem) -> Problem:
         return replace(d, frame=frame, target=target, target_rotation=turn, homing="alone")
 
     return replace(problem, datasets=tuple(map(opened, problem.datasets)),
-                   pivots=tuple(o.about for o in problem.opens), given=problem.environments)
+                   pivots=tuple(o.about for o in problem.opens),
+                   given=problem.environments if problem.mechanism.effects else None)
 
 
 @dataclass(frozen=True)

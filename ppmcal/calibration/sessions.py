@@ -16,9 +16,10 @@ def session_masks(datasets: Sequence[Dataset]) -> list[tuple[str, list[Bools]]]:
 
     A session column splits a file, and joins rows of several; without one each file is a session.
     """
-    labels = [np.array(d.sessions or [d.name] * len(d)) for d in datasets]
-    every = dict.fromkeys(str(label) for some in labels for label in some.tolist())
-    return [(label, [some == label for some in labels]) for label in every]
+    every = dict.fromkeys(label for d in datasets for label in d.sessions or [d.name])
+    labels = [np.array(d.sessions) if d.sessions else None for d in datasets]
+    return [(label, [np.full(len(d), d.name == label) if own is None else own == label
+                     for d, own in zip(datasets, labels, strict=True)]) for label in every]
 
 
 def one_session() -> BadInput:

@@ -278,7 +278,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     wider = sessions or blocks
     found = estimates(fit, rank, wider)
     mechanism = with_estimates(fit, found)
-    before = register_only(fit.problem, fit.start)
+    before = register_only(fit.problem, fit.start).state
     if leave_out:
         held, note = sessions_left_out(fit.problem, options, fit.keep, inflation)
     elif other:
@@ -291,8 +291,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
-        residuals(fit.problem, before.state),
-        registered(fit.problem, before.state), after, held, note,
+        residuals(fit.problem, before),
+        registered(fit.problem, before), after, held, note,
         _findings(fit, noise, inflation, found, out, wider), identifiability(fit), *wrong,
         _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out),
         sessions=sessions, blocks=blocks)

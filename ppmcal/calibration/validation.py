@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.noise import with_noise
-from ppmcal.calibration.observation import coordinates
+from ppmcal.calibration.observation import coordinates, noise
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
@@ -27,9 +27,9 @@ LEFT_OUT = "left out of the fit to everything"
 class Residuals:
     """Errors row by row, by data set; nan where not measured. SI.
 
-    ``vector`` (N, m) by measured coordinate, ``sigma`` (N, m) their stated standard
-    deviations, ``position`` and ``rotation`` norms (N,), ``closure`` (N, d) limb lengths
-    at the measured poses, nan where the pose was not fully measured.
+    ``vector`` (N, m) by measured coordinate, ``sigma`` (N, m) their standard deviations as
+    stated, of instrument and joints, ``position`` and ``rotation`` norms (N,), ``closure`` (N, d)
+    limb lengths at the measured poses, nan where the pose was not fully measured.
     """
 
     vector: tuple[Array, ...]
@@ -65,12 +65,13 @@ def residuals(problem: Problem, state: State) -> Residuals:
         chosen = coordinates(data, motion)
         places = sum(1 for c in chosen if c < 3)
         vector = np.full((len(data), len(chosen)), np.nan)
-        sigma = np.full_like(vector, np.nan)
-        one = replace(problem, datasets=(data,), given=problem.environments[i:i + 1])
-        for rows in one.rows(State(state.g, (state.registrations[i],), (state.poses[i],)), False):
+        of_joints = bool(np.any(data.sigma_actuator > 0.0))
+        sigma = np.full_like(vector, np.nan) if of_joints else noise(data, motion)
+        for rows in problem.rows_of(i, state, False):
             vector[rows.index] = np.where(rows.observed, rows.raw, np.nan)
-            covariance = np.linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
-            sigma[rows.index] = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+            if of_joints:
+                covariance = np.linalg.inv(np.swapaxes(rows.whitener, -1, -2) @ rows.whitener)
+                sigma[rows.index] = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         parts[0].append(vector)
         parts[1].append(sigma)
         parts[2].append(_norm(vector[:, :places]))
@@ -116,7 +117,8 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
 def register_only(problem: Problem, state: State | None = None) -> Fit:
     """Fit only open frames and targets, geometry as it is."""
     bare = replace(problem, free=(), earlier=None)
-    return identify(bare, FitOptions(method="flat"), start=state)
+    # with the poses known, any start is near enough for frames and targets
+    return identify(bare, FitOptions(method="flat"), start=state, at_minimum=True)
 
 
 def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools]:
@@ -143,8 +145,9 @@ def held_out(whole: Fit, options: FitOptions, fraction: float, seed: int, noise:
                for o, d in zip(out, problem.datasets, strict=True))
     if sum(int(o.sum()) for o in out) == 0 or rest < 1.2 * len(problem.columns):
         return {}, "too few poses to hold any out"
-    part = replace(problem, datasets=tuple(d.without(~k, LEFT_OUT).take(~o) for d, k, o in
-                                           zip(problem.datasets, keep, out, strict=True)))
+    part = replace(problem, datasets=tuple(
+        (d if k.all() else d.without(~k, LEFT_OUT)).take(~o)
+        for d, k, o in zip(problem.datasets, keep, out, strict=True)))
     fit = with_noise(_without(whole, part, out, options), noise, options)
     fresh = replace(problem, datasets=tuple(d.take(o) for d, o in
                                             zip(problem.datasets, out, strict=True)))

@@ -40,15 +40,19 @@ def csv_text(header: Sequence[str], columns: Sequence[Any]) -> str:
     return str(csv_lines(header, columns))
 
 
-def csv_lines(header: Sequence[str], columns: Sequence[Any]) -> LongText:
+def csv_lines(header: Sequence[str], columns: Sequence[Any],
+              over: Sequence[float | None] | None = None) -> LongText:
     """Return a CSV with 17 significant digits.
 
     Args:
         header: column names.
         columns: one sequence or array (N,) for each; floats, integers, booleans or words
             (None is an empty cell).
+        over: what a column's numbers are divided by as they are written, None: nothing.
     """
-    arrays = [_printable(c) for c in columns]
+    units = over or [None] * len(columns)
+    arrays = [_printable(c if unit is None else np.asarray(c, dtype=float))
+              for c, unit in zip(columns, units, strict=True)]
     if len(arrays) != len(header):
         raise ValueError(f"{len(header)} names for {len(arrays)} columns")
     sizes = {len(a) for _, a in arrays}
@@ -61,7 +65,8 @@ def csv_lines(header: Sequence[str], columns: Sequence[Any]) -> LongText:
     def parts() -> Iterator[str]:
         yield ",".join(_cell(h) for h in header) + "\n"
         for start in range(0, size, CHUNK):
-            own = [a[start:start + CHUNK] for _, a in arrays]
+            own = [a[start:start + CHUNK] if unit is None else a[start:start + CHUNK] / unit
+                   for (_, a), unit in zip(arrays, units, strict=True)]
             if plain:
                 cells = np.column_stack(own).ravel().tolist()
             else:

@@ -14,6 +14,7 @@ from ppmcal.io.measurement_columns import rotations, row_list, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
 from ppmcal.io.sidecar import SidecarFile, sigma_needs
 from ppmcal.linalg import Array
+from ppmcal.model.dataset import unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
 
@@ -44,16 +45,21 @@ def measured(table: Table, mechanism: Mechanism, file: SidecarFile, side: str) -
     turning = bool(np.isfinite(rotation).any())
     sigma_needs(file, side, turning)
     sigma = file.instrument.sigma
-    sigma_position = np.full((n, 3), (sigma.position or np.nan) * units.factor("length"))
-    sigma_rotation = np.full((n, 3), (sigma.rotation or np.nan) * units.factor("angle"))
-    for group, names, factor in ((sigma_position, COORDINATES[:3], units.factor("length")),
-                                 (sigma_rotation, COORDINATES[3:], units.factor("angle"))):
-        shared = "sigma_position" if group is sigma_position else "sigma_rotation"
-        for i, name in enumerate(names):
-            for source in (shared, f"sigma_{name}"):
-                _override(group[:, i], table, source, factor)
-    return Measured(position, rotation, np.full(n, np.nan), sigma_position, sigma_rotation,
-                    np.full(n, np.nan), tuple(findings))
+    return Measured(position, rotation, unknown(n),
+                    _sigmas(table, "position", sigma.position, units.factor("length")),
+                    _sigmas(table, "rotation", sigma.rotation, units.factor("angle")),
+                    unknown(n), tuple(findings))
+
+
+def _sigmas(table: Table, what: str, shared: float | None, factor: float) -> Array:
+    """Return standard deviations (N, 3): the sidecar's, or a row's own; one row in memory."""
+    out = np.broadcast_to((shared or np.nan) * factor, (len(table), 3))
+    for i, name in enumerate(COORDINATES[:3] if what == "position" else COORDINATES[3:]):
+        for source in (f"sigma_{what}", f"sigma_{name}"):
+            if source in table.numbers:
+                out = out if out.flags.writeable else out.copy()
+                _override(out[:, i], table, source, factor)
+    return out
 
 
 def _pose(table: Table, mechanism: Mechanism, kind: str, units: Units

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.linalg import Array, Bools, Ints, ways
+from ppmcal.linalg import Array, Bools, Ints, row_by_row, taken, ways
 from ppmcal.model.history import History, history_of, straight
 from ppmcal.units import SI, Units
 from ppmcal.wording import counted
@@ -147,10 +147,12 @@ class Dataset:
         return replace(
             self, rows=self.rows[keep], q=self.q[keep],
             commanded=None if self.commanded is None else self.commanded[keep],
-            position=self.position[keep], rotation=self.rotation[keep], value=self.value[keep],
+            position=self.position[keep], rotation=self.rotation[keep],
+            value=taken(self.value, keep),
             to_q=None if self.to_q is None else self.to_q[keep],
-            sigma_position=self.sigma_position[keep], sigma_rotation=self.sigma_rotation[keep],
-            sigma_value=self.sigma_value[keep], groups=self.groups[keep],
+            sigma_position=taken(self.sigma_position, keep),
+            sigma_rotation=taken(self.sigma_rotation, keep),
+            sigma_value=taken(self.sigma_value, keep), groups=self.groups[keep],
             columns={n: c[keep] for n, c in self.columns.items()}, sessions=sessions,
             visited=None if visited is None else visited[keep], unusable=unusable,
             whole=self if self.whole is None else self.whole,
@@ -158,10 +160,14 @@ class Dataset:
 
     def noisier(self, factor: float) -> Dataset:
         """Return the data set with its standard deviations times ``factor``."""
+        def noisy(sigma: Array) -> Array:
+            return factor * sigma
+
         return replace(
-            self, sigma_position=factor * self.sigma_position,
-            sigma_rotation=factor * self.sigma_rotation, sigma_value=factor * self.sigma_value,
-            sigma_actuator=factor * self.sigma_actuator)
+            self, sigma_position=row_by_row(noisy, self.sigma_position),
+            sigma_rotation=row_by_row(noisy, self.sigma_rotation),
+            sigma_value=row_by_row(noisy, self.sigma_value),
+            sigma_actuator=noisy(self.sigma_actuator))
 
     def without(self, rows: NDArray[np.bool_], reason: str) -> Dataset:
         """Return the data set with ``rows`` (N,) marked unusable, unless they are already."""
@@ -226,7 +232,7 @@ class Environment:
 def unknown_environment(rows: int, joints: int) -> Environment:
     """Return an environment of which nothing is known."""
     one, many = unknown(rows), unknown(rows, joints)
-    return Environment(many, many, one, unknown(rows, 6), one, np.full(rows, np.inf),
+    return Environment(many, many, one, unknown(rows, 6), one, np.broadcast_to(np.inf, rows),
                        unknown(rows, 3))
 
 

@@ -13,7 +13,8 @@ from helpers.instruments import joints
 
 import ppmcal
 from ppmcal import algebra as cga
-from ppmcal.calibration import gauss_newton
+from ppmcal.calibration import gauss_newton, normal_equations
+from ppmcal.calibration import problem as calibration_problem
 from ppmcal.calibration.fit import Fit, FitOptions, posterior
 from ppmcal.calibration.gauss_newton import cost
 from ppmcal.calibration.identify import identify
@@ -24,7 +25,8 @@ from ppmcal.calibration.least_squares import (
     qr_factor,
     summed_step,
 )
-from ppmcal.calibration.normal_equations import normal_sums, row_squares
+from ppmcal.calibration.normal_equations import normal_sums, row_squares, white_blocks
+from ppmcal.calibration.outliers import _freed, distances
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics import compiled_limbs
 from ppmcal.kinematics.closure import Model
@@ -53,6 +55,14 @@ CASES = {
 def rows_from(count: int) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiled_limbs, "MANY", count)
+        yield
+
+
+@contextmanager
+def pieces_of(count: int) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        for place in (calibration_problem, normal_equations):
+            patch.setattr(place, "PIECE", count)
         yield
 
 
@@ -98,6 +108,53 @@ def case(name: str) -> tuple[Problem, State, list[np.ndarray], list[np.ndarray]]
     keep[[3, 11]] = False
     state = State(g, (registration,), (pose,))
     return problem, state, [keep], [np.linspace(0.5, 1.0, COUNT)]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_rows_in_pieces_are_those_of_the_whole(name: str) -> None:
+    """Blocks, sums and squares do not depend on how many rows are made at once."""
+    problem, state, keep, weights = case(name)
+    free = tuple(p for p in problem.free if not problem.mechanism.names[p].endswith("axis_offset"))
+    problem = replace(problem, free=free)
+    covariance = np.diag(column_scale(problem) ** 2)
+    with rows_from(1):
+        whole = normal_sums(problem, state, keep, weights)
+        squares, far = (row_squares(problem, state, 0, keep[0]),
+                        distances(problem, state, covariance, keep))
+        with pieces_of(7):
+            cut = normal_sums(replace(problem), state, keep, weights)
+            np.testing.assert_array_equal(row_squares(replace(problem), state, 0, keep[0]), squares)
+            apart = distances(replace(problem), state, covariance, keep)
+            blocks = list(white_blocks(replace(problem), state, 0, keep[0]))
+    np.testing.assert_allclose(cut.matrix, whole.matrix, rtol=1e-12, atol=1e-13 * abs(
+        whole.matrix).max())
+    np.testing.assert_allclose(cut.square, whole.square, rtol=1e-13)
+    assert cut.count == whole.count
+    assert [len(b.index) for b in blocks] == [7] * (int(keep[0].sum()) // 7) + [
+        n for n in [int(keep[0].sum()) % 7] if n]
+    np.testing.assert_array_equal(np.concatenate([b.index for b in blocks]),
+                                  np.flatnonzero(keep[0]))
+    with rows_from(10 * COUNT):
+        plain = distances(replace(problem), state, covariance, keep)
+    for found in (far, apart):
+        np.testing.assert_allclose(found.square[0], plain.square[0], rtol=1e-7)
+        np.testing.assert_array_equal(found.size[0], plain.size[0])
+
+
+@pytest.mark.parametrize("used", [1.0, -1.0])
+def test_distances_are_freed_of_leverage_by_the_whole_formula(used: float) -> None:
+    """Rows of all leverages: those of small ones skip the eigenvalues and change nothing."""
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(50, 3, 5)) * np.geomspace(1e-3, 10.0, 50)[:, None, None]
+    root = rng.normal(size=(4, 4)) * 0.3
+    covariance = root @ root.T
+    found = _freed(rows, covariance, np.full(50, used))
+    for row, square in zip(rows, found, strict=True):
+        jacobian, r = row[:, :-1], row[:, -1]
+        left = np.eye(3) - used * jacobian @ covariance @ jacobian.T
+        if np.linalg.eigvalsh(left)[0] < 1e-3:
+            left = np.eye(3)
+        assert square == pytest.approx(float(r @ np.linalg.solve(left, r)), rel=1e-9)
 
 
 @pytest.mark.parametrize("name", CASES)

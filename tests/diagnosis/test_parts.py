@@ -562,6 +562,12 @@ def test_a_rival_on_several_actuators_names_them_all(monkeypatch: pytest.MonkeyP
     assert rivals(stage.search, stage.chosen, stage.chosen[0]) == []
 
 
+def surrounded(part: Any, **changes: Any) -> Any:
+    """Return a part whose rows' effects depend on something else."""
+    rows = replace(part.response.rows, **changes)
+    return replace(part, response=replace(part.response, surroundings=lambda: rows))
+
+
 def test_what_is_optional_is_tried_alone_after_the_plain_kind() -> None:
     """And not where its columns are missing; each costs its value and that it was looked for."""
     system, found = system_of("3-RPR", 1)
@@ -574,8 +580,7 @@ def test_what_is_optional_is_tried_alone_after_the_plain_kind() -> None:
         assert {f.searched for f, h in zip(own, have, strict=True) if not h} == {0}
         assert not any(f.constants[n] == 0.0 for f, h in zip(own, have, strict=True) for n in h)
         assert set().union(*have) == ({"tau"} if kind == "leg_thermal" else optional)
-    forgetful = [replace(p, response=replace(p.response, rows=replace(
-        p.response.rows, history=None))) for p in system.parts]
+    forgetful = [surrounded(p, history=None) for p in system.parts]
     less = library(replace(system, parts=tuple(forgetful)), ["leg_thermal"])
     assert {f.family for f in less.hypotheses} == {"leg_thermal"}
     assert not any("tau" in f.constants for f in less.hypotheses)
@@ -584,9 +589,8 @@ def test_what_is_optional_is_tried_alone_after_the_plain_kind() -> None:
 def test_one_of_two_kinds_of_a_name_may_be_untestable() -> None:
     """Heat of the drives is tested without a thermometer; heat of the hall stays listed."""
     system, _ = system_of("3-RPR", 1)
-    cold = [replace(p, response=replace(p.response, rows=replace(
-        p.response.rows, temperature=np.full_like(p.response.rows.temperature, np.nan))))
-        for p in system.parts]
+    cold = [surrounded(p, temperature=np.full_like(p.response.rows.temperature, np.nan))
+            for p in system.parts]
     less: Any = SimpleNamespace(library=library(replace(system, parts=tuple(cold))))
     less.hypotheses = less.library.hypotheses
     assert "leg_thermal" in {f.kind for f in less.hypotheses}

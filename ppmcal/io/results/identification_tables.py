@@ -86,5 +86,7 @@ def _coordinate_columns(problem: Problem, before: Residuals, after: Residuals, d
                 own = labels(d, motion)
                 parts.append(values[:, own.index(name)] if name in own else
                              np.full(len(d), np.nan))
-            yield Column(f"{stage}_{name}", np.concatenate([*parts, np.full(dropped, np.nan)]),
-                         quantity)
+            if dropped:
+                parts.append(np.full(dropped, np.nan))
+            yield Column(f"{stage}_{name}", parts[0] if len(parts) == 1 else
+                         np.concatenate(parts), quantity)

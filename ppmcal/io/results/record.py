@@ -211,8 +211,8 @@ def in_units(columns: Sequence[Column], units: Units) -> dict[str, Any]:
 
 def table_lines(columns: Sequence[Column], units: Units) -> LongText:
     """Return a long CSV of columns in the file's units."""
-    shown = in_units(columns, units)
-    return csv_lines(list(shown), list(shown.values()))
+    over = [units.factor(c.quantity) if c.quantity else None for c in columns]
+    return csv_lines([c.name for c in columns], [c.values for c in columns], over)
 
 
 def table_text(columns: Sequence[Column], units: Units) -> str:
