@@ -18,6 +18,8 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.limbs.chain import U
 
+FEW = 2000
+"""Poses of which several joint coordinates are tried at once."""
 MOST_TURNS = 60
 """Steps in which the turn of an offset universal joint is found; mostly four or five."""
 TURNED = 1e-11
@@ -38,9 +40,7 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
             roots[:, j], nearest = _turned_root(model, index, pose, starts[:, j], j)
     missing = np.where(finite_rows(roots), 0.0, _distance(model, index, pose, nearest))
     with np.errstate(invalid="ignore", divide="ignore"):
-        for j in range(2):
-            roots[:, j] = _polish(model, index, pose, roots[:, j])
-    return roots, missing
+        return _polished(model, index, pose, roots), missing
 
 
 def _root_pair(model: Model, index: int, pose: Array, held: Mapping[str, Array] | None = None
@@ -53,7 +53,7 @@ def _root_pair(model: Model, index: int, pose: Array, held: Mapping[str, Array] 
     prismatic = limb.kind.actuator == "length"
     step = model.mechanism.reach if prismatic else 1.0
     samples = step * np.array([1.0, 2.0, 3.0]) if prismatic else np.array([0.0, 1.0, -1.0]) * 2.0
-    f = np.stack([_inner_product(model, index, pose, u, held or {}) for u in samples], axis=-1)
+    f = _inner_products(model, index, pose, np.broadcast_to(samples, (len(pose), 3)), held or {})
     if prismatic:
         return _polynomial_roots(f, step, limb.kind.branch is None)
     return _trigonometric_roots(f)
@@ -91,6 +91,23 @@ def _inner_product(model: Model, index: int, pose: Array, u: Array | float,
     body = kind.evaluate(values, (), pose if held is None else None)
     carried = cga.move_vector(pose, body.moving[:, 0])
     return np.asarray(cga.inner(body.fixed[:, 0], carried), dtype=float)
+
+
+def _inner_products(model: Model, index: int, pose: Array, u: Array,
+                    held: Mapping[str, Array] | None = None) -> Array:
+    """Return the same at several joint coordinates (N, s) of each pose (N, s).
+
+    All at once where poses are so few that calls are what takes the time.
+    """
+    count, several = u.shape
+    if count > FEW:
+        return np.stack([_inner_product(model, index, pose, u[:, j], held)
+                         for j in range(several)], axis=-1)
+    again = None if held is None else {
+        name: np.repeat(value, several, axis=0) if len(value) == count else value
+        for name, value in held.items()}
+    return _inner_product(model, index, np.repeat(pose, several, axis=0), u.ravel(),
+                          again).reshape(count, several)
 
 
 def _distance(model: Model, index: int, pose: Array, u: Array) -> Array:
@@ -142,14 +159,15 @@ def _trigonometric_roots(f: Array) -> tuple[Array, Array]:
             np.where(k > 0.0, middle + np.pi, middle))
 
 
-def _polish(model: Model, index: int, pose: Array, u: Array) -> Array:
-    """One Newton step on the closure equation itself; kept only where it is small and finite."""
+def _polished(model: Model, index: int, pose: Array, u: Array) -> Array:
+    """Return roots (N, 2) after one Newton step on the closure equation itself.
+
+    It counts only where it is small and finite.
+    """
     kind = model.mechanism.limbs[index].kind
     safe = np.where(np.isfinite(u), u, 1.0)
     h = 1e-6 * (model.mechanism.reach if kind.actuator == "length" else 1.0)
-    f0 = _inner_product(model, index, pose, safe)
-    slope = (_inner_product(model, index, pose, safe + h)
-             - _inner_product(model, index, pose, safe - h)) / (2.0 * h)
-    step = -f0 / slope
+    f = _inner_products(model, index, pose, np.concatenate([safe, safe + h, safe - h], axis=1))
+    step = -f[:, :2] / ((f[:, 2:4] - f[:, 4:]) / (2.0 * h))
     use = np.isfinite(step) & (np.abs(step) < 1e-3 * h / 1e-6)
     return np.where(np.isfinite(u), safe + np.where(use, step, 0.0), u)
