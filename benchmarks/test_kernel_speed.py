@@ -38,7 +38,7 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 
-SMALL, LARGE = 60, 10_000
+SMALL, LARGE, HUGE = 60, 10_000, 100_000
 STEP = 1e-6
 """Of central differences, m and rad."""
 
@@ -145,7 +145,7 @@ class Run:
             -1, len(self.problem.columns))
 
 
-@pytest.mark.parametrize("count", [SMALL, 1000, LARGE])
+@pytest.mark.parametrize("count", [SMALL, 1000, LARGE, HUGE])
 def test_iteration(benchmark, count: int) -> None:  # type: ignore[no-untyped-def]
     run = Run.of(count)
     state = run.iteration(run.start)
@@ -188,6 +188,53 @@ class Scipy:
     def jacobian(self, x: Array) -> Array:
         return np.concatenate([self.run.jacobian(self.state(x)) * self.scale,
                                np.diag(self.prior)])
+
+
+def ceres(run: Run) -> State:
+    """Return where Ceres ends with the same residuals and Jacobian, in the units of scipy's."""
+    pyceres = pytest.importorskip("pyceres")
+    other = Scipy(run)
+    x = np.zeros(other.scale.size)
+
+    class Rows(pyceres.CostFunction):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.set_num_residuals(other.residual(x).size)
+            self.set_parameter_block_sizes([x.size])
+
+        def Evaluate(self, parameters, residuals, jacobians) -> bool:  # type: ignore[no-untyped-def]
+            at = np.array(parameters[0])
+            residuals[:] = other.residual(at)
+            if jacobians is not None and jacobians[0] is not None:
+                jacobians[0][:] = other.jacobian(at).ravel()
+            return True
+
+    problem, options, rows = pyceres.Problem(), pyceres.SolverOptions(), Rows()
+    problem.add_residual_block(rows, None, [x])
+    options.linear_solver_type = pyceres.LinearSolverType.DENSE_NORMAL_CHOLESKY
+    options.function_tolerance, options.gradient_tolerance = 1e-15, 1e-15
+    options.parameter_tolerance, options.num_threads, options.max_num_iterations = 1e-12, 1, 200
+    options.minimizer_progress_to_stdout = False
+    pyceres.solve(options, problem, pyceres.SolverSummary())
+    return other.state(x)
+
+
+@pytest.mark.parametrize("count", [SMALL, LARGE])
+def test_whole_fit_of_ceres(benchmark, count: int) -> None:  # type: ignore[no-untyped-def]
+    """Skipped where pyceres is not installed, which nothing else needs."""
+    run = Run.of(count)
+    free = list(run.problem.free)
+    unit = column_scale(run.problem)[:len(free)]
+
+    def ours() -> State:
+        return least_squares(run.problem, run.start, run.keep, run.prior, 60).state
+
+    state, there = ours(), ceres(run)
+    apart = np.abs((there.g - state.g)[free] / unit).max()
+    mine, spent = seconds(ours, 3), seconds(lambda: ceres(run), 1)
+    print(f"\nwhole fit, {count} poses: {1e3 * mine:.0f} ms; Ceres {1e3 * spent:.0f} ms, "
+          f"{spent / mine:.1f} times, optimum {apart:.0e} tolerances apart")
+    benchmark.pedantic(ours, rounds=2, iterations=1)
 
 
 @pytest.mark.parametrize("count", [SMALL, LARGE])

@@ -39,7 +39,8 @@ from ppmcal.model.dataset import Dataset, Environment, unknown_environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
-CHUNK = 2048
+CHUNK, LONG_CHUNK = 2048, 16384
+"""Rows that are made at once, and without effects, where compiled loops hold next to nothing."""
 PIECE = 65536
 """Of more rows not all that a compiled loop takes is made at once."""
 
@@ -129,8 +130,7 @@ class Problem:
 
         Homing is counted in 1e-3 of the largest range of a joint, a scale in 1e-3.
         """
-        ends = [d.q[finite_rows(d.q)] for d in self.datasets if finite_rows(d.q).any()]
-        joint = max((float(np.ptp(q, axis=0).max()) for q in ends), default=1.0) or 1.0
+        joint = self._joint_range
 
         def unit(column: str) -> float:
             what, _, part = column.split(" of ")[0].partition(".")
@@ -141,6 +141,12 @@ class Problem:
             return 1.0 if part.startswith("r") else self.mechanism.reach
 
         return 1e-3 * np.array([unit(name) for name in self.columns[len(self.free):]])
+
+    @cached_property
+    def _joint_range(self) -> float:
+        """The largest range of a joint, unit of q; 1 where none moves."""
+        ends = [d.q[finite_rows(d.q)] for d in self.datasets if finite_rows(d.q).any()]
+        return max((float(np.ptp(q, axis=0).max()) for q in ends), default=1.0) or 1.0
 
     def start(self) -> State:
         """Return the starting state: present values, poses from home, aligned frames.
@@ -190,8 +196,9 @@ class Problem:
         At least one, though it may be empty.
         """
         size = len(self.datasets[index])
-        for begin in range(0, max(size, 1), CHUNK):
-            rows = slice(begin, min(begin + CHUNK, size))
+        chunk = CHUNK if self.mechanism.effects else LONG_CHUNK
+        for begin in range(0, max(size, 1), chunk):
+            rows = slice(begin, min(begin + chunk, size))
             yield rows, self._at(index, rows)
 
     def _at(self, index: int, rows: Ints | slice) -> Environment:
