@@ -10,6 +10,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     cluster_options,
+    examples,
     finish,
     json_option,
     leave,
@@ -21,7 +22,7 @@ from ppmcal.wording import counted
 SHOWN = 10
 
 
-@click.command("batch")
+@click.command("batch", epilog=examples("ppmcal batch fleet.yaml --cores 2"))
 @click.argument("manifest", type=FILE)
 @out_option("batch")
 @cluster_options

@@ -54,6 +54,12 @@ seed_option = click.option("--seed", type=click.IntRange(min=0), default=None,
                            help="Seed of everything drawn at random.")
 
 
+def examples(*lines: str) -> str:
+    """Return the end of a command's help: lines to copy, which the tests run."""
+    # \b keeps click from filling the lines
+    return "\b\nExamples:\n" + "".join(f"  {line}\n" for line in lines)
+
+
 def cluster_options(function: F) -> F:
     """Return the options ``--cores`` and ``--scheduler`` of work that processes share."""
     far = click.option("--scheduler", "--dask", "scheduler", default=None, metavar="ADDRESS",

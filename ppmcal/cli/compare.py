@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -25,7 +26,7 @@ PATH = click.Path(path_type=Path)
 SHOWN = 12
 
 
-@click.command("compare")
+@click.command("compare", epilog=examples("ppmcal compare identified identified-may"))
 @click.argument("old", type=PATH)
 @click.argument("new", type=PATH)
 @out_option("compared")

@@ -7,14 +7,24 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ppmcal.cli.common import FILE, Console, finish, json_option, leave, out_option, quiet_option
+from ppmcal.cli.common import (
+    FILE,
+    Console,
+    examples,
+    finish,
+    json_option,
+    leave,
+    out_option,
+    quiet_option,
+)
 from ppmcal.wording import number
 
 if TYPE_CHECKING:
     pass
 
 
-@click.command("compensate")
+@click.command("compensate", epilog=examples(
+    "ppmcal compensate identified/identified.yaml targets.csv --frame base"))
 @click.argument("model", type=FILE)
 @click.argument("targets", type=FILE)
 @out_option("compensated")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import Console, json_option, out_option, quiet_option
+from ppmcal.cli.common import Console, examples, json_option, out_option, quiet_option
 
 
-@click.command("demo")
+@click.command("demo", epilog=examples("ppmcal demo --out demo-results"))
 @out_option("demo-results")
 @quiet_option
 @json_option

@@ -12,6 +12,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     FiniteRange,
+    examples,
     finish,
     json_option,
     leave,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from ppmcal.io.results.diagnosis_parts import EffectValue, UntestableKind
 
 
-@click.command("diagnose")
+@click.command("diagnose", epilog=examples("ppmcal diagnose mine.yaml run2.csv"))
 @click.argument("mech", type=FILE)
 @click.argument("data", type=FILE, nargs=-1, required=True)
 @out_option("diagnosed")

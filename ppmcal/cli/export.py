@@ -11,6 +11,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 ROWS = 24
 
 
-@click.command("export")
+@click.command("export", epilog=examples(
+    "ppmcal export klipper fitted-printer/identified.yaml --old printer.cfg",
+    "ppmcal export grid identified/identified.yaml --poses targets.csv"))
 @click.argument("form", metavar="FORMAT")
 @click.argument("model", type=FILE)
 @out_option("exported")

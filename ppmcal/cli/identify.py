@@ -11,6 +11,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     FiniteRange,
+    examples,
     finish,
     json_option,
     leave,
@@ -131,7 +132,10 @@ def _show_redundant(record: IdentificationRecord, prior: bool, console: Console)
 
 
 
-@click.command("identify")
+@click.command("identify", epilog=examples(
+    "ppmcal identify mine.yaml run1.csv",
+    "ppmcal identify mine.yaml run1.csv run2.csv --leave-out session",
+    "ppmcal identify mine.yaml run2.csv --start identified --keep --out kept"))
 @click.argument("mech", type=FILE)
 @click.argument("data", type=FILE, nargs=-1, required=True)
 @out_option("identified")

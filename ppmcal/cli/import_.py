@@ -9,6 +9,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -17,7 +18,7 @@ from ppmcal.cli.common import (
 )
 
 
-@click.command("import")
+@click.command("import", epilog=examples("ppmcal import klipper printer.cfg"))
 @click.argument("form", metavar="FORMAT")
 @click.argument("file", type=FILE)
 @out_option("imported")

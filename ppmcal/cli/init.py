@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import FILE, Console, json_option, plain_table, quiet_option
+from ppmcal.cli.common import FILE, Console, examples, json_option, plain_table, quiet_option
 
 
-@click.command("init")
+@click.command("init", epilog=examples("ppmcal init", "ppmcal init 6-UPS --out my-hexapod.yaml"))
 @click.argument("kind", required=False)
 @click.option("--out", type=FILE, default=None, help="File to write [default: KIND.yaml].")
 @click.option("--force", is_flag=True, help="Overwrite a file that exists.")

@@ -9,6 +9,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -18,7 +19,9 @@ from ppmcal.cli.common import (
 from ppmcal.wording import counted
 
 
-@click.command("kinematics")
+@click.command("kinematics", epilog=examples(
+    "ppmcal kinematics inverse mine.yaml poses.csv --tool 0,0,10",
+    "ppmcal kinematics forward mine.yaml joints.csv --rotation quat"))
 @click.argument("which", type=click.Choice(["inverse", "forward", "velocity"]))
 @click.argument("mech", type=FILE)
 @click.argument("table", type=FILE)

@@ -10,6 +10,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 MOST_COUNT = 1000
 
 
-@click.command("plan")
+@click.command("plan", epilog=examples("ppmcal plan mine.yaml --count 15"))
 @click.argument("mech", type=FILE)
 @click.option("--count", type=click.IntRange(2, MOST_COUNT), default=None,
               help="Measurements to take  [default: until one more hardly helps].")

@@ -6,10 +6,18 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import FOLDER, Console, finish, json_option, out_option, quiet_option
+from ppmcal.cli.common import (
+    FOLDER,
+    Console,
+    examples,
+    finish,
+    json_option,
+    out_option,
+    quiet_option,
+)
 
 
-@click.command("report")
+@click.command("report", epilog=examples("ppmcal report identified compared"))
 @click.argument("dirs", type=FOLDER, nargs=-1, required=True)
 @out_option("report")
 @quiet_option

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import click
 
+from ppmcal.cli.common import examples
 
-@click.command("schema")
+
+@click.command("schema", epilog=examples("ppmcal schema mechanism"))
 @click.argument("name", metavar="FILE")
 def command(name: str) -> None:
     """Print the JSON Schema of a file, for editors that complete and check it.

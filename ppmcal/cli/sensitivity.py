@@ -10,6 +10,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 SHOWN = 10
 
 
-@click.command("sensitivity")
+@click.command("sensitivity", epilog=examples("ppmcal sensitivity mine.yaml --home-only"))
 @click.argument("mech", type=FILE)
 @out_option("sensitivity")
 @click.option("--poses", type=FILE, default=None, help="Poses to look at, a CSV.")

@@ -9,6 +9,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -18,7 +19,8 @@ from ppmcal.cli.common import (
 )
 
 
-@click.command("simulate")
+@click.command("simulate", epilog=examples(
+    "ppmcal simulate mine.yaml mine.scenario.yaml --seed 7"))
 @click.argument("mech", type=FILE)
 @click.argument("scenario", type=FILE)
 @out_option("simulated")

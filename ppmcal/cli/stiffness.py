@@ -10,6 +10,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-@click.command("stiffness")
+@click.command("stiffness", epilog=examples("ppmcal stiffness mine.yaml --load fz=-100"))
 @click.argument("mech", type=FILE)
 @click.option("--grid", "grid_text", metavar="TEXT", default=None,
               help="Coordinates of the map, such as x=-300:300:41,y.")

@@ -11,6 +11,7 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     cluster_options,
+    examples,
     finish,
     json_option,
     leave,
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     from ppmcal.io.results.design import ShownTable
 
 
-@click.command("tolerances")
+@click.command("tolerances", epilog=examples(
+    "ppmcal tolerances mine.yaml --accuracy 0.2 --machines 50"))
 @click.argument("mech", type=FILE)
 @out_option("tolerances")
 @click.option("--accuracy", type=float, default=None, metavar="LENGTH",

@@ -10,6 +10,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -27,7 +28,8 @@ PATH = click.Path(path_type=Path)
 WORDS = ("frame", "target", "rotation", "homing", "none")
 
 
-@click.command("validate")
+@click.command("validate", epilog=examples(
+    "ppmcal validate identified run2.csv --against identified-may"))
 @click.argument("model", type=PATH)
 @click.argument("data", type=FILE, nargs=-1, required=True)
 @out_option("validated")

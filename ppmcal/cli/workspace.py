@@ -10,6 +10,7 @@ import click
 from ppmcal.cli.common import (
     FILE,
     Console,
+    examples,
     finish,
     json_option,
     leave,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 SHOWN = 10
 
 
-@click.command("workspace")
+@click.command("workspace", epilog=examples("ppmcal workspace mine.yaml"))
 @click.argument("mech", type=FILE)
 @click.option("--grid", metavar="TEXT", default=None,
               help="Coordinates with range and levels, such as x=-300:300:41,rz. "
