@@ -35,6 +35,10 @@ Measurements = Any
 """Data sets, paths of their files, or a mixture."""
 
 
+MODELS = ("model.yaml", "identified.yaml")
+"""Files of a folder that a calibration wrote, the one with effects first."""
+
+
 def shipped(kind: str, scenario: bool = False) -> Path:
     """Return the path of a mechanism file that comes with ppmcal, or of its scenario.
 
@@ -53,8 +57,8 @@ def load(source: Machine) -> Mechanism:
     """Return the mechanism of a file, everything in SI.
 
     Args:
-        source: path of a mechanism file, or a mapping with the keys of one; a mechanism is
-            handed back as it is.
+        source: path of a mechanism file, or of a folder that ``identify`` or ``diagnose`` wrote, or
+            a mapping with the keys of a file; a mechanism is handed back as it is.
 
     Raises:
         BadInput: anything wrong in the file, with file, place and mend.
@@ -67,7 +71,18 @@ def load(source: Machine) -> Mechanism:
     if not isinstance(source, str | os.PathLike | Mapping):
         raise BadInput(f"a machine is given as {type(source).__name__}", "mechanism",
                        "Give the path of its file, a mapping with its keys, or what load returned")
-    return read_mechanism(source)
+    return read_mechanism(source if isinstance(source, Mapping) else _model_file(Path(source)))
+
+
+def _model_file(path: Path) -> Path:
+    """Return the machine's file of a folder; a file as it is."""
+    if not path.is_dir():
+        return path
+    for name in MODELS:
+        if (path / name).is_file():
+            return path / name
+    raise BadInput("holds no calibrated machine", str(path),
+                   f"Give a folder with {' or '.join(MODELS)}, or a mechanism file")
 
 
 def read_data(mechanism: Machine, *sources: Any, sidecar: Mapping[str, Any] | Path_ | None = None,

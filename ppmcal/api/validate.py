@@ -28,12 +28,9 @@ from ppmcal.calibration.frozen_models import (
     validated,
     with_and_without,
 )
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import unknown
 from ppmcal.io.results.validation import ValidationRecord, model_sentence
 from ppmcal.model.mechanism import Mechanism
-
-MODELS = ("model.yaml", "identified.yaml")
-"""Files of a folder that a calibration wrote, the one with effects first."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,7 +84,7 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     Raises:
         BadInput: anything wrong in the files, another machine, or rows that it cannot predict.
     """
-    mechanism = model.mechanism if isinstance(model, CalibratedMachine) else load(_file(model))
+    mechanism = model.mechanism if isinstance(model, CalibratedMachine) else load(model)
     whole = mechanism
     mechanism, datasets = prepared(mechanism, data, "none")
     words = _words(register)
@@ -105,17 +102,6 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
                                             source, findings)
     return ValidationResult(source, findings, mechanism, found, tuple(noise), record, png)
-
-
-def _file(model: Machine) -> Machine:
-    """Return the machine's file of a folder; anything else as it is."""
-    if isinstance(model, Mechanism | Mapping) or not Path(model).is_dir():
-        return model
-    for name in MODELS:
-        if (Path(model) / name).is_file():
-            return Path(model) / name
-    raise BadInput("holds no calibrated machine", str(model),
-                   f"Give a folder with {' or '.join(MODELS)}, or a mechanism file")
 
 
 def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:
@@ -141,7 +127,7 @@ def _others(mechanism: Mechanism, model: Machine | CalibratedMachine, against: S
     if np.any(mechanism.nominals != mechanism.values):
         out.append(FrozenModel("nominal", mechanism.nominal()))
     for path in against:
-        other = load(_file(path))
+        other = load(path)
         odd += same_machine(mechanism, other, Path(path))
         out.append(FrozenModel(str(path), other))
     return out, odd

@@ -6,13 +6,22 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import FILE, Console, examples, json_option, leave, plain_table, quiet_option
+from ppmcal.cli.common import (
+    FILE,
+    MODEL,
+    Console,
+    examples,
+    json_option,
+    leave,
+    plain_table,
+    quiet_option,
+)
 from ppmcal.wording import number
 
 
 @click.command("check", epilog=examples(
     "ppmcal check mine.yaml", "ppmcal check mine.yaml run1.csv"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @click.argument("data", type=FILE, nargs=-1)
 @quiet_option
 @json_option

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 WIDTH = 80
 FILE = click.Path(dir_okay=False, path_type=Path)
+MODEL = click.Path(path_type=Path)
+"""A mechanism file, or the folder of a result that holds one."""
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
 

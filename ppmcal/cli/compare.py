@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ppmcal.cli.common import (
+    MODEL,
     Console,
     examples,
     finish,
@@ -22,13 +23,12 @@ from ppmcal.wording import number
 if TYPE_CHECKING:
     from ppmcal.io.results.comparison import ComparisonRecord, ParameterDifference
 
-PATH = click.Path(path_type=Path)
 SHOWN = 12
 
 
 @click.command("compare", epilog=examples("ppmcal compare identified identified-may"))
-@click.argument("old", type=PATH)
-@click.argument("new", type=PATH)
+@click.argument("old", type=MODEL)
+@click.argument("new", type=MODEL)
 @out_option("compared")
 @quiet_option
 @json_option

@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 
 
 @click.command("compensate", epilog=examples(
-    "ppmcal compensate identified/identified.yaml targets.csv --frame base"))
-@click.argument("model", type=FILE)
+    "ppmcal compensate identified targets.csv --frame base"))
+@click.argument("model", type=MODEL)
 @click.argument("targets", type=FILE)
 @out_option("compensated")
 @click.option("--frame", metavar="NAME", default=None,

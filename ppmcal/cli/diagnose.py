@@ -10,6 +10,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     FiniteRange,
     examples,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @click.command("diagnose", epilog=examples("ppmcal diagnose mine.yaml run2.csv"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @click.argument("data", type=FILE, nargs=-1, required=True)
 @out_option("diagnosed")
 @click.option("--free", "patterns", multiple=True, metavar="PATTERN",

@@ -10,6 +10,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -27,10 +28,10 @@ ROWS = 24
 
 
 @click.command("export", epilog=examples(
-    "ppmcal export klipper fitted-printer/identified.yaml --old printer.cfg",
-    "ppmcal export grid identified/identified.yaml --poses targets.csv"))
+    "ppmcal export klipper fitted-printer --old printer.cfg",
+    "ppmcal export grid identified --poses targets.csv"))
 @click.argument("form", metavar="FORMAT")
-@click.argument("model", type=FILE)
+@click.argument("model", type=MODEL)
 @out_option("exported")
 @click.option("--old", type=FILE, default=None,
               help="The controller's file in use, to predict the gain against  [default: the "

@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     FiniteRange,
     examples,
@@ -136,7 +137,7 @@ def _show_redundant(record: IdentificationRecord, prior: bool, console: Console)
     "ppmcal identify mine.yaml run1.csv",
     "ppmcal identify mine.yaml run1.csv run2.csv --leave-out session",
     "ppmcal identify mine.yaml run2.csv --start identified --keep --out kept"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @click.argument("data", type=FILE, nargs=-1, required=True)
 @out_option("identified")
 @click.option("--method", type=click.Choice(["prior", "gcv", "damped"]), default="prior",

@@ -8,6 +8,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -23,7 +24,7 @@ from ppmcal.wording import counted
     "ppmcal kinematics inverse mine.yaml poses.csv --tool 0,0,10",
     "ppmcal kinematics forward mine.yaml joints.csv --rotation quat"))
 @click.argument("which", type=click.Choice(["inverse", "forward", "velocity"]))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @click.argument("table", type=FILE)
 @out_option("kinematics")
 @click.option("--tool", default=None, metavar="X,Y,Z",

@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -26,7 +27,7 @@ MOST_COUNT = 1000
 
 
 @click.command("plan", epilog=examples("ppmcal plan mine.yaml --count 15"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @click.option("--count", type=click.IntRange(2, MOST_COUNT), default=None,
               help="Measurements to take  [default: until one more hardly helps].")
 @click.option("--instrument", "sidecar", type=FILE, default=None, metavar="SIDECAR.yaml",

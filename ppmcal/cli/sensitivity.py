@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -29,7 +30,7 @@ SHOWN = 10
 
 
 @click.command("sensitivity", epilog=examples("ppmcal sensitivity mine.yaml --home-only"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @out_option("sensitivity")
 @click.option("--poses", type=FILE, default=None, help="Poses to look at, a CSV.")
 @click.option("--grid", default=None, metavar="NAME[=LOW:HIGH[:COUNT]],...",

@@ -8,6 +8,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -21,7 +22,7 @@ from ppmcal.cli.common import (
 
 @click.command("simulate", epilog=examples(
     "ppmcal simulate mine.yaml mine.scenario.yaml --seed 7"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @click.argument("scenario", type=FILE)
 @out_option("simulated")
 @seed_option

@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @click.command("stiffness", epilog=examples("ppmcal stiffness mine.yaml --load fz=-100"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @click.option("--grid", "grid_text", metavar="TEXT", default=None,
               help="Coordinates of the map, such as x=-300:300:41,y.")
 @click.option("--poses", type=FILE, default=None, help="Poses instead of a grid.")

@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     cluster_options,
     examples,
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 @click.command("tolerances", epilog=examples(
     "ppmcal tolerances mine.yaml --accuracy 0.2 --machines 50"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @out_option("tolerances")
 @click.option("--accuracy", type=float, default=None, metavar="LENGTH",
               help="Largest position error of the tool that is allowed.")

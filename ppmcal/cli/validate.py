@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -24,16 +25,15 @@ from ppmcal.wording import number
 if TYPE_CHECKING:
     from ppmcal.io.results.validation import ValidatedDataset, ValidationRecord
 
-PATH = click.Path(path_type=Path)
 WORDS = ("frame", "target", "rotation", "homing", "none")
 
 
 @click.command("validate", epilog=examples(
     "ppmcal validate identified run2.csv --against identified-may"))
-@click.argument("model", type=PATH)
+@click.argument("model", type=MODEL)
 @click.argument("data", type=FILE, nargs=-1, required=True)
 @out_option("validated")
-@click.option("--against", type=PATH, multiple=True, metavar="OTHER",
+@click.option("--against", type=MODEL, multiple=True, metavar="OTHER",
               help="Another calibration of the machine (file or folder), judged by the same rows.")
 @click.option("--register", type=click.Choice(WORDS), multiple=True,
               help="What the registration fits  [default: what the files leave open, and what "

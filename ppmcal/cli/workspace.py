@@ -9,6 +9,7 @@ import click
 
 from ppmcal.cli.common import (
     FILE,
+    MODEL,
     Console,
     examples,
     finish,
@@ -32,7 +33,7 @@ SHOWN = 10
 
 
 @click.command("workspace", epilog=examples("ppmcal workspace mine.yaml"))
-@click.argument("mech", type=FILE)
+@click.argument("mech", type=MODEL)
 @click.option("--grid", metavar="TEXT", default=None,
               help="Coordinates with range and levels, such as x=-300:300:41,rz. "
                    "Default: the first two, as far as home can go.")
