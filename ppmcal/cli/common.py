@@ -36,7 +36,7 @@ class FiniteRange(click.FloatRange):
         return number
 
 
-quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 leave_out_option = click.option(
     "--leave-out", type=click.Choice(["session"]), default=None,
     help="Predict each session (file, or label of a column `session`) by the others, in place of "

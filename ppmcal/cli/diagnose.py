@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ppmcal.cli import completion
 from ppmcal.cli.common import (
     FILE,
     MODEL,
@@ -37,9 +38,11 @@ if TYPE_CHECKING:
 @click.argument("data", type=FILE, nargs=-1, required=True)
 @out_option("diagnosed")
 @click.option("--free", "patterns", multiple=True, metavar="PATTERN",
+              shell_complete=completion.parameters,
               help="Geometry that the fit may change, in place of the file's choice; frozen slots "
               "are candidates.")
 @click.option("--kind", "kinds", multiple=True, metavar="KIND",
+              shell_complete=completion.effects,
               help="Try only these kinds of effect (may be repeated)  [default: all].")
 @click.option("--holdout", type=FiniteRange(0.0, 0.9), default=0.27, show_default=True,
               help="Part of the poses that no fit sees, on which the gap is measured.")

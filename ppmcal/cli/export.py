@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ppmcal.cli import completion
 from ppmcal.cli.common import (
     FILE,
     MODEL,
@@ -30,7 +31,7 @@ ROWS = 24
 @click.command("export", epilog=examples(
     "ppmcal export klipper fitted-printer --old printer.cfg",
     "ppmcal export grid identified --poses targets.csv"))
-@click.argument("form", metavar="FORMAT")
+@click.argument("form", metavar="FORMAT", shell_complete=completion.exports)
 @click.argument("model", type=MODEL)
 @out_option("exported")
 @click.option("--old", type=FILE, default=None,

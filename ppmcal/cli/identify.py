@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ppmcal.cli import completion
 from ppmcal.cli.common import (
     FILE,
     MODEL,
@@ -151,6 +152,7 @@ def _show_redundant(record: IdentificationRecord, prior: bool, console: Console)
               help="Stop after so many and write what was reached  [default: 60, damped: 6000, "
               "and no result without convergence].")
 @click.option("--free", "patterns", multiple=True, metavar="PATTERN",
+              shell_complete=completion.parameters,
               help="Parameters that may change, in place of the file's; 'none' for frames only.")
 @click.option("--holdout", default="0.2", show_default=True, metavar="FRACTION|CSV",
               help="Poses to hold out, or other measurements to test on; 0 for none.")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ppmcal.cli import completion
 from ppmcal.cli.common import (
     FILE,
     Console,
@@ -19,7 +20,7 @@ from ppmcal.cli.common import (
 
 
 @click.command("import", epilog=examples("ppmcal import klipper printer.cfg"))
-@click.argument("form", metavar="FORMAT")
+@click.argument("form", metavar="FORMAT", shell_complete=completion.imports)
 @click.argument("file", type=FILE)
 @out_option("imported")
 @click.option("--rods", multiple=True, metavar="MM|fixed|shared|single",

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import click
 
+from ppmcal.cli import completion
 from ppmcal.cli.common import FILE, Console, examples, json_option, plain_table, quiet_option
 
 
 @click.command("init", epilog=examples("ppmcal init", "ppmcal init 6-UPS --out my-hexapod.yaml"))
-@click.argument("kind", required=False)
+@click.argument("kind", required=False, shell_complete=completion.machines)
 @click.option("--out", type=FILE, default=None, help="File to write [default: KIND.yaml].")
 @click.option("--force", is_flag=True, help="Overwrite a file that exists.")
 @quiet_option

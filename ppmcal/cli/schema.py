@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import click
 
+from ppmcal.cli import completion
 from ppmcal.cli.common import examples
 
 
 @click.command("schema", epilog=examples("ppmcal schema mechanism"))
-@click.argument("name", metavar="FILE")
+@click.argument("name", metavar="FILE", shell_complete=completion.schemas)
 def command(name: str) -> None:
     """Print the JSON Schema of a file, for editors that complete and check it.
 

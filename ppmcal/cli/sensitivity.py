@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ppmcal.cli import completion
 from ppmcal.cli.common import (
     FILE,
     MODEL,
@@ -41,6 +42,7 @@ SHOWN = 10
               help="All error components of every joint frame and the platform points (21 for a "
               "leg), also those that the closure cancels.")
 @click.option("--free", multiple=True, metavar="PATTERN",
+              shell_complete=completion.parameters,
               help="Errors to look at, by name  [default: the file's free parameters].")
 @click.option("--tool", default=None, metavar="X,Y,Z",
               help="Tool point in platform axes  [default: the platform origin].")
