@@ -13,9 +13,12 @@ from ppmcal.wording import number
 @click.command("check")
 @click.argument("mech", type=FILE)
 @click.argument("data", type=FILE, nargs=-1)
+@click.option("--draw", type=FILE, default=None, metavar="PATH",
+              help="Draw the machine to scale, as an HTML page to turn and move, offline.")
 @quiet_option
 @json_option
-def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> None:
+def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
+            as_json: bool) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.api.check import check
     from ppmcal.api.inputs import prepared
@@ -53,6 +56,8 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     console.warn(result.findings)
     if not result.findings:
         console.say("No findings.")
+    if draw is not None:
+        console.say(f"The machine, drawn: {result.draw(draw)}")
     console.summary(
         {
             "format": "ppmcal/check/1",
@@ -77,6 +82,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
             identifiability.model_dump(exclude_unset=True),
             "misreadings": [m.model_dump() for m in
                             misreading_entries(result.misreadings, mechanism.units)],
+            **({} if draw is None else {"drawing": str(draw)}),
         }
     )
     leave(bool(result.findings))

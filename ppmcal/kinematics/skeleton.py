@@ -175,8 +175,10 @@ def _middle_root(kind: LimbKind, values: Values, start: Array, held: Array, midd
     """Return where the middle chain begins (N, 8), behind the first passive joint; does it slide?
 
     Args:
-        kind: of the limb; values: its slots.
-        start: end of the base chain (N, 8); held: of the platform chain, base axes.
+        kind: of the limb.
+        values: its slots.
+        start: end of the base chain (N, 8), base axes.
+        held: end of the platform chain (N, 8), base axes.
         middle: the middle chain (N, 8).
     """
     if not kind.surface.point_moves[0]:

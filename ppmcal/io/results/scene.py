@@ -18,6 +18,7 @@ from ppmcal.kinematics.skeleton import GUIDE, LimbSkeleton, skeleton
 from ppmcal.linalg import Array
 from ppmcal.model.limbs.chain import U
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.units import Units
 from ppmcal.wording import number
 
 FORMAT = "ppmcal/scene/1"
@@ -60,7 +61,8 @@ class PlacedLimb(Part):
 
     ``axes`` are unit vectors; ``links`` hold start and end; ``drive`` is the centre of the driven
     joint, ``drive_axis`` the direction in which or about which it grows, ``zero`` where the next
-    piece ends at u = 0; ``gap`` by how much the limb does not close.
+    piece ends at u = 0; ``u`` is the joint coordinate, in units of length or angle; ``gap`` by how
+    much the limb does not close.
     """
 
     base: Point
@@ -71,6 +73,7 @@ class PlacedLimb(Part):
     drive: Point | None = None
     drive_axis: Point | None = None
     zero: Point | None = None
+    u: Finite | None = None
     gap: Finite = 0.0
 
 
@@ -146,7 +149,9 @@ class Scene(Part):
 
         Args:
             mechanism: the machine.
-            measured: poses with errors in units of the file; value, value_unit: of their colour.
+            measured: poses with errors, in units of the file.
+            value: what they are coloured by.
+            value_unit: its unit.
 
         Raises:
             BadInput: the home pose cannot be reached.
@@ -222,11 +227,12 @@ def _frame(mechanism: Mechanism, limbs: Sequence[LimbSkeleton], sweep: PoseSweep
         label=label, pose=tuple(vector[c] / u for c, u in zip(mechanism.dof, factors, strict=True)),
         q=tuple((q[n] / mechanism.joint_factors()).tolist()), origin=_point(vector / f),
         axes=(_point(turn[:, 0]), _point(turn[:, 1]), _point(turn[:, 2])),
-        limbs=tuple(_placed(limb, n, f) for limb in limbs))
+        limbs=tuple(_placed(limb, n, mechanism.units) for limb in limbs))
 
 
-def _placed(limb: LimbSkeleton, n: int, f: float) -> PlacedLimb:
-    drive = limb.drive
+def _placed(limb: LimbSkeleton, n: int, units: Units) -> PlacedLimb:
+    drive, f = limb.drive, units.factor("length")
+    own = units.factor("length" if drive is not None and drive.prismatic else "angle")
     return PlacedLimb(
         base=_point(limb.base_point[n] / f), platform=_point(limb.platform_point[n] / f),
         joints=tuple(_point(j.centre[n] / f) for j in limb.joints),
@@ -234,7 +240,8 @@ def _placed(limb: LimbSkeleton, n: int, f: float) -> PlacedLimb:
         links=tuple((_point(k.start[n] / f), _point(k.end[n] / f)) for k in limb.links),
         drive=None if drive is None else _point(drive.centre[n] / f),
         drive_axis=None if drive is None else _point(drive.axis[n]),
-        zero=None if drive is None else _point(drive.zero[n] / f), gap=float(limb.gap[n] / f))
+        zero=None if drive is None else _point(drive.zero[n] / f),
+        u=None if drive is None else float(drive.u[n]) / own, gap=float(limb.gap[n] / f))
 
 
 def _point(vector: Array) -> Point:
