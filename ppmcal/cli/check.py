@@ -28,6 +28,7 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
     console = Console(quiet, as_json)
     mechanism, datasets = prepared(mech, data)
     result = check(mechanism, datasets)
+    drawn = None if draw is None else result.draw(draw)
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     console.say(f"{mechanism.name}: {mechanism.motion}, {len(mechanism.limbs)} limbs "
                 f"({', '.join(dict.fromkeys(limb.kind.name for limb in mechanism.limbs))}), "
@@ -56,8 +57,8 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
     console.warn(result.findings)
     if not result.findings:
         console.say("No findings.")
-    if draw is not None:
-        console.say(f"The machine, drawn: {result.draw(draw)}")
+    if drawn is not None:
+        console.say(f"The machine, drawn: {drawn}")
     console.summary(
         {
             "format": "ppmcal/check/1",
@@ -82,7 +83,7 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
             identifiability.model_dump(exclude_unset=True),
             "misreadings": [m.model_dump() for m in
                             misreading_entries(result.misreadings, mechanism.units)],
-            **({} if draw is None else {"drawing": str(draw)}),
+            **({} if drawn is None else {"drawing": str(drawn)}),
         }
     )
     leave(bool(result.findings))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from markupsafe import Markup
@@ -58,18 +59,18 @@ def check_target(path: Path, inputs: Sequence[str] = ()) -> None:
     Raises:
         BadInput: a folder is there, an input, or a file that is no drawing of ppmcal's.
     """
-    if path.is_dir():
-        raise BadInput("is a folder", str(path), "Name a file, such as machine.html")
-    if not path.exists():
-        return
-    if any(Path(name).exists() and path.samefile(name) for name in inputs):
-        raise BadInput("is an input of this run, and the drawing would replace it", str(path),
-                       "Name another file for the drawing")
+    head = f'content="{GENERATOR}"'
     try:
-        with path.open(encoding="utf-8", errors="replace") as stream:
-            head = stream.read(HEAD)
-    except OSError as error:
-        raise BadInput(f"cannot be read ({error.strerror})", str(path),
+        if path.is_dir():
+            raise BadInput("is a folder", str(path), "Name a file, such as machine.html")
+        if path.exists() and any(Path(n).exists() and path.samefile(n) for n in inputs):
+            raise BadInput("is an input of this run, and the drawing would replace it", str(path),
+                           "Name another file for the drawing")
+        if path.exists():
+            with path.open(encoding="utf-8", errors="replace") as stream:
+                head = stream.read(HEAD)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"cannot be read ({getattr(error, 'strerror', None) or error})", str(path),
                        "Name another file for the drawing") from None
     if f'content="{GENERATOR}"' not in head:
         raise BadInput("exists already and is no drawing of ppmcal's", str(path),
@@ -94,7 +95,8 @@ def write_drawing(path: Path, page: str, inputs: Sequence[str] = ()) -> None:
         part.write_text(page, encoding="utf-8", errors="backslashreplace")
         part.replace(path)
     except (OSError, ValueError) as error:
-        part.unlink(missing_ok=True)
+        with suppress(OSError, ValueError):
+            part.unlink()
         raise BadInput(f"cannot be written ({getattr(error, 'strerror', None) or error})",
                        str(path), "Check the folder and its permissions") from None
 

@@ -234,7 +234,7 @@
   const range = low.map((v, k) => [v - pad, high[k] + pad]);
   const span = range.map(([a, b]) => b - a);
   // so that the whole box is seen from everywhere, also where the page is higher than wide
-  const fits = () => 2.35 / size(span) * Math.min(1, box.clientWidth / (0.8 * box.clientHeight));
+  const fits = () => 2.35 / size(span) * Math.min(1, box.clientWidth / (0.9 * box.clientHeight));
   const views = { all: [1.15, -1.55, 0.8], x: [2, 0, 0], y: [0, -2, 0], z: [0, -1e-3, 2] };
 
   function layout() {
@@ -245,7 +245,7 @@
       font: { color: colour("ink"), size: narrow() ? 11 : 13, family: "system-ui, sans-serif" },
       margin: flat ? { l: 56, r: 12, t: 30, b: 44 } : { l: 0, r: 0, t: 0, b: 0 }, hovermode: "closest",
       hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"), font: { color: colour("ink") }, align: "left" },
-      legend: { orientation: "h", x: 0, y: flat ? -0.12 : 0, yanchor: "top",
+      legend: { orientation: "h", x: 0, y: flat ? (narrow() ? -0.24 : -0.12) : 0, yanchor: "top",
         font: { size: narrow() ? 11 : 12 }, itemsizing: "constant",
         ...(narrow() && { entrywidth: 0.48, entrywidthmode: "fraction" }), bgcolor: "rgba(0,0,0,0)" },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("soft"), activecolor: colour("ink") } };
