@@ -234,7 +234,8 @@
   const range = low.map((v, k) => [v - pad, high[k] + pad]);
   const span = range.map(([a, b]) => b - a);
   // so that the whole box is seen from everywhere, also where the page is higher than wide
-  const fits = () => 2.35 / size(span) * Math.min(1, box.clientWidth / (0.9 * box.clientHeight));
+  const fits = () => Math.min(2.35 / size(span), 1.95 / (0.92 * span[2] + 0.38 * Math.hypot(span[0],
+    span[1]))) * Math.min(1, box.clientWidth / (0.9 * box.clientHeight));
   const views = { all: [1.15, -1.55, 0.8], x: [2, 0, 0], y: [0, -2, 0], z: [0, -1e-3, 2] };
 
   function layout() {
