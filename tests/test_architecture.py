@@ -184,7 +184,10 @@ fit = ppmcal.identify(machine, run.data)
 found = {e.name: [e.error, e.sigma] for e in fit.identification.estimates if e.sigma}
 there = ppmcal.inverse(machine, {"z": [610.0], "rx": [3.0], "ry": [-2.0]}).table
 back = ppmcal.forward(machine, {f"q_leg{i + 1}": there.q[:, i] * 1e3 for i in range(3)}).table
+scene = ppmcal.check(machine).scene.machines[0]
+gap = max(limb.gap for frame in scene.frames for limb in frame.limbs)
 print(json.dumps({"home": there.q[0].tolist(), "apart": float(abs(back.pose - there.pose).max()),
+                  "drawn": [[j.kind for j in limb.joints] for limb in scene.limbs], "gap": gap,
                   "rank": fit.identification.rank, "found": found}))
 """
 
@@ -198,6 +201,7 @@ def test_the_limb_kind_of_the_page(site):
         assert abs(error - truth.get(name, 0.0)) < 4.0 * sigma, name
     assert all(got["found"][name][1] < 0.05 * abs(error) for name, error in truth.items())
     assert got["apart"] < 1e-9
+    assert got["drawn"] == [["P", "R", "S"]] * 3 and got["gap"] < 1e-6
 
 
 OWN = {"kind": "warm_up", "on": ["leg2"], "parameters": {"growth": 2e-4}}

@@ -23,9 +23,12 @@ from ppmcal.wording import number
     "ppmcal check mine.yaml", "ppmcal check mine.yaml run1.csv"))
 @click.argument("mech", type=MODEL)
 @click.argument("data", type=FILE, nargs=-1)
+@click.option("--draw", type=FILE, default=None, metavar="PATH",
+              help="Draw the machine to scale, as an HTML page to turn and move, offline.")
 @quiet_option
 @json_option
-def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> None:
+def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
+            as_json: bool) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.api.check import check
     from ppmcal.api.inputs import prepared
@@ -35,6 +38,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     console = Console(quiet, as_json)
     mechanism, datasets = prepared(mech, data)
     result = check(mechanism, datasets)
+    drawn = None if draw is None else result.draw(draw)
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     console.say(f"{mechanism.name}: {mechanism.motion}, {len(mechanism.limbs)} limbs "
                 f"({', '.join(dict.fromkeys(limb.kind.name for limb in mechanism.limbs))}), "
@@ -63,6 +67,8 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
     console.warn(result.findings)
     if not result.findings:
         console.say("No findings.")
+    if drawn is not None:
+        console.say(f"The machine, drawn: {drawn}")
     console.summary(
         {
             "format": "ppmcal/check/1",
@@ -87,6 +93,7 @@ def command(mech: Path, data: tuple[Path, ...], quiet: bool, as_json: bool) -> N
             identifiability.model_dump(exclude_unset=True),
             "misreadings": [m.model_dump() for m in
                             misreading_entries(result.misreadings, mechanism.units)],
+            **({} if drawn is None else {"drawing": str(drawn)}),
         }
     )
     leave(bool(result.findings))

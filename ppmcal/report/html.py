@@ -118,9 +118,15 @@ def page(**values: Any) -> str:
                                                            **values)
 
 
-def _file(name: str) -> str:
+def whole_page(template: str, **values: Any) -> str:
+    """Return a page of another template; text among ``values`` is escaped unless ``Markup``."""
+    return _environment().get_template(template).render(**values)
+
+
+def template_text(name: str) -> str:
+    """Return the text of a file among the templates."""
     return (files("ppmcal.report") / "templates" / name).read_text("utf-8")
 
 
-CSS = _file("page.css") + _file("page_end.css")
-SCRIPT = _file("page.js")
+CSS = template_text("page.css") + template_text("page_end.css")
+SCRIPT = template_text("page.js")

@@ -1,0 +1,183 @@
+"""The machine, drawn: what the scene holds, the page, its names, and what a browser makes of it."""
+
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import yaml
+from helpers.commands import ppmcal
+from helpers.machines import CASES, KINDS, mechanism_text, plain, read_text
+from helpers.paths import ROOT
+
+import ppmcal as face
+from ppmcal.errors import BadInput
+from ppmcal.io import read_mechanism
+from ppmcal.io.results.scene import MeasuredPose, Scene
+from ppmcal.report.drawing import drawing_page
+
+CONFIGS = sorted(p.stem for p in (ROOT / "configs").glob("*.yaml"))
+LARGEST = 5_000_000
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+EVIL = "</script><img src=x onerror=alert(1)> & \u2028 'leg'"
+
+
+def config(name):
+    return read_mechanism(ROOT / "configs" / f"{name}.yaml")
+
+
+@cache
+def scene_of(name):
+    return Scene.of(config(name) if name in CONFIGS else plain(name))
+
+
+def scene_in(page):
+    """Return the scene that a page holds."""
+    return json.loads(re.search(r'<script type="application/json" id="scene">(.*?)</script>', page,
+                                re.S)[1])
+
+
+@pytest.mark.parametrize("name", [*CONFIGS, *KINDS])
+def test_every_machine_is_drawn_with_all_its_limbs(name):
+    machine = config(name) if name in CONFIGS else plain(name)
+    scene = scene_of(name)
+    page = drawing_page(scene)
+    assert len(page) < LARGEST
+    held = scene_in(page)
+    drawn = held["machines"][0]
+    assert [limb["name"] for limb in drawn["limbs"]] == [limb.name for limb in machine.limbs]
+    assert held["flat"] == (machine.motion == "planar")
+    assert sorted(drawn["platform_outline"]) == list(range(len(machine.limbs)))
+    assert set(held["order"]) == set(range(len(drawn["frames"])))
+    for frame in drawn["frames"]:
+        for limb, placed in zip(drawn["limbs"], frame["limbs"], strict=True):
+            assert len(placed["joints"]) == len(limb["joints"]) == 3
+            assert len(placed["links"]) == len(limb["links"]) > 0
+            assert np.isfinite(np.concatenate([np.ravel(v) for v in placed["links"]])).all()
+    home = drawn["frames"][0]
+    factors = [machine.units.factor("length" if c < 3 else "angle") for c in machine.dof]
+    np.testing.assert_allclose(home["pose"], machine.home_pose[list(machine.dof)] / factors,
+                               atol=1e-12)
+    f = machine.units.factor("length")
+    for limb, placed in zip(machine.limbs, home["limbs"], strict=True):
+        v = limb.slots.values(machine.values)
+        point = [v.get(f"base.point.{c}", 0.0) / f for c in "xyz"]
+        np.testing.assert_allclose(placed["base"], point, atol=1e-9)
+
+
+def test_a_wrong_sign_is_another_drawing():
+    """The same machine with a rail turned round, or the other elbow."""
+    def middle(change):
+        limbs = [change(i, dict(limb)) for i, limb in enumerate(CASES["(R)RR"].limbs)]
+        machine = read_text(mechanism_text(limbs, "planar", CASES["(R)RR"].home))
+        return Scene.of(machine).machines[0].frames[0].limbs[0].joints[1]
+
+    right = middle(lambda i, limb: limb)
+    other = middle(lambda i, limb: limb | ({"elbow": -1} if i == 0 else {}))
+    assert np.linalg.norm(np.subtract(right, other)) > 100.0
+
+
+def test_present_values_lie_over_the_nominal_ones_and_are_magnified():
+    machine = plain("U(P)S")
+    g = machine.values.copy()
+    g[machine.names.index("leg1.base.point.x")] += 0.3e-3
+    scene = Scene.of(machine.with_values(g))
+    one, two = scene.machines
+    apart = np.subtract(two.frames[0].limbs[0].base, one.frames[0].limbs[0].base)
+    np.testing.assert_allclose(apart, [0.3, 0.0, 0.0], atol=1e-9)
+    seen = scene.magnification * 0.3
+    assert 0.01 * scene.reach < seen <= 0.05 * scene.reach
+    assert f"{scene.magnification:g} times" in drawing_page(scene)
+    assert len(scene_of("6-UPS").machines) == 1 and scene_of("6-UPS").magnification == 1.0
+
+
+def test_measured_poses_and_errors_are_in_the_scene():
+    found = MeasuredPose(label="row 1", point=(1.0, 2.0, 3.0), value=0.4, error=(0.1, 0.0, 0.0))
+    scene = Scene.of(config("3-RPR"), [found], "error", "mm")
+    held = scene_in(drawing_page(scene))
+    assert held["measured"][0]["error"] == [0.1, 0.0, 0.0] and held["value"] == "error"
+    assert held["magnification"] * 0.1 <= 0.05 * held["reach"]
+
+
+def test_names_cannot_break_the_page():
+    machine = config("3-RPR")
+    bad = replace(machine, name=EVIL, limbs=(replace(machine.limbs[0], name=EVIL),
+                                             *machine.limbs[1:]))
+    page = drawing_page(Scene.of(bad), EVIL)
+    assert "<img" not in page.replace(page[page.index("plotly.js (gl3d"):], "")
+    assert page.count("</script>") == 3
+    held = scene_in(page)
+    assert held["name"] == EVIL and held["machines"][0]["limbs"][0]["name"] == EVIL
+
+
+def test_the_page_needs_no_network():
+    page = drawing_page(scene_of("3-RPS"))
+    assert not re.search(r"<(?:script|link|img|iframe)[^>]*\s(?:src|href)=[\"'](?!data:)", page)
+    assert "default-src 'none'" in page and "Licensed under the MIT license" in page
+
+
+# --- the command --------------------------------------------------------------------------------
+
+
+def test_check_draws_and_says_where(tmp_path):
+    ppmcal("init", "3-RPS", "--out", "mine.yaml", cwd=tmp_path, expect=0)
+    plain_run = ppmcal("check", "mine.yaml", "--json", cwd=tmp_path, expect=0).json
+    assert "drawing" not in plain_run
+    run = ppmcal("check", "mine.yaml", "--draw", "new/machine.html", cwd=tmp_path, expect=0)
+    assert "The machine, drawn: new/machine.html" in run.out
+    held = scene_in((tmp_path / "new/machine.html").read_text(encoding="utf-8"))
+    assert [m["name"] for m in held["machines"][0]["limbs"]] == ["leg1", "leg2", "leg3"]
+    again = ppmcal("check", "mine.yaml", "--draw", "new/machine.html", "--json", cwd=tmp_path,
+                   expect=0)
+    assert again.json == {**plain_run, "drawing": "new/machine.html"}
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["machine.html"]
+
+
+def test_no_input_and_nothing_foreign_is_replaced(tmp_path):
+    ppmcal("init", "3-RPR", "--out", "base.yaml", cwd=tmp_path, expect=0)
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"extends": "base.yaml"}))
+    (tmp_path / "page.html").write_text("<p>mine</p>")
+    (tmp_path / "folder").mkdir()
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
+    for target in ("mine.yaml", "base.yaml", "page.html", "page.html/x.html"):
+        run = ppmcal("check", "mine.yaml", "--draw", target, cwd=tmp_path, expect=2)
+        assert target.split("/")[0] in run.err and "Traceback" not in run.err
+    ppmcal("check", "mine.yaml", "--draw", "folder", cwd=tmp_path, expect=2)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()} == before
+
+
+def test_the_record_of_check_draws_too(tmp_path):
+    result = face.check(face.shipped("3-RPR"))
+    assert result.scene.name == "3-RPR" and not result.findings
+    assert result.draw(tmp_path / "a.html") == tmp_path / "a.html"
+    (tmp_path / "b.html").write_text("not a drawing")
+    with pytest.raises(BadInput, match="is no drawing"):
+        result.draw(tmp_path / "b.html")
+
+
+# --- in a browser -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["6-UPS", "3-RRR-1", "delta-linear", "3-RPS"])
+def test_a_browser_draws_it(name, tmp_path):
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip("no headless Chromium here: install chromium to see the pages drawn")
+    machine = config(name)
+    evil = replace(machine, limbs=(replace(machine.limbs[0], name=EVIL), *machine.limbs[1:]))
+    page = tmp_path / "machine.html"
+    page.write_text(drawing_page(Scene.of(evil)), encoding="utf-8")
+    done = subprocess.run(
+        [browser, "--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+         "--enable-unsafe-swiftshader", "--virtual-time-budget=8000",
+         f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr", "--dump-dom",
+         page.as_uri()], capture_output=True, text=True, timeout=120, check=False)
+    drawn = re.search(r'data-drawn="(\d+)"', done.stdout)
+    assert drawn and int(drawn[1]) >= 8, done.stderr[-2000:]
+    assert not re.findall(r"CONSOLE[^\n]*(?:Uncaught|Refused|rror:)[^\n]*", done.stderr)
+    assert '<img src="x"' not in done.stdout
+    assert len(re.findall(r"<tr>", done.stdout)) >= 2 + len(machine.actuators)
