@@ -208,7 +208,8 @@ def test_scenario_refused(tmp_path, old, new, place, says):
 @pytest.mark.parametrize(("text", "says"), [
     ("a,b\n1,2\n", "there is no pose column"), ("x,y,z\n1,2,3\n", "no coordinate z"),
     ("x,y,rz\n1,2,abc\n", "row 1, column rz"), ("x,y,rz\n1,2\n", "row 1"),
-    ("x;y\n1;2\n", "commas")])
+    ("x;y\n1;2\n", "rz"),
+    ("x;y;rz\n1,5;2.5;3\n", "decimal points")])
 def test_poses_refused(tmp_path, text, says):
     path = tmp_path / "p.csv"
     path.write_text(text)
