@@ -50,6 +50,12 @@ class Table:
         """Return the number of rows N."""
         return self.size
 
+    def labels(self, column: str) -> tuple[str, ...]:
+        """Return a column's cells as words."""
+        if column in self.text:
+            return self.text[column]
+        return tuple("" if np.isnan(v) else f"{v:.17g}" for v in self.numbers[column].tolist())
+
     def at(self, column: str, row: int | None = None) -> str:
         """Return ``run3.csv: row 17, column x`` (row index counted from 0)."""
         place = f"column {column}" if row is None else f"row {row + 1}, column {column}"
@@ -68,7 +74,7 @@ def csv_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) -> T
         BadInput: empty, binary, ragged, without rows, duplicate columns, or a cell that is
             not a number (with row and column).
     """
-    data, mark = declared(_clean(data, source))
+    data, mark = declared(cleaned(data, source))
     separator = mark or separator_of(data, source)
     first = data.find(b"\n") if b"\n" in data else len(data)
     header = _header(data[:first], source, separator)
@@ -84,7 +90,7 @@ def csv_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) -> T
     return _slow(data[first + 1:], header, source, may_be_text, separator)
 
 
-def _clean(data: bytes, source: str) -> bytes:
+def cleaned(data: bytes, source: str) -> bytes:
     """Return UTF-8 bytes with newlines only."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise BadInput("is UTF-16 text", source, "Save it as CSV in UTF-8")

@@ -30,7 +30,7 @@ from ppmcal.io.sidecar import (
     scale_of,
     sidecar_path,
 )
-from ppmcal.io.tables import read_table
+from ppmcal.io.tables import SUFFIXES, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
@@ -46,7 +46,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """Return the measurements of one CSV with its sidecar, everything in SI.
 
     Args:
-        path: the ``.csv`` or ``.parquet`` (or its sidecar); the sidecar has the same stem.
+        path: the ``.csv``, ``.parquet`` or ``.xlsx``, or its sidecar, which has the same stem.
         mechanism: the machine, for actuator names, their units, and the motion.
 
     Rows that hold no joint values or nothing measured cannot be used; they are left out,
@@ -59,7 +59,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """
     csv_path = Path(path)
     if csv_path.suffix in (".yaml", ".yml"):
-        suffixes = [s for s in (".csv", ".parquet") if csv_path.with_suffix(s).exists()]
+        suffixes = [s for s in SUFFIXES if csv_path.with_suffix(s).exists()]
         csv_path = csv_path.with_suffix((*suffixes, ".csv")[0])
     return dataset_of(*read_files(csv_path), mechanism)
 
@@ -73,7 +73,7 @@ def read_files(path: Path) -> tuple[Table, SidecarFile, str]:
     if not sidecar_path(path).is_file():
         read_table(path, text=LABELS)    # what is wrong with the table comes first
     file, side = read_sidecar(path)
-    return read_table(path, text=may_be_words(file.read)), file, side
+    return read_table(path, text=may_be_words(file.read), sheet=file.read.sheet), file, side
 
 
 def may_be_words(read: ReadFile) -> list[str]:

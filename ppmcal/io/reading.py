@@ -96,6 +96,8 @@ class ReadFile(Strict):
     columns: Annotated[dict[str, str], _mapping("header in the file", _header_name)] = Field(
         default_factory=dict)
     """Our column: the file's header."""
+    sheet: Label | None = None
+    """Sheet of a spreadsheet  [default: the first]."""
     ignore: list[Label] = Field(default_factory=list)
     """Headers of the file to leave alone."""
     units: Annotated[dict[str, str], _mapping("unit", _unit)] = Field(default_factory=dict)
