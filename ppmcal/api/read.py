@@ -119,6 +119,8 @@ def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ |
         content, more = _unsaid(table, machine)
         notes += more
     file = check(SidecarFile, content, place)
+    sentences.append(f"Columns whose header has no unit: {file.units.length} and "
+                     f"{file.units.angle}, unless `read.units` says otherwise.")
     headed = {own: u for f in (log, *lists) for own, u in f.units.items() if own in table.header}
     rest = block.model_copy(update={"columns": {}, "ignore": []})
     table = as_declared(table, with_units(rest, headed, place), machine, file.units.units(), place,
@@ -193,12 +195,13 @@ def _understood(found: ForeignTable, unit: str | None) -> str:
         header = found.headers.get(own, own)
         unit_ = found.units.get(own, "")
         taken.append(own + (f" ({header})" if header != own else f" [{unit_}]" if unit_ else ""))
+    said = f" Remarks above: {' | '.join(found.remarks)}." if found.remarks else ""
     dialect = found.table.dialect
     text = (f"{found.table.source}: {len(found.table)} rows" +
             (f", {dialect}" if dialect else "") + f". Taken: {', '.join(taken)}.")
     if unit and not found.has_joints:
         text += f" Points in {unit} where their header does not say."
-    return text + (f" Ignored: {', '.join(found.ignored)}." if found.ignored else "")
+    return text + (f" Ignored: {', '.join(found.ignored)}." if found.ignored else "") + said
 
 
 def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[str]]:

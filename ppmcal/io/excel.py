@@ -40,7 +40,7 @@ def excel_table(data: bytes, source: str, may_be_text: Callable[[str], bool],
             warnings.simplefilter("ignore")
             book = load_workbook(io.BytesIO(data), read_only=True, data_only=True)
             names = [s.title for s in book.worksheets]
-            rows = [] if not names or sheet not in (None, *names) else [
+            rows = [] if sheet not in (None, *names) else [
                 list(row) for row in book[sheet or names[0]].iter_rows(values_only=True)]
     except Exception as error:    # a damaged archive raises anything
         raise BadInput(f"cannot be read as a spreadsheet ({type(error).__name__})", source,

@@ -37,6 +37,7 @@ class ForeignTable:
         headers: our own name -> the file's header.
         units: our own name -> unit, where the header has one.
         ignored: headers of the columns that are left alone.
+        remarks: lines above the table, which nothing is made of: perhaps they name units.
     """
 
     table: Table
@@ -44,6 +45,7 @@ class ForeignTable:
     units: Mapping[str, str]
     ignored: tuple[str, ...]
     findings: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def has_joints(self) -> bool:
@@ -70,9 +72,10 @@ def foreign_table(path: Path, mechanism: Mechanism, read: ReadFile, side: str) -
         own = own or _own(header.split("[")[0].split("(")[0].strip(), known)
         return header in read.ignore or own is None or own in LABELS
 
-    source = str(path)
+    source, remarks = str(path), tuple[str, ...]()
     if is_text(data := read_bytes(path)):
-        table = csv_table(with_header(data, source), source, wordy)
+        text_of, remarks = with_header(data, source)
+        table = csv_table(text_of, source, wordy)
         refuse_absurd({h: v for h, v in table.numbers.items() if not wordy(h)}, source)
     else:
         table = read_table(path, loose=wordy, sheet=read.sheet)
@@ -94,7 +97,8 @@ def foreign_table(path: Path, mechanism: Mechanism, read: ReadFile, side: str) -
         replace(table, header=tuple(names), numbers=numbers, text=text),
         {own: original[h] for own, h in names.items()},
         {own: headed[h] for own, h in names.items() if h in headed},
-        tuple(h for n, h in original.items() if n not in names.values()), tuple(findings))
+        tuple(h for n, h in original.items() if n not in names.values()), tuple(findings),
+        remarks)
 
 
 def _own(name: str, known: set[str]) -> str | None:

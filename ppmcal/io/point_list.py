@@ -16,8 +16,10 @@ _CLUTTER = re.compile(r"\s*(//|[#!%](?!\s*\d))")
 FORM = "Write in each row a name, x, y, z and perhaps a time in s, or a header above them"
 
 
-def with_header(data: bytes, source: str) -> bytes:
-    """Return a file as a CSV with a header: ``pose``, ``x``, ``y``, ``z`` (``time``) for a list.
+def with_header(data: bytes, source: str) -> tuple[bytes, tuple[str, ...]]:
+    """Return a file as a CSV with a header, and the remarks that stood above it.
+
+    The columns of a list without one are ``pose``, ``x``, ``y``, ``z`` and perhaps ``time``.
 
     What is a CSV with a header stays as it is, but for remarks above it.
 
@@ -29,8 +31,13 @@ def with_header(data: bytes, source: str) -> bytes:
         BadInput: rows of numbers that are no name, x, y, z and time.
     """
     lines = cleaned(data, source).decode("utf-8").split("\n")
-    while lines and (not lines[0].strip() or _CLUTTER.match(lines[0])):
-        del lines[0]
+    first = next((i for i, line in enumerate(lines)
+                  if line.strip() and not _CLUTTER.match(line)), len(lines))
+    remarks, lines = tuple(r.strip() for r in lines[:first] if r.strip()), lines[first:]
+    return _as_csv(lines, source), remarks
+
+
+def _as_csv(lines: list[str], source: str) -> bytes:
     rows = [line for line in lines if line.strip()]
     if not rows:
         raise BadInput("holds nothing but remarks", source, FORM)
