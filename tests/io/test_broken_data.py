@@ -99,7 +99,7 @@ def test_refused(tmp_path, file, old, new, place, says):
 
 @pytest.mark.parametrize(("content", "says"), [
     (b"", "empty"), (b"\n\n\n", "empty"), (b"\xef\xbb\xbf", "empty"),
-    (b"PK\x03\x04\x00\x00", "binary"), (HEADER.encode(), "no rows"),
+    (b"PK\x03\x04\x00\x00", "cannot be read as a spreadsheet"), (HEADER.encode(), "no rows"),
     (HEADER.encode() + b"\r\n\r\n", "no rows"), (HEADER.encode() + b"\n  \n", "no rows"),
     (HEADER.encode("utf-16"), "UTF-16"), (b"a,b\n\xe4,\xf6\n", "UTF-8"),
     (b"x,y\n1,2\n1,2,3\n4\n", "3 cells"), (b"x\ny\nz", "'y' is not a number")])
