@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from ppmcal.errors import BadInput
 
-SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 _QUOTED = re.compile(r'"[^"]*"')
 _DECLARED = re.compile(rb"\A\"?sep=([,;\t])\"?\n")
 ONE_MARK = "Save it with one decimal mark, and with nothing between thousands"

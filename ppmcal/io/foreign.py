@@ -76,6 +76,8 @@ def foreign_table(path: Path, mechanism: Mechanism, read: ReadFile, side: str) -
     if is_text(data := read_bytes(path)):
         text_of, remarks = with_header(data, source)
         table = csv_table(text_of, source, wordy)
+        if table.dialect and table.dialect.separator == "\t" and b"\t" not in data:
+            table = replace(table, dialect=replace(table.dialect, separator=" "))
         refuse_absurd({h: v for h, v in table.numbers.items() if not wordy(h)}, source)
     else:
         table = read_table(path, loose=wordy, sheet=read.sheet)

@@ -74,6 +74,7 @@ def test_lists_of_points_join_a_log_by_name(tmp_path: Path, measured: list[dict[
     said = " ".join(done.out.split())
     assert "separated by semicolons, decimal commas" in said
     assert "Ignored: remark" in said and "Joined by name: 12 rows" in said
+    assert ("separated by spaces" in said) == ("spaces" in form or form == "path of a point")
     assert ("Units: mm" in said) == (form == "remarks")
     found = rows(tmp_path / "run.csv")
     assert [r["pose"] for r in found] == [r["pose"] for r in measured]
