@@ -44,6 +44,7 @@ __all__ = [
     "load",
     "make_report",
     "plan",
+    "read",
     "read_data",
     "schema",
     "sensitivity",

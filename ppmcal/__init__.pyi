@@ -14,6 +14,7 @@ from ppmcal.api.kinematics import forward as forward
 from ppmcal.api.kinematics import inverse as inverse
 from ppmcal.api.kinematics import velocity as velocity
 from ppmcal.api.plan import plan as plan
+from ppmcal.api.read import read as read
 from ppmcal.api.report import make_report as make_report
 from ppmcal.api.schema import schema as schema
 from ppmcal.api.sensitivity import sensitivity as sensitivity

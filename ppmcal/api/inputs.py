@@ -15,7 +15,7 @@ import numpy as np
 from ppmcal.calibration.stale_rows import without_stale
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
-from ppmcal.io.dataset_reader import LABELS, dataset_of, joined
+from ppmcal.io.dataset_reader import LABELS, dataset_of, joined, read_files
 from ppmcal.io.folder import current
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
@@ -122,9 +122,9 @@ def _one(machine: Mechanism, source: Any, sidecar: Mapping[str, Any] | Path_ | N
     """Return one table with its sidecar as a data set."""
     if is_path(source):
         path = Path(source)
-        table = read_table(path, text=LABELS)
         if sidecar is None:
-            return dataset_of(table, *read_sidecar(path), machine)
+            return dataset_of(*read_files(path), machine)
+        table = read_table(path, text=LABELS)
     else:
         table = as_table(source, (), label, LABELS.__contains__)
         if sidecar is None:

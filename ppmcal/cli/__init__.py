@@ -22,6 +22,7 @@ except KeyboardInterrupt:    # there is nothing to stop yet
 COMMANDS = {
     "init": "Write a commented mechanism file to start from.",
     "import": "Turn a controller's configuration into a machine and its data.",
+    "read": "Turn files of instruments and controllers into measurements.",
     "check": "Check a mechanism file, alone or with its measurements.",
     "kinematics": "Inverse, forward or velocity kinematics of a table.",
     "simulate": "Simulate measurements of a machine with injected errors.",

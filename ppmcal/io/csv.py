@@ -1,8 +1,9 @@
 """CSV tables: numeric ones fast, others cell by cell with a message for each bad cell.
 
-A table of plain numbers is checked for its shape with array operations and parsed in chunks;
-anything out of the ordinary (text, quotes, ragged rows) goes the slow way, whose messages name
-row and column. Rows count from 1, without the header and without blank lines.
+Columns may be separated by commas, semicolons or tabs; see :mod:`ppmcal.io.csv_dialect`. A table
+of plain numbers is checked for its shape with array operations and parsed in chunks; anything out
+of the ordinary (text, quotes, ragged rows) goes the slow way, whose messages name row and column.
+Rows count from 1, without the header and without blank lines.
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ import io
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic_core import from_json
 
 from ppmcal.errors import BadInput
+from ppmcal.io.csv_dialect import Dialect, decimal_of, decimal_of_cells, declared, separator_of
 from ppmcal.linalg import Array
 
 CHUNK = 1 << 20
@@ -32,17 +34,27 @@ LARGEST = 1e15
 
 @dataclass(frozen=True)
 class Table:
-    """A CSV with N rows: ``numbers`` (N,) by column, nan where empty; ``text`` by column."""
+    """A CSV with N rows: ``numbers`` (N,) by column, nan where empty; ``text`` by column.
+
+    ``dialect`` is how the file was written, None for what is no CSV.
+    """
 
     source: str
     header: tuple[str, ...]
     numbers: Mapping[str, Array]
     text: Mapping[str, tuple[str, ...]]
     size: int
+    dialect: Dialect | None = None
 
     def __len__(self) -> int:
         """Return the number of rows N."""
         return self.size
+
+    def labels(self, column: str) -> tuple[str, ...]:
+        """Return a column's cells as words."""
+        if column in self.text:
+            return self.text[column]
+        return tuple("" if np.isnan(v) else f"{v:.17g}" for v in self.numbers[column].tolist())
 
     def at(self, column: str, row: int | None = None) -> str:
         """Return ``run3.csv: row 17, column x`` (row index counted from 0)."""
@@ -54,7 +66,7 @@ def csv_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) -> T
     """Return a CSV as columns.
 
     Args:
-        data: of the file; a BOM and CRLF line ends are accepted.
+        data: of the file; a BOM, CRLF line ends and a first line ``sep=;`` are accepted.
         source: what messages call it.
         may_be_text: says of a column name whether it may hold text.
 
@@ -62,21 +74,23 @@ def csv_table(data: bytes, source: str, may_be_text: Callable[[str], bool]) -> T
         BadInput: empty, binary, ragged, without rows, duplicate columns, or a cell that is
             not a number (with row and column).
     """
-    data = _clean(data, source)
+    data, mark = declared(cleaned(data, source))
+    separator = mark or separator_of(data, source)
     first = data.find(b"\n") if b"\n" in data else len(data)
-    header = _header(data[:first], source)
+    header = _header(data[:first], source, separator)
     if not data[first:first + 4096].strip() and not data[first:].strip():
         raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
-    block = _fast(data, first + 1, len(header))
-    if block is not None:
-        table = Table(source, header, {h: block[:, i] for i, h in enumerate(header)}, {},
-                      block.shape[0])
-    else:
-        table = _slow(data[first + 1:], header, source, may_be_text)
-    return table
+    decimal = "." if separator == "," else decimal_of(data, first + 1, separator)
+    if decimal is not None:
+        dialect = Dialect(separator, decimal)
+        block = _fast(data, first + 1, len(header), dialect)
+        if block is not None:
+            return Table(source, header, {h: block[:, i] for i, h in enumerate(header)}, {},
+                         block.shape[0], dialect)
+    return _slow(data[first + 1:], header, source, may_be_text, separator)
 
 
-def _clean(data: bytes, source: str) -> bytes:
+def cleaned(data: bytes, source: str) -> bytes:
     """Return UTF-8 bytes with newlines only."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise BadInput("is UTF-16 text", source, "Save it as CSV in UTF-8")
@@ -99,42 +113,40 @@ def _clean(data: bytes, source: str) -> bytes:
     return data
 
 
-def _header(line: bytes, source: str) -> tuple[str, ...]:
-    """Return the column names; refuse other separators, blanks, numbers and duplicates."""
+def _header(line: bytes, source: str, separator: str) -> tuple[str, ...]:
+    """Return the column names; refuse blanks, numbers and duplicates."""
     text = line.decode("utf-8")
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if mark in text and "," not in text:
-            raise BadInput(f"the columns are separated by {name}", f"{source}: header",
-                           "Save it with commas between columns and points in the numbers")
     try:
-        names = next(csv.reader([text], strict=True))
+        names = next(csv.reader([text], strict=True, delimiter=separator))
     except (csv.Error, StopIteration) as error:
         raise BadInput(f"the header cannot be read ({error})", f"{source}: header",
                        "Write column names with commas between them") from None
     names = [n.strip() for n in names]
-    if any(_PLAIN.fullmatch(n) for n in names):
+    if any(_PLAIN.fullmatch(n.replace(",", ".")) for n in names):
         raise BadInput("the first line holds numbers, not column names", f"{source}: header",
                        "Add a header line such as `pose,q_leg1,q_leg2,q_leg3,x,y,rz`")
     for i, name in enumerate(names):
         if not name:
             raise BadInput(f"column {i + 1} has no name", f"{source}: header",
-                           "Name it, or remove the stray comma")
+                           "Name it, or remove the stray separator")
         if name in names[:i]:
             raise BadInput(f"two columns are called '{name}'", f"{source}: header",
                            "Rename or remove one of them")
     return tuple(names)
 
 
-def _fast(data: bytes, start: int, width: int) -> Array | None:
+def _fast(data: bytes, start: int, width: int, dialect: Dialect) -> Array | None:
     """Return the numbers (N, width) from byte ``start`` on, None if they are not plain."""
     stop, parts = len(data), []
+    ours = None if dialect.plain else dialect.translation()
     while stop > start and data[stop - 1] == 10:
         stop -= 1
     while start < stop:
         end = stop if stop - start <= CHUNK else data.rfind(b"\n", start, start + CHUNK)
         if end <= start:
             return None
-        block = _parse(data[start:end], width)
+        chunk = data[start:end]
+        block = _parse(chunk if ours is None else chunk.translate(ours), width)
         if block is None:
             return None
         parts.append(block)
@@ -202,12 +214,13 @@ def _fill(chunk: bytes) -> bytes:
     return chunk + b"NaN" if chunk[-1:] == b"," else chunk
 
 
-def _slow(body: bytes, header: tuple[str, ...], source: str, is_text: Callable[[str], bool]
-          ) -> Table:
+def _slow(body: bytes, header: tuple[str, ...], source: str, is_text: Callable[[str], bool],
+          separator: str) -> Table:
     """Read cell by cell, for text columns and for the messages."""
     rows: list[list[str]] = []
     try:
-        for row in csv.reader(io.StringIO(body.decode("utf-8"), newline=""), strict=True):
+        for row in csv.reader(io.StringIO(body.decode("utf-8"), newline=""), strict=True,
+                              delimiter=separator):
             if len(row) != len(header) and not any(cell.strip() for cell in row):
                 continue
             if len(row) != len(header):
@@ -218,14 +231,19 @@ def _slow(body: bytes, header: tuple[str, ...], source: str, is_text: Callable[[
                        "Check the quotes and line ends there") from None
     if not rows:
         raise BadInput("has a header but no rows", source, "Add at least one row of numbers")
+    columns = dict(zip(header, zip(*rows, strict=True), strict=True))
+    dialect = Dialect(separator)
+    if separator != ",":
+        plain = [(n, c) for n, c in columns.items() if not is_text(n)] or list(columns.items())
+        dialect = replace(dialect, decimal=decimal_of_cells(plain, source))
     numbers: dict[str, Array] = {}
     text: dict[str, tuple[str, ...]] = {}
-    for name, cells in zip(header, zip(*rows, strict=True), strict=True):
-        if is_text(name) and not all(_is_number(c.strip()) for c in cells):
-            text[name] = tuple(c.strip() for c in cells)
+    for name, given in columns.items():
+        if is_text(name) and not all(_is_number(c.strip(), dialect) for c in given):
+            text[name] = tuple(c.strip() for c in given)
         else:
-            numbers[name] = _column(cells, name, source)
-    return Table(source, header, numbers, text, len(rows))
+            numbers[name] = _column(given, name, source, dialect)
+    return Table(source, header, numbers, text, len(rows), dialect)
 
 
 def refuse_absurd(numbers: Mapping[str, Array], source: str) -> None:
@@ -256,21 +274,23 @@ def _ragged(row: list[str], index: int, header: tuple[str, ...], source: str) ->
                                  "empty")
 
 
-def _is_number(cell: str) -> bool:
+def _is_number(cell: str, dialect: Dialect) -> bool:
+    if dialect.decimal == ",":
+        cell = cell.replace(",", ".")
     return not cell or _PLAIN.fullmatch(cell) is not None
 
 
-def _column(cells: tuple[str, ...], name: str, source: str) -> Array:
+def _column(cells: tuple[str, ...], name: str, source: str, dialect: Dialect) -> Array:
     """Return one column (N,); refuse the first cell that is not a number."""
-    out = np.empty(len(cells))
+    out, point = np.empty(len(cells)), dialect.decimal == "."
     for i, cell in enumerate(cells):
         cell = cell.strip()
-        if not _is_number(cell):
+        if not _is_number(cell, dialect):
             mend = "Write a number, or leave the cell empty if it was not measured"
-            if re.fullmatch(r"[-+]?\d+,\d+", cell):
+            if point and re.fullmatch(r"[-+]?\d+,\d+", cell):
                 mend = "Write a decimal point instead of the comma"
             shown = cell if len(cell) <= 40 else cell[:37] + "..."
             raise BadInput(f"'{shown}' is not a number", f"{source}: row {i + 1}, column {name}",
                            mend)
-        out[i] = float(cell) if cell else np.nan
+        out[i] = float(cell if point else cell.replace(",", ".")) if cell else np.nan
     return out

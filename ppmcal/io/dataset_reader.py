@@ -16,9 +16,10 @@ from ppmcal.calibration.registration import refuse_flat
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.csv import Table
+from ppmcal.io.header_units import with_units, without_units
 from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list, stacked
-from ppmcal.io.reading import as_declared, renamed
+from ppmcal.io.reading import MATRIX, ReadFile, as_declared, renamed
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
@@ -29,7 +30,7 @@ from ppmcal.io.sidecar import (
     scale_of,
     sidecar_path,
 )
-from ppmcal.io.tables import read_table
+from ppmcal.io.tables import SUFFIXES, read_table
 from ppmcal.io.yaml import number_text
 from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
@@ -45,7 +46,7 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """Return the measurements of one CSV with its sidecar, everything in SI.
 
     Args:
-        path: the ``.csv`` or ``.parquet`` (or its sidecar); the sidecar has the same stem.
+        path: the ``.csv``, ``.parquet`` or ``.xlsx``, or its sidecar, which has the same stem.
         mechanism: the machine, for actuator names, their units, and the motion.
 
     Rows that hold no joint values or nothing measured cannot be used; they are left out,
@@ -58,21 +59,39 @@ def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """
     csv_path = Path(path)
     if csv_path.suffix in (".yaml", ".yml"):
-        suffixes = [s for s in (".csv", ".parquet") if csv_path.with_suffix(s).exists()]
+        suffixes = [s for s in SUFFIXES if csv_path.with_suffix(s).exists()]
         csv_path = csv_path.with_suffix((*suffixes, ".csv")[0])
-    table = read_table(csv_path, text=LABELS)
-    file, side = read_sidecar(csv_path)
-    return dataset_of(table, file, side, mechanism)
+    return dataset_of(*read_files(csv_path), mechanism)
+
+
+def read_files(path: Path) -> tuple[Table, SidecarFile, str]:
+    """Return a table, its sidecar, and that one's path; what the sidecar ignores may be words.
+
+    Raises:
+        BadInput: as :func:`ppmcal.io.tables.read_table` and :func:`read_sidecar`.
+    """
+    if not sidecar_path(path).is_file():
+        read_table(path, text=LABELS)    # what is wrong with the table comes first
+    file, side = read_sidecar(path)
+    return read_table(path, text=may_be_words(file.read), sheet=file.read.sheet), file, side
+
+
+def may_be_words(read: ReadFile) -> list[str]:
+    """Return the headers of the columns that may hold words."""
+    return [*LABELS, *read.ignore, *(h for own, h in read.columns.items() if own in LABELS)]
 
 
 def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism) -> Dataset:
     """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
     source, units = table.source, file.units.units()
+    table, headed = without_units(table, file.read, [*cols.known_columns(mechanism), *MATRIX])
     theirs = [h for h in table.header if h not in file.read.ignore]
     table, findings = cols.translate_foreign(renamed(table, file.read, mechanism, side), mechanism)
     headers = {own: h for own, h in zip(table.header, theirs, strict=True) if own != h}
     convention = file.read.rotation or ("quat-xyzw" if "quat_x" in table.header else "rotvec")
-    table = as_declared(table, file.read, mechanism, units, side)
+    headed = {own: headed[h] for own, h in zip(table.header, theirs, strict=True) if h in headed}
+    read = with_units(file.read, headed, side)
+    table = as_declared(table, read, mechanism, units, side, headed)
     cols.check_columns(table, mechanism)
     joint = mechanism.joint_factors(units)
     q, commanded = _joints(table, mechanism, units, joint)

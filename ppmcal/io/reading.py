@@ -7,7 +7,7 @@ the rows have their numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Annotated, Any
@@ -40,12 +40,13 @@ FURTHER: Mapping[str, Mapping[str, float]] = {
     "payload": PAYLOADS,
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "force": {"N": 1.0, "kN": 1e3, "lbf": POUND * STANDARD_GRAVITY},
+    "moment": {"N m": 1.0},
 }
 TEMPERATURES: Mapping[str, Callable[[Array], Array]] = {
     "C": lambda t: t, "K": lambda t: t - ZERO_CELSIUS, "F": lambda t: (t - 32.0) / 1.8}
 ANGULAR = {**ANGLES, "turn": TURN}
 UNITS = tuple(dict.fromkeys((*LENGTHS, *ANGULAR, "counts", *TEMPERATURES, *FURTHER["payload"],
-                             *FURTHER["time"], *FURTHER["force"])))
+                             *FURTHER["time"], *FURTHER["force"], *FURTHER["moment"])))
 
 
 def _mapping(what: str, one: Callable[[object], object]) -> BeforeValidator:
@@ -95,6 +96,8 @@ class ReadFile(Strict):
     columns: Annotated[dict[str, str], _mapping("header in the file", _header_name)] = Field(
         default_factory=dict)
     """Our column: the file's header."""
+    sheet: Label | None = None
+    """Sheet of a spreadsheet  [default: the first]."""
     ignore: list[Label] = Field(default_factory=list)
     """Headers of the file to leave alone."""
     units: Annotated[dict[str, str], _mapping("unit", _unit)] = Field(default_factory=dict)
@@ -148,9 +151,11 @@ def renamed(table: Table, read: ReadFile, mechanism: Mechanism, side: str) -> Ta
                    text={names.get(h, h): v for h, v in table.text.items() if h not in left})
 
 
-def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units, side: str
-                ) -> Table:
+def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units, side: str,
+                headed: Collection[str] = ()) -> Table:
     """Return the table in the units, axes and conventions of section 2.
+
+    The units of the columns ``headed`` stand in the header, not in the sidecar.
 
     Raises:
         BadInput: a column that the file does not have, a unit that it cannot be in, or rotation
@@ -162,7 +167,9 @@ def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units
             numbers[name] = sign * numbers[name]
     for pattern, unit in read.units.items():
         for name in _matching(table, pattern, f"{side}: read.units"):
-            numbers[name] = _in_declared(numbers[name], name, unit, read, mechanism, units, side)
+            place = (f"{table.source}: header, column {name}" if name in headed
+                     else f"{side}: read.units.{name}")
+            numbers[name] = _in_declared(numbers[name], name, unit, read, mechanism, units, place)
     table = replace(table, numbers=numbers)
     if read.rotation not in (None, "rotvec"):
         table = _as_vectors(table, str(read.rotation), mechanism, units.factor("angle"), side)
@@ -184,9 +191,8 @@ def _matching(table: Table, pattern: str, place: str) -> list[str]:
 
 
 def _in_declared(values: Array, name: str, unit: str, read: ReadFile, mechanism: Mechanism,
-                 units: Units, side: str) -> Array:
+                 units: Units, place: str) -> Array:
     """Return a column's numbers in the unit that the file declares for it."""
-    place = f"{side}: read.units.{name}"
     if name == "temperature" or name.startswith("temperature_"):
         _allowed(unit, TEMPERATURES, name, place)
         return TEMPERATURES[unit](values)
@@ -213,7 +219,8 @@ def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str
         return ANGULAR, units.factor("angle")
     if bare_name in (*AXES, "height", "distance", "position"):
         return LENGTHS, units.factor("length")
-    kind = {"payload": "payload", "time": "time", "fx": "force", "fy": "force", "fz": "force"}
+    kind = {"payload": "payload", "time": "time", **dict.fromkeys(("fx", "fy", "fz"), "force"),
+            **dict.fromkeys(("mx", "my", "mz"), "moment")}
     return FURTHER.get(kind.get(name, ""), {}), 1.0
 
 

@@ -320,7 +320,8 @@ def test_ragged_row(files, tail):
 
 def test_semicolons(files):
     path = files / "d.csv"
-    path.write_text(path.read_text().replace(",", ";"))
+    header, rest = path.read_text().split("\n", 1)
+    path.write_text(header.replace(",", ";") + "\n" + rest)
     refuse(files, DATA, "d.csv", "semicolon")
 
 
@@ -441,7 +442,7 @@ TARGET_FILES = {
     "header twice": ("x,x,y,rz\n1,1,2,3\n", ["x", "two columns"]),
     "ragged": ("x,y,rz\n500,280,20,4\n", ["row 1"]),
     "no header": ("500,280,20\n510,270,22\n", ["header"]),
-    "semicolons": ("x;y;rz\n500;280;20\n", ["semicolon"]),
+    "semicolons": ("x;y;rz\n500,280,20\n", ["semicolon"]),
 }
 
 

@@ -99,7 +99,7 @@ def test_refused(tmp_path, file, old, new, place, says):
 
 @pytest.mark.parametrize(("content", "says"), [
     (b"", "empty"), (b"\n\n\n", "empty"), (b"\xef\xbb\xbf", "empty"),
-    (b"PK\x03\x04\x00\x00", "binary"), (HEADER.encode(), "no rows"),
+    (b"PK\x03\x04\x00\x00", "cannot be read as a spreadsheet"), (HEADER.encode(), "no rows"),
     (HEADER.encode() + b"\r\n\r\n", "no rows"), (HEADER.encode() + b"\n  \n", "no rows"),
     (HEADER.encode("utf-16"), "UTF-16"), (b"a,b\n\xe4,\xf6\n", "UTF-8"),
     (b"x,y\n1,2\n1,2,3\n4\n", "3 cells"), (b"x\ny\nz", "'y' is not a number")])
@@ -208,7 +208,8 @@ def test_scenario_refused(tmp_path, old, new, place, says):
 @pytest.mark.parametrize(("text", "says"), [
     ("a,b\n1,2\n", "there is no pose column"), ("x,y,z\n1,2,3\n", "no coordinate z"),
     ("x,y,rz\n1,2,abc\n", "row 1, column rz"), ("x,y,rz\n1,2\n", "row 1"),
-    ("x;y\n1;2\n", "commas")])
+    ("x;y\n1;2\n", "rz"),
+    ("x;y;rz\n1,5;2.5;3\n", "decimal points")])
 def test_poses_refused(tmp_path, text, says):
     path = tmp_path / "p.csv"
     path.write_text(text)

@@ -1,0 +1,90 @@
+"""``ppmcal read``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ppmcal.cli.common import FILE, Console, FiniteRange, json_option, leave, quiet_option
+
+if TYPE_CHECKING:
+    from ppmcal.api.read import ReadResult
+
+
+@click.command("read")
+@click.argument("files", type=FILE, nargs=-1, required=True)
+@click.option("--mechanism", type=FILE, required=True, help="The machine that was measured.")
+@click.option("--out", type=FILE, default="run.csv", show_default=True,
+              help="CSV to write; its sidecar has the same stem.")
+@click.option("--force", is_flag=True, help="Overwrite files that exist; never an input.")
+@click.option("--sidecar", type=FILE, default=None,
+              help="What the numbers are, and how to read them  [default: the YAML beside one of "
+              "FILES].")
+@click.option("--join", type=click.Choice(["name", "time"]), default=None,
+              help="How points find their rows: a point's name is the log's `pose`, or by the "
+              "nearest time  [default: name where names agree].")
+@click.option("--tolerance", type=FiniteRange(min=0.0), default=0.5, show_default=True,
+              metavar="S", help="How far apart two times may be, s.")
+@click.option("--partial", is_flag=True,
+              help="Leave out points and rows that match nothing, and name them.")
+@click.option("--units", type=click.Choice(["m", "mm", "um", "in"]), default=None,
+              help="Length unit of points whose header names none  [default: the sidecar's].")
+@quiet_option
+@json_option
+def command(files: tuple[Path, ...], mechanism: Path, out: Path, force: bool,
+            sidecar: Path | None, join: str | None, tolerance: float, partial: bool,
+            units: str | None, quiet: bool, as_json: bool) -> None:
+    """Turn FILES of instruments and controllers into a measurement file.
+
+    FILES are a table, or a joint log and lists of points (name, x, y, z, perhaps time), separated
+    by commas, semicolons, tabs or spaces. Says what it understood, and writes a CSV and its
+    sidecar.
+    """
+    from ppmcal.api.read import read
+
+    console = Console(quiet, as_json)
+    inputs = [*files, mechanism, *([sidecar] if sidecar else [])]
+    _refuse(out, inputs, force)
+    result = read(files, mechanism, sidecar=sidecar, join=join, tolerance=tolerance,
+                  partial=partial, units=units, name=out.stem)
+    _refuse(out, [Path(p) for p in result.provenance["inputs"]], force)
+    for sentence in result.sentences:
+        console.say(sentence)
+    console.warn(result.findings)
+    written = _write(result, out)
+    console.say(f"Written: {', '.join(written)}")
+    console.summary({**result.summary(), "written": written})
+    leave(result.needs_a_look)
+
+
+def _refuse(out: Path, inputs: list[Path], force: bool) -> None:
+    """Refuse to replace an input, or what is there."""
+    from ppmcal.errors import BadInput
+
+    if out.suffix != ".csv":
+        raise BadInput("is no name of a CSV", str(out), "Write --out run.csv")
+    for place in (out, out.with_suffix(".yaml")):
+        if any(place.exists() and p.exists() and place.samefile(p) for p in inputs):
+            raise BadInput("is an input of this run, and its results would replace it",
+                           str(place), "Give another --out")
+        if place.exists() and not force:
+            raise BadInput("exists already", str(place), "Give another --out, or --force")
+
+
+def _write(result: ReadResult, out: Path) -> list[str]:
+    """Write both files, and return their paths."""
+    from ppmcal.errors import BadInput
+    from ppmcal.io.csv_writer import encoded
+
+    written = [str(out.with_name(name)) for name in result.files()]
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        for name, content in result.files().items():
+            with out.with_name(name).open("wb") as file:
+                file.writelines(encoded(content))
+    except OSError as error:
+        raise BadInput(f"cannot be written ({error.strerror})", str(out),
+                       "Check the folder and its permissions") from None
+    return written
