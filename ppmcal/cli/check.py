@@ -20,7 +20,7 @@ from ppmcal.wording import number
 
 
 @click.command("check", epilog=examples(
-    "ppmcal check mine.yaml", "ppmcal check mine.yaml run1.csv"))
+    "ppmcal check mine.yaml --draw machine.html", "ppmcal check mine.yaml run1.csv"))
 @click.argument("mech", type=MODEL)
 @click.argument("data", type=FILE, nargs=-1)
 @click.option("--draw", type=FILE, default=None, metavar="PATH",

@@ -7,15 +7,25 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ppmcal.cli.common import FILE, Console, FiniteRange, json_option, leave, quiet_option
+from ppmcal.cli.common import (
+    FILE,
+    MODEL,
+    Console,
+    FiniteRange,
+    examples,
+    json_option,
+    leave,
+    quiet_option,
+)
 
 if TYPE_CHECKING:
     from ppmcal.api.read import ReadResult
 
 
-@click.command("read")
+@click.command("read", epilog=examples(
+    "ppmcal read log.csv points.txt --mechanism mine.yaml --out joined.csv"))
 @click.argument("files", type=FILE, nargs=-1, required=True)
-@click.option("--mechanism", type=FILE, required=True, help="The machine that was measured.")
+@click.option("--mechanism", type=MODEL, required=True, help="The machine that was measured.")
 @click.option("--out", type=FILE, default="run.csv", show_default=True,
               help="CSV to write; its sidecar has the same stem.")
 @click.option("--force", is_flag=True, help="Overwrite files that exist; never an input.")

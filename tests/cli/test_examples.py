@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import shlex
 import shutil
 from pathlib import Path
@@ -46,6 +47,18 @@ def run(line: str) -> None:
     assert result.exit_code in (0, 1), f"{line}\n{result.output}\n{result.exception!r}"
 
 
+def _write_log(folder: Path) -> None:
+    """Write the joints of each pose and, apart from them, the points that a tracker saw."""
+    with (folder / "run1.csv").open(encoding="utf-8", newline="") as file:
+        rows = {row["pose"]: row for row in csv.DictReader(file)}
+    joints = [name for name in next(iter(rows.values())) if name.startswith("q_")]
+    log = [";".join(["pose", *joints])] + [
+        ";".join([pose, *(row[j].replace(".", ",") for j in joints)]) for pose, row in rows.items()]
+    points = [f"{pose} {row['x']} {row['y']} {row['z']}" for pose, row in rows.items()]
+    (folder / "log.csv").write_text("\n".join(log) + "\n", encoding="utf-8")
+    (folder / "points.txt").write_text("\n".join(points) + "\n", encoding="utf-8")
+
+
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with everything that the examples name."""
@@ -60,6 +73,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "fleet.yaml").write_text(
         "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n"
         "  - {machine: hexapod-07, date: 2026-03-14, data: run1.csv}\n", encoding="utf-8")
+    _write_log(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for line in ("ppmcal identify mine.yaml run1.csv --quiet",
