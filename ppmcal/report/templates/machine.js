@@ -246,7 +246,7 @@
       font: { color: colour("ink"), size: narrow() ? 11 : 13, family: "system-ui, sans-serif" },
       margin: flat ? { l: 56, r: 12, t: 30, b: 44 } : { l: 0, r: 0, t: 0, b: 0 }, hovermode: "closest",
       hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"), font: { color: colour("ink") }, align: "left" },
-      legend: { orientation: "h", x: 0, y: flat ? (narrow() ? -0.24 : -0.12) : 0, yanchor: "top",
+      legend: { orientation: "h", x: 0, y: flat ? (narrow() ? -0.24 : -0.17) : 0, yanchor: "top",
         font: { size: narrow() ? 11 : 12 }, itemsizing: "constant",
         ...(narrow() && { entrywidth: 0.48, entrywidthmode: "fraction" }), bgcolor: "rgba(0,0,0,0)" },
       modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("soft"), activecolor: colour("ink") } };
