@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import algebra as cga
-from ppmcal.calibration.observation import pivot
+from ppmcal.calibration.observation import ResidualJacobian, pivot
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -51,6 +51,17 @@ class NuisanceColumns:
         if self.scale.stop > self.scale.start:
             moved = replace(moved, scale=moved.scale + float(step[self.scale.start]))
         return moved
+
+    def fill(self, out: Array, seen: ResidualJacobian) -> None:
+        """Fill the columns of frame, target, target rotation and scale in ``out`` (n, m, C)."""
+        for columns, parts, source in (
+                (self.frame, self.frame_parts, seen.by_frame),
+                (self.target, self.target_parts, seen.by_target),
+                (self.target_rotation, self.turn_parts, seen.by_target_rotation)):
+            if columns.stop > columns.start:
+                out[..., columns] = source[..., list(parts)]
+        if self.scale.stop > self.scale.start:
+            out[..., self.scale] = seen.by_scale[..., None]
 
 
 def frame_parts(data: Dataset, motion: str) -> tuple[int, ...]:

@@ -244,6 +244,21 @@ def noise(data: Dataset, motion: str) -> Array:
                       data.sigma_position, data.sigma_rotation)
 
 
+def white_measurements(data: Dataset, motion: str, rows: Ints | slice = slice(None)
+                       ) -> tuple[Array, Array, Ints]:
+    """Return what was measured in some rows: x ... rz (n, 6), 1/sigma (n, m), how many (n,).
+
+    The first two are 0 where nothing was measured.
+    """
+    own = shown(data, rows)
+    if motion != "planar":
+        own[~finite_rows(own[:, 3:]), 3:] = np.nan
+    seen = np.isfinite(own[:, list(coordinates(data, motion))])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        white = np.where(seen, 1.0 / noise(data, motion)[rows], 0.0)
+    return np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)
+
+
 def whitener(
     view_: ResidualJacobian, sigma: Array, by_joint: Array | None, sigma_joint: Array
 ) -> Array:

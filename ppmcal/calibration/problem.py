@@ -19,17 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppmcal.calibration.nuisance_columns import NuisanceColumns, lay_out
-from ppmcal.calibration.observation import (
-    ResidualJacobian,
-    coordinates,
-    noise,
-    shown,
-    view,
-    whitener,
-)
+from ppmcal.calibration.observation import noise, view, white_measurements, whitener
 from ppmcal.calibration.posterior import Earlier
 from ppmcal.calibration.registration import no_pose, start_registration, unscaled
-from ppmcal.calibration.response import Response
+from ppmcal.calibration.response import Response, Rows
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import environment_of, shifted
 from ppmcal.kinematics.equilibrium import platform_pose, reached_poses, settle
@@ -55,33 +48,6 @@ class State:
     g: Array
     registrations: tuple[Registration, ...]
     poses: tuple[Array, ...]
-
-
-@dataclass(frozen=True)
-class Rows:
-    """One chunk of whitened rows.
-
-    ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
-    ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
-    ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
-    None where no Jacobian was asked for; ``second``: along those of the other end of a distance
-    between two platform positions.
-    """
-
-    dataset: int
-    index: NDArray[np.int64]
-    residual: Array
-    jacobian: Array
-    observed: Bools
-    raw: Array
-    whitener: Array
-    response: Response | None = None
-    second: Response | None = None
-
-    def squares(self) -> tuple[float, int]:
-        """Return the sum of white squares of what was measured, and how many values that is."""
-        return (float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)),
-                int(self.observed.sum()))
 
 
 def white_squares(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[float, int]:
@@ -262,9 +228,9 @@ class Problem:
         """
         data = self.datasets[index]
         if len(data) > PIECE:
-            return self._measured(data, rows)
+            return white_measurements(data, self.mechanism.motion, rows)
         if index not in self._kept:
-            self._kept[index] = self._measured(data, np.arange(len(data)))
+            self._kept[index] = white_measurements(data, self.mechanism.motion)
         seen, white, number = self._kept[index]
         if rows.size == len(data):
             return seen, white, number
@@ -273,15 +239,6 @@ class Problem:
     @cached_property
     def _kept(self) -> dict[int, tuple[Array, Array, Ints]]:
         return {}
-
-    def _measured(self, data: Dataset, rows: Ints) -> tuple[Array, Array, Ints]:
-        own, motion = shown(data, rows), self.mechanism.motion
-        if motion != "planar":
-            own[~finite_rows(own[:, 3:]), 3:] = np.nan
-        seen = np.isfinite(own[:, list(coordinates(data, motion))])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            white = np.where(seen, 1.0 / noise(data, motion)[rows], 0.0)
-        return np.where(np.isfinite(own), own, 0.0), white, seen.sum(axis=1)
 
     def _chunk(self, i: int, data: Dataset, index: Ints, state: State, jacobian: bool) -> Rows:
         part, registration, motion = data.take(index), state.registrations[i], self.mechanism.motion
@@ -321,7 +278,7 @@ class Problem:
                     if end:
                         full += own
             if jacobian:
-                self._registrations(i, full, seen)
+                self.opens[i].fill(full, seen)
         sigma = np.tile(data.sigma_actuator, len(ends))
         white = whitener(seen, noise(part, motion),
                          np.concatenate(by_joint, axis=-1) if by_joint else None, sigma)
@@ -333,15 +290,3 @@ class Problem:
             residual, full = diagonal * seen.residual, diagonal[..., None] * full
         return Rows(i, index, residual, full, seen.observed, seen.residual, white,
                     *responses)
-
-    def _registrations(self, i: int, out: Array, seen: ResidualJacobian) -> None:
-        """Fill the columns of frame, target, target rotation and scale."""
-        open_ = self.opens[i]
-        for columns, parts, source in (
-                (open_.frame, open_.frame_parts, seen.by_frame),
-                (open_.target, open_.target_parts, seen.by_target),
-                (open_.target_rotation, open_.turn_parts, seen.by_target_rotation)):
-            if columns.stop > columns.start:
-                out[..., columns] = source[..., list(parts)]
-        if open_.scale.stop > open_.scale.start:
-            out[..., open_.scale] = seen.by_scale[..., None]

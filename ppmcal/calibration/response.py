@@ -1,4 +1,4 @@
-"""How the predictions of rows move along shifts of any kind."""
+"""White rows, and how their predictions move along shifts of any kind."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ppmcal.kinematics.effect_response import effect_terms, setting
 from ppmcal.kinematics.equilibrium import platform_pose
 from ppmcal.kinematics.inverse import solve_blocks
 from ppmcal.kinematics.registration import displacement_twists
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.dataset import Environment
 from ppmcal.model.effects import Setting, Shift
 
@@ -138,3 +138,30 @@ class Response:
             for name, p in effect.parameters.items():
                 if p in place:
                     out[..., place[p]] += self.column(terms.by[name])
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One chunk of whitened rows.
+
+    ``residual`` (n, m) white; ``jacobian`` (n, m, C) of the white prediction;
+    ``observed`` (n, m); ``raw`` (n, m) in m and rad; ``whitener`` (n, m, m);
+    ``index`` (n,) rows of the data set; ``response`` how predictions move along shifts,
+    None where no Jacobian was asked for; ``second``: along those of the other end of a distance
+    between two platform positions.
+    """
+
+    dataset: int
+    index: Ints
+    residual: Array
+    jacobian: Array
+    observed: Bools
+    raw: Array
+    whitener: Array
+    response: Response | None = None
+    second: Response | None = None
+
+    def squares(self) -> tuple[float, int]:
+        """Return the sum of white squares of what was measured, and how many values that is."""
+        return (float(np.sum(np.where(self.observed, self.residual, 0.0) ** 2)),
+                int(self.observed.sum()))

@@ -16,7 +16,8 @@ from ppmcal import algebra as cga
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import SCALARS, coordinates
 from ppmcal.calibration.posterior import ROUND_OFF, SessionKnowledge, Sight, of_data
-from ppmcal.calibration.problem import Problem, Rows
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.response import Rows
 from ppmcal.linalg import (
     Array,
     Bools,

@@ -18,7 +18,8 @@ from scipy.special import chdtri
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.left_out_rows import thirds
-from ppmcal.calibration.problem import Problem, Rows
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.response import Rows
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.diagnosis.held_out_gap import Gap, HeldOutErrors, errors_of, gap_of
 from ppmcal.linalg import Array, Bools, range_basis

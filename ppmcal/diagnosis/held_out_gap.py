@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from ppmcal.calibration.fit import Fit, prediction_covariance
-from ppmcal.calibration.problem import Problem, Rows
+from ppmcal.calibration.problem import Problem
+from ppmcal.calibration.response import Rows
 from ppmcal.calibration.validation import fresh_state
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.dataset import Dataset

@@ -16,7 +16,7 @@ from scipy.special import stdtrit
 
 from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.observation import coordinates
-from ppmcal.calibration.problem import Rows
+from ppmcal.calibration.response import Rows
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, ZERO_CELSIUS
