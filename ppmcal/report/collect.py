@@ -67,7 +67,8 @@ def collect(dirs: Sequence[Path]) -> ReportData:
         for key, part in _parts(folder):
             found[key].append(part)
     found["simulated"] = [_with_copies(s, found["identified"]) for s in found["simulated"]]
-    identified = tuple(_with_positions(i, found["simulated"]) for i in found["identified"])
+    identified = tuple(replace(_with_positions(one, found["simulated"]), index=n)
+                       for n, one in enumerate(found["identified"]))
     parts = {k: tuple(v) for k, v in found.items() if k != "identified"}
     return ReportData(tuple(str(d) for d in unique), identified, **parts,
                       comparisons=compare(identified, found["simulated"]))

@@ -37,7 +37,7 @@ def diagnosis_section(d: Diagnosed) -> str:
     out = ["<h2>Diagnosis</h2>", _lead(r), _days(r), _effects(r), _suspects(r),
            _remainder(r), _learned(r), _pictures(r), _swallowed(r), _places(r), _untestable(r),
            _next(r), _findings(r)]
-    return "".join(out) + figures(residual_figures(d.residuals, r.units))
+    return "".join(out) + figures(residual_figures(d.residuals, r.units, fit=d.folder))
 
 
 def _pictures(r: DiagnosisRecord) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -11,8 +10,8 @@ from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.errors import BadInput
-from ppmcal.io.output import json_text
 from ppmcal.io.results.scene import Scene
+from ppmcal.report.html import script_json as script_json
 from ppmcal.report.html import template_text, whole_page
 from ppmcal.wording import number
 
@@ -35,18 +34,8 @@ def drawing_page(scene: Scene, source: str = "") -> str:
         "machine.html", scene=scene, generator=GENERATOR, version=__version__,
         source=source or scene.name, lead=_lead(scene), notes=_notes(scene), at_home=order.index(0),
         css=Markup(template_text("machine.css")), data=Markup(script_json(content)),
-        library=Markup(template_text("vendor/plotly-gl3d.min.js")),
+        library=Markup(template_text("vendor/plotly.min.js")),
         script=Markup(template_text("machine.js")))
-
-
-def script_json(content: object) -> str:
-    r"""Return JSON that may stand in a script element, whatever its texts are.
-
-    >>> script_json({"name": "</script>"})
-    '{"name":"\\u003c/script\\u003e"}'
-    """
-    text = json.dumps(json.loads(json_text(content)), separators=(",", ":"), ensure_ascii=True)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def check_target(path: Path, inputs: Sequence[str] = ()) -> None:

@@ -177,7 +177,7 @@ def correlations(r: IdentificationRecord) -> str:
 
 def plots(one: Identified) -> str:
     """Return the residual plots."""
-    drawings = residual_figures(one.residuals, one.record.units, one.positions)
+    drawings = residual_figures(one.residuals, one.record.units, one.positions, one.index)
     if not drawings or one.residuals is None:
         return ""
     keep = used(one.residuals)

@@ -58,12 +58,14 @@ class Identified:
         residuals: residuals.csv.
         positions: measured x, y (N, 2) of the residual rows, nan where unknown; None where
             no measurement file with the right check sum was at hand.
+        index: which identification of the page it is, from 0.
     """
 
     folder: str
     record: IdentificationRecord
     residuals: Columns | None = None
     positions: Array | None = None
+    index: int = 0
 
     @property
     def name(self) -> str:

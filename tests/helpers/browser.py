@@ -76,7 +76,7 @@ class Browser:
         one.resize(width, height, touch)
         one.media(dark)
         one.loaded = False
-        one.ask("Page.navigate", url=page.as_uri() if isinstance(page, Path) else page)
+        one.ask("Page.navigate", url=page.resolve().as_uri() if isinstance(page, Path) else page)
         self._until(lambda: one.loaded, f"{page} does not load")
         return one
 
