@@ -118,16 +118,16 @@ class Chart:
             return EDGE, WIDTH - EDGE
         names = max(width(row.label) for row in self.rows if row.bars) + 6.0
         return (EDGE + min(names, LABELS),
-                WIDTH - EDGE - max(self.value_room(row) for row in self.rows) - 8.0)
+                WIDTH - EDGE - max(self._value(row) for row in self.rows) - 8.0)
 
-    def value_room(self, row: Row) -> float:
+    def _value(self, row: Row) -> float:
         """Return the room that the words at the end of a row take."""
         return min(width(row.words, self.beside or row.strong), VALUES)
 
     def _row(self, canvas: Canvas, axes: Axes, row: Row, y: float) -> None:
         """Draw one row, the foot of its label at ``y``."""
         room = (self.ends()[0] - EDGE - 4.0 if self.beside and row.bars else
-                WIDTH - 2.0 * EDGE - self.value_room(row) - 6.0)
+                WIDTH - 2.0 * EDGE - self._value(row) - 6.0)
         canvas.text(EDGE, y, row.label, bold=row.strong, room=room)
         canvas.text(WIDTH - EDGE, y, row.words, bold=self.beside or row.strong, ha="right",
                     room=VALUES)

@@ -43,6 +43,8 @@ Spec: TypeAlias = dict[str, Any]
 DIGITS = 6
 PIXELS = 1.3
 """Height of a plot on a page, pixels per point of the drawing."""
+TOOLS = 20
+"""Room for plotly's buttons above, pixels."""
 SYMBOLS = {"o": "circle", "x": "x-thin", "D": "diamond"}
 FORMAT = ".4~g"
 
@@ -130,7 +132,9 @@ def _plot(plot: Plot, drawing: Drawing) -> Spec:
         parts.annotations += _owners(plot.classes)
     if plot.equal:
         y |= {"scaleanchor": "x", "scaleratio": 1}
-    return {"data": parts.data, "height": round(PIXELS * plot.height), "layout": {
+    # where both scales are equal, the shape of the drawing is kept
+    height = TOOLS + (1.0 if plot.equal else PIXELS) * plot.height
+    return {"data": parts.data, "height": round(height), "layout": {
         "xaxis": x, "yaxis": y, "shapes": parts.shapes, "annotations": parts.annotations}}
 
 
@@ -139,8 +143,8 @@ def _axis(axis: Axis, name: str) -> Spec:
     out: Spec = {"range": numbers(np.log10(ends) if axis.log else ends)}
     if name:
         out["title"] = {"text": safe(name)}
-    return out | ({"type": "log", "dtick": 1 if axis.high > 100.0 * axis.low else None,
-                   "exponentformat": "power"} if axis.log else {})
+    return out | ({"type": "log", "dtick": 1 if axis.high > 8.0 * axis.low else None,
+                   "tickformat": ".3~g"} if axis.log else {})
 
 
 def _owners(classes: Sequence[tuple[float, str, str]]) -> list[Spec]:
@@ -377,7 +381,9 @@ def _(layer: Starts, pane: Pane, parts: Parts) -> None:
 
 @add.register
 def _(layer: WordsAt, pane: Pane, parts: Parts) -> None:
+    wide, high = pane.per()
     parts.annotations.append({
-        "x": 1, "y": 1, "xref": "paper", "yref": "paper", "xanchor": "right", "yanchor": "top",
-        "xshift": -round(PIXELS * layer.x), "showarrow": False, "text": safe(layer.text),
+        "x": number(pane.plot.x.high - wide * layer.x),
+        "y": number(pane.plot.y.high - high * (layer.y - 4.0)), "xanchor": "right",
+        "yanchor": "middle", "showarrow": False, "text": safe(layer.text),
         "font": {"color": "--soft"}})

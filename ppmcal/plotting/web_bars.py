@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal.plotting.bars import LEGEND, LOOKS, STEP, THICK, Chart, Row
-from ppmcal.plotting.canvas import EDGE, WIDTH, fitted
-from ppmcal.plotting.style import AFTER, BEFORE, INK, OUT, PAGE, SOFT, tame
-from ppmcal.plotting.web import Spec, number, numbers, safe
+from ppmcal.plotting.canvas import WIDTH
+from ppmcal.plotting.style import AFTER, BEFORE, INK, OUT, PAGE, SOFT, plain, tame
+from ppmcal.plotting.web import TOOLS, Spec, number, numbers, safe
 
 PIXELS = 1.25
 """Height on a page, pixels per point of the drawing."""
-HEAD, FOOT = 6, 44
+HEAD, FOOT = 6 + TOOLS, 44
 """Room above and below the bars, pixels."""
 COLOURS = {name: f"--{PAGE[name]}" for name in (AFTER, BEFORE, INK, OUT, SOFT)}
 DASHES = {"limit": "solid", "dotted": "dot"}
@@ -20,7 +20,9 @@ DASHES = {"limit": "solid", "dotted": "dot"}
 def chart_spec(chart: Chart) -> Spec:
     """Return a chart as plotly's ``data`` and ``layout``, and its ``height`` in pixels.
 
-    y is in points down from the first row; a scale by the square root has the roots on x.
+    y is in points down from the first row; a scale by the square root has the roots on x. ``rows``
+    are words, which the script of the page cuts to the room that there is: ``label`` at the left,
+    ``words`` at the right end, about ``y``.
     """
     first, *tops = chart.tops()
     places = [first, *tops[:-1]]
@@ -47,9 +49,10 @@ def chart_spec(chart: Chart) -> Spec:
         "xaxis": x, "yaxis": {"range": [tops[-1] if tops else 1.0, first], "visible": False,
                               "fixedrange": True},
         "margin": {"l": 0, "r": 0, "t": round(head), "b": FOOT}, "barmode": "overlay",
-        "showlegend": bool(chart.legend), "annotations": [
-            a for row, top in zip(chart.rows, places, strict=True)
-            for a in _words(chart, row, top)]}}
+        "showlegend": bool(chart.legend)}, "beside": chart.beside, "rows": [
+            {"y": number(top + 10.0), "label": plain(row.label), "words": plain(row.words),
+             "bold": row.strong, "strong": chart.beside or row.strong, "bars": bool(row.bars)}
+            for row, top in zip(chart.rows, places, strict=True)]}
 
 
 def _across(chart: Chart, value: float) -> float:
@@ -113,20 +116,3 @@ def _limits(chart: Chart, kind: str, places: list[float], name: str) -> Spec:
                  "line": {"color": "--ink", "width": 1.5, "dash": DASHES[kind]},
                  "showlegend": bool(name)}
     return out | ({"hoverinfo": "name"} if name else {"hoverinfo": "skip"})
-
-
-def _words(chart: Chart, row: Row, top: float) -> list[Spec]:
-    """Return a row's label and the words at its end."""
-    value = chart.value_room(row)
-    room = (chart.ends()[0] - EDGE - 4.0 if chart.beside and row.bars else
-            WIDTH - 2.0 * EDGE - value - 6.0)
-    out = []
-    for words, side, bold, wide in ((row.label, "left", row.strong, room),
-                                    (row.words, "right", chart.beside or row.strong, value + 1.0)):
-        if words:
-            shown = safe(fitted(words, wide, bold))
-            out.append({"xref": "paper", "x": EDGE / WIDTH if side == "left" else 1 - EDGE / WIDTH,
-                        "y": number(top + 10.0), "xanchor": side, "yanchor": "middle",
-                        "text": f"<b>{shown}</b>" if bold else shown, "showarrow": False,
-                        **({"hovertext": safe(words)} if shown != safe(words) else {})})
-    return out

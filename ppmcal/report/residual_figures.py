@@ -145,9 +145,9 @@ def series(values: Array, kind: str, rows: DataRows | None = None, unit: str = "
     every = np.arange(values.size)
     if values.size <= POINTS:
         return [Dots(every + 1.0, values, kind, 3.4 if kind == "before" else 4.0, points(every))]
-    x, low, below, above, high, ends = envelope(values)
-    said = Points([f"rows {a + 1} to {b} of the plot\n{sig(v)} … {with_unit(w, unit)}"
-                   for (a, b), v, w in zip(ends.tolist(), low, high, strict=True)])
+    x, low, below, above, high = envelope(values)
+    said = Points([f"rows about {at + 1.0:.0f}\n{kind}: {sig(v)} … {with_unit(w, unit)}"
+                   for at, v, w in zip(x.tolist(), low.tolist(), high.tolist(), strict=True)])
     size = np.where(np.isfinite(values), np.abs(values), -1.0)
     largest = np.sort(np.argsort(size)[-LARGEST:])
     return [Strokes(x + 1.0, low, high, kind, alpha=0.35, points=said),

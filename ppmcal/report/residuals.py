@@ -81,22 +81,17 @@ def white(table: Columns) -> Array:
     return np.concatenate(out) if out else np.zeros(0)
 
 
-def envelope(y: Array, bins: int = BINS
-             ) -> tuple[Array, Array, Array, Array, Array, NDArray[np.intp]]:
-    """Return bin centres, the 0, 1/6, 5/6 and 1 quantiles of the finite values in each bin.
-
-    Last come the ends (B, 2) of the bins: first row, and the one after the last.
-    """
+def envelope(y: Array, bins: int = BINS) -> tuple[Array, Array, Array, Array, Array]:
+    """Return bin centres and the 0, 1/6, 5/6 and 1 quantiles of the finite values in each bin."""
     edges = np.linspace(0, y.size, bins + 1).astype(int)
-    out, ends = [], []
+    out = []
     for start, stop in pairwise(edges.tolist()):
         part = y[start:stop]
         part = part[np.isfinite(part)]
         if part.size:
             out.append([(start + stop - 1) / 2.0, *np.quantile(part, [0.0, 1 / 6, 5 / 6, 1.0])])
-            ends.append((start, stop))
     centres, low, below, above, high = np.array(out).reshape(-1, 5).T
-    return centres, low, below, above, high, np.array(ends, dtype=np.intp).reshape(-1, 2)
+    return centres, low, below, above, high
 
 
 def evenly_spread(places: Array, size: Array, cells: int = 22) -> NDArray[np.intp]:

@@ -47,6 +47,39 @@
     return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, painted(v, k)]));
   }
 
+  // --- words cut to the room there is, and shown by plotly as they are --------------------------
+  const pen = document.createElement("canvas").getContext("2d");
+  const safe = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  const wide = (text) => pen.measureText(text).width;
+  function fitted(text, room) {
+    if (wide(text) <= room) return text;
+    const letters = [...text];
+    while (letters.length > 3 && wide(letters.join("") + "\u2026") > room) letters.pop();
+    return letters.join("").trimEnd() + "\u2026";
+  }
+
+  // labels of rows of bars and the words at their ends, and where the bars are between them
+  function rowWords(spec, full, font) {
+    const edge = 0.02 * full, face = (bold) => { pen.font = `${bold ? "bold " : ""}${font.size}px ${font.family}`; };
+    const size = (text, bold) => { face(bold); return wide(text); };
+    const most = (rows, key, bold) => Math.max(0, ...rows.map((r) => size(r[key], r[bold])));
+    const bars = spec.rows.filter((r) => r.bars);
+    const left = edge + Math.min(most(bars, "label", "bold"), 0.3 * full) + 6;
+    const right = full - edge - Math.min(most(spec.rows, "words", "strong"), 0.45 * full) - 10;
+    const annotations = spec.rows.flatMap((r) => {
+      const end = Math.min(size(r.words, r.strong), 0.45 * full);
+      const room = spec.beside && r.bars ? left - edge - 4 : full - 2 * edge - end - 8;
+      return [[r.label, edge, "left", r.bold, room], [r.words, full - edge, "right", r.strong, end + 1]]
+        .filter(([words]) => words).map(([words, x, side, bold, most_]) => {
+          face(bold);
+          const shown = safe(fitted(words, most_));
+          return { xref: "paper", x: x / full, y: r.y, xanchor: side, yanchor: "middle", showarrow: false,
+            borderpad: 0, text: bold ? `<b>${shown}</b>` : shown, hovertext: shown === safe(words) ? "" : safe(words) };
+        });
+    });
+    return { annotations, domain: spec.beside ? [left / full, Math.max(right / full, left / full + 0.1)] : null };
+  }
+
   // --- one figure --------------------------------------------------------------------------------
   class Figure {
     constructor(element) {
@@ -83,18 +116,24 @@
 
     layout() {
       const small = this.box.clientWidth < 430 || paper;
+      const font = { color: colour("--ink"), size: small ? 11 : 12, family: getComputedStyle(this.box).fontFamily };
       const given = painted(this.spec.layout, "");
+      if (this.spec.rows) {
+        const { annotations, domain } = rowWords(this.spec, paper ? PAPER : this.box.clientWidth, font);
+        Object.assign(given, { annotations });
+        if (domain) given.xaxis.domain = domain;
+      }
       const axis = (more) => ({ automargin: true, zeroline: false, gridcolor: colour("--line"),
         linecolor: colour("--soft"), tickcolor: colour("--soft"), tickfont: { color: colour("--soft") },
         showline: true, autorange: false, ...more,
         title: { standoff: 8, font: { size: small ? 11 : 12 }, ...(more || {}).title } });
       const size = paper ? { autosize: false, width: PAPER } : { autosize: true, width: undefined };
       return { paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "kept",
-        margin: { l: 4, r: 12, t: 6, b: 4 }, hovermode: "closest", hoverdistance: 14, barmode: "overlay",
+        margin: { l: 4, r: 12, t: 26, b: 4 }, hovermode: "closest", hoverdistance: 14, barmode: "overlay",
         dragmode: coarse ? false : this.mode || "zoom", selections: [], ...given, ...size,
         height: this.spec.height, xaxis: axis(given.xaxis), yaxis: axis(given.yaxis),
-        font: { color: colour("--ink"), size: small ? 11 : 12, family: getComputedStyle(this.box).fontFamily },
-        legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", itemsizing: "constant",
+        font,
+        legend: { orientation: "h", x: 0, xanchor: "left", y: 1, yanchor: "bottom", itemsizing: "trace",
           font: { color: colour("--soft"), size: small ? 10.5 : 12 }, bgcolor: "rgba(0,0,0,0)", traceorder: "normal" },
         hoverlabel: { bgcolor: colour("--card"), bordercolor: colour("--soft"), align: "left",
           font: { color: colour("--ink"), size: 12 }, namelength: -1 },

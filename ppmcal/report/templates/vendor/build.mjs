@@ -33,7 +33,7 @@ const { metafile } = await esbuild.build({
   bundle: true, minify: true, format: "iife", globalName: "Plotly", charset: "ascii",
   target: "es2016", logLevel: "warning", legalComments: "none",
   banner: { js: `/* plotly.js ${version} (scatter, ${TRACES.join(", ")}), Copyright 2012-2026 ` +
-    "Plotly, Inc., MIT licence */" },
+    "Plotly, Inc. Licensed under the MIT license */" },
   plugins: [lean, inlineCSS(), glsl({ minify: true }), environmentPlugin({ NODE_DEBUG: false })],
   alias: { regl: "@plotly/regl", stream: "stream-browserify" },
   define: { global: "window", "define.amd": "false" },
