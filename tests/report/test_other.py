@@ -139,7 +139,8 @@ def test_many_parameters_are_thinned_and_changed_ones_kept(tmp_path: Path) -> No
     html, text = page(tmp_path)
     assert "The 40 largest of 60." in text and "48 further parameters" in text
     ticks = specs(html)["New minus old in units of sigma"]["layout"]["yaxis"]["ticktext"]
-    assert [t for t in ticks if t.startswith("<b>")] == ["<b>p0</b>"] and "Nothing by itself explains it." in text
+    assert [t for t in ticks if t.startswith("<b>")] == ["<b>p0</b>"]
+    assert "Nothing by itself explains it." in text
 
 
 def test_a_change_of_several_numbers_has_a_row_each(tmp_path: Path) -> None:
