@@ -139,15 +139,16 @@ def test_a_click_and_a_box_say_which_rows(browser, html):
     page.wait_for("window.heard.length")
     assert page.evaluate("window.heard.at(-1)") == [key]
     drawn(page, Y)
-    page.evaluate(f"Plotly.relayout(document.querySelector({Y!r}), {{dragmode: 'select'}})")
+    page.evaluate(f"Plotly.relayout(document.querySelector({Y!r}), {{dragmode: 'select'}}).then(() => 0)")
     x, y, wide, high = page.evaluate(
         f"(() => {{ const b = document.querySelector({Y!r}).querySelector('.nsewdrag')"
         ".getBoundingClientRect(); return [b.x, b.y, b.width, b.height] })()")
     page.drag(x + 3, y + 3, x + 0.5 * wide, y + high - 3)
     page.wait_for("window.heard.at(-1).length > 3")
     found = page.evaluate("window.heard.at(-1)")
-    every = keys_of(html)
-    assert set(found) <= set(every) and 0.3 * len(every) < len(found) < 0.7 * len(every)
+    title = "Residual of y by row, after"
+    every = {k for t in specs(html.read_text())[title]["data"] for k in t.get("customdata", ())}
+    assert set(found) <= every and 0.3 * len(every) < len(found) < 0.7 * len(every)
     page.pause(0.5)
     assert page.evaluate("window.heard.length") < 6, "a selection must not answer itself"
     page.click(*place(page, X, key))

@@ -224,7 +224,8 @@
 
   const recolour = () => { palette = new Map(); again(false); };
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
-  new MutationObserver(recolour).observe(root, { attributes: true, attributeFilter: ["class", "data-theme", "style"] });
+  // not its style: plotly puts the mouse's look there
+  new MutationObserver(recolour).observe(root, { attributes: true, attributeFilter: ["class", "data-theme"] });
   window.addEventListener("beforeprint", () => {
     paper = true;
     palette = new Map();
