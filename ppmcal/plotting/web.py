@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
-from html import escape
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,14 +36,11 @@ from ppmcal.plotting.layers import (
     within,
 )
 from ppmcal.plotting.plot import BOTTOM, RIGHT, TOP, Axis, Plot
-from ppmcal.plotting.style import plain
+from ppmcal.plotting.web_bars import chart_spec
+from ppmcal.plotting.web_values import TOOLS, Spec, lines, number, numbers, safe
 
-Spec: TypeAlias = dict[str, Any]
-DIGITS = 6
 PIXELS = 1.3
 """Height of a plot on a page, pixels per point of the drawing."""
-TOOLS = 20
-"""Room for plotly's buttons above, pixels."""
 SYMBOLS = {"o": "circle", "x": "x-thin", "D": "diamond"}
 FORMAT = ".4~g"
 
@@ -81,7 +77,6 @@ def spec(drawing: Drawing) -> Spec:
     if isinstance(drawing.content, Plot):
         return _plot(drawing.content, drawing)
     if isinstance(drawing.content, Chart):
-        from ppmcal.plotting.web_bars import chart_spec
         return chart_spec(drawing.content)
     raise TypeError(f"no figure for a page can be made of {type(drawing.content).__name__}")
 
@@ -91,27 +86,6 @@ def told(drawing: Drawing) -> dict[str, str]:
     layers = drawing.content.layers if isinstance(drawing.content, Plot) else ()
     found = [p for layer in layers if (p := getattr(layer, "points", None)) is not None]
     return {key: lines(text) for p in found for key, text in zip(p.keys, p.texts, strict=False)}
-
-
-def safe(text: object) -> str:
-    """Return words that plotly shows as they are: neither tags nor placeholders."""
-    return escape(plain(text), quote=False).replace("{", "&#123;")
-
-
-def lines(text: str) -> str:
-    """Return words in lines, the first one bold."""
-    first, *more = (safe(t) for t in text.split("\n"))
-    return "<br>".join([f"<b>{first}</b>", *more])
-
-
-def number(value: float) -> float | None:
-    """Return a number with as many digits as can be seen, None for none."""
-    return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None
-
-
-def numbers(values: ArrayLike) -> list[float | None]:
-    """Return numbers with as many digits as can be seen."""
-    return [number(v) for v in np.ravel(np.asarray(values, dtype=float)).tolist()]
 
 
 def _plot(plot: Plot, drawing: Drawing) -> Spec:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal.plotting.bars import LEGEND, LOOKS, STEP, THICK, Chart, Row
-from ppmcal.plotting.canvas import WIDTH
+from ppmcal.plotting.canvas import WIDTH, width
 from ppmcal.plotting.style import AFTER, BEFORE, INK, OUT, PAGE, SOFT, plain, tame
-from ppmcal.plotting.web import TOOLS, Spec, number, numbers, safe
+from ppmcal.plotting.web_values import TOOLS, Spec, number, numbers, safe
 
 PIXELS = 1.25
 """Height on a page, pixels per point of the drawing."""
 HEAD, FOOT = 6 + TOOLS, 44
 """Room above and below the bars, pixels."""
+NARROW = 1.3
+"""Letters are so much larger, against the width, on the narrowest page."""
 COLOURS = {name: f"--{PAGE[name]}" for name in (AFTER, BEFORE, INK, OUT, SOFT)}
 DASHES = {"limit": "solid", "dotted": "dot"}
 
@@ -40,8 +42,9 @@ def chart_spec(chart: Chart) -> Spec:
     if chart.scale == "log":
         x |= {"type": "log", "range": numbers(np.log10([chart.low, chart.high]))}
     if chart.ticks:
-        x |= {"tickvals": numbers([_across(chart, v) for v, _ in chart.ticks]),
-              "ticktext": [safe(w) for _, w in chart.ticks]}
+        ticks = _ticks(chart)
+        x |= {"tickvals": numbers([_across(chart, v) for v, _ in ticks]), "tickangle": 0,
+              "ticktext": [safe(w) for _, w in ticks]}
     elif chart.scale == "root":
         x |= {"tickvals": numbers([_across(chart, v) for v in (chart.low, chart.high)]),
               "ticktext": [f"{v:.3g}" for v in (chart.low, chart.high)]}
@@ -59,6 +62,20 @@ def _across(chart: Chart, value: float) -> float:
     """Return where a value is on x, moved to the ends of the scale."""
     inside = float(np.clip(tame(np.array(value)), chart.low, chart.high))
     return float(np.sqrt(max(inside, 0.0))) if chart.scale == "root" else inside
+
+
+def _ticks(chart: Chart) -> list[tuple[float, str]]:
+    """Return those of the ticks whose words have room on a narrow page."""
+    (left, right), out, free = chart.ends(), [], 0.0
+    scale = np.log if chart.scale == "log" else float
+    low, high = (scale(_across(chart, v)) for v in (chart.low, chart.high))
+    for value, words in chart.ticks:
+        half = NARROW * 0.5 * width(words)
+        x = left + (right - left) * (scale(_across(chart, value)) - low) / (high - low)
+        if free <= x - half and x + half <= WIDTH:
+            out.append((value, words))
+            free = x + half + 4.0
+    return out
 
 
 def _lines(chart: Chart) -> int:

@@ -67,8 +67,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
         for key, part in _parts(folder):
             found[key].append(part)
     found["simulated"] = [_with_copies(s, found["identified"]) for s in found["simulated"]]
-    identified = tuple(replace(_with_positions(one, found["simulated"]), index=n)
-                       for n, one in enumerate(found["identified"]))
+    identified = tuple(_with_positions(i, found["simulated"]) for i in found["identified"])
     parts = {k: tuple(v) for k, v in found.items() if k != "identified"}
     return ReportData(tuple(str(d) for d in unique), identified, **parts,
                       comparisons=compare(identified, found["simulated"]))
@@ -117,7 +116,7 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),
-                                           table("effects.csv"), rest)))
+                                           table("effects.csv"), rest, table("next.csv"))))
     if has("commands.csv", "commands.json"):
         out.append(("compensated", ResidualRows(
             name, "commands", _record(CommandsRecord, folder),

@@ -58,14 +58,12 @@ class Identified:
         residuals: residuals.csv.
         positions: measured x, y (N, 2) of the residual rows, nan where unknown; None where
             no measurement file with the right check sum was at hand.
-        index: which identification of the page it is, from 0.
     """
 
     folder: str
     record: IdentificationRecord
     residuals: Columns | None = None
     positions: Array | None = None
-    index: int = 0
 
     @property
     def name(self) -> str:
@@ -112,12 +110,13 @@ FINE = frozenset({"ok", "done", "good", "solved", "corrected", "compensated", "1
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """Output of ``diagnose``."""
+    """Output of ``diagnose``; ``next``: the rows of next.csv, None without."""
 
     folder: str
     record: DiagnosisRecord
     effects: Columns | None
     residuals: Columns | None = None
+    next: Columns | None = None
 
 
 @dataclass(frozen=True)

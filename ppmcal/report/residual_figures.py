@@ -25,6 +25,7 @@ from ppmcal.plotting.layers import (
 )
 from ppmcal.plotting.layers import Columns as Bars
 from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Plot, span
+from ppmcal.report.data_rows import DataRows
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.records import Columns, ComparedMachines, ResidualRows
 from ppmcal.report.residuals import (
@@ -40,7 +41,6 @@ from ppmcal.report.residuals import (
     used,
     white,
 )
-from ppmcal.report.rows import DataRows
 
 CROSSES = 100
 """At most so many of the rows left out are drawn."""

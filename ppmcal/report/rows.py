@@ -1,84 +1,77 @@
-"""Rows of the data, by which plots, tables and the drawing of the machine are linked."""
+"""Measured rows by themselves: their keys on the page, and those that miss most."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array
-from ppmcal.plotting.layers import Points
-from ppmcal.report.format import number, sig, with_unit
-from ppmcal.report.records import Columns
+from ppmcal.report.format import exact, whole, with_label
+from ppmcal.report.html import amount, paragraph, table, words
+from ppmcal.report.records import Columns, Identified
+from ppmcal.report.residuals import coordinates, groups, used
+from ppmcal.report.section import Section
 
-OWN = ("row", "dataset", "used")
-"""Columns of residuals.csv that say which row it is, not what held in it."""
-STAGES = ("before_", "after_", "sigma_")
+SHOWN = 100
+"""Rows that the table holds: those furthest from the model for their noise."""
 
 
-def row_key(fit: int | str, dataset: str, row: float | None) -> str:
-    """Return the key of a row: which identification of the page, data set, row of the file.
+def row_key(index: int | str, dataset: str, row: int) -> str:
+    """Return the name by which plots, tables and the drawing know a row.
 
-    >>> row_key(0, "tracker", 17)
-    '0:tracker:17'
+    Args:
+        index: of the identification on the page, from 0; of a diagnosis alone its folder.
+        dataset: the row's data set.
+        row: its number in the file.
     """
-    return f"{fit}:{dataset}:{'' if number(row) is None else f'{row:.0f}'}"
+    return f"{index}:{dataset}:{row}"
 
 
-@dataclass(frozen=True, eq=False)
-class DataRows:
-    """The rows of a residuals.csv, with what is known of each.
-
-    Attributes:
-        fit: which identification of the page, from 0.
-        table: residuals.csv, N rows.
-        units: of its columns.
-        positions: measured x, y (N, 2), nan where unknown; None: all are.
-    """
-
-    fit: int | str
-    table: Columns
-    units: UnitNames
-    positions: Array | None = None
-
-    def points(self, index: NDArray[np.integer[Any]]) -> Points:
-        """Return what some rows (M,), counted from 0, are."""
-        names, rows = self.table.words("dataset"), self.table.number("row")
-        picked = index.tolist()
-        return Points([self._said(i) for i in picked],
-                      [row_key(self.fit, names[i], rows[i]) for i in picked])
-
-    def _said(self, i: int) -> str:
-        """Return data set, row and what held in it, in lines."""
-        row = number(float(self.table.number("row")[i]))
-        name = ", ".join(t for t in (self.table.words("dataset")[i],
-                                     "" if row is None else f"row {row:.0f}") if t)
-        return "\n".join(t for t in (name, *self._conditions(i)) if t)
-
-    def _conditions(self, i: int) -> Iterator[str]:
-        """Yield where the row was measured, and what other columns say of it."""
-        if self.positions is not None and np.isfinite(self.positions[i]).all():
-            x, y = self.positions[i].tolist()
-            yield f"measured x {sig(x, 5)}, y {sig(y, 5)}"
-        for name in self.table.header:
-            if name in OWN or name.startswith(STAGES):
-                continue
-            if name in self.table.numbers:
-                value = number(float(self.table.numbers[name][i]))
-                quantity = _quantity(name)
-                unit = self.units.of_quantity(quantity) if quantity else ""
-                if value is not None:
-                    yield f"{name} {with_unit(value, unit, 5)}"
-            elif self.table.words(name)[i]:
-                yield f"{name}: {self.table.words(name)[i]}"
+def row_keys(index: int, residuals: Columns) -> list[str]:
+    """Return the key of every row of residuals.csv."""
+    return [row_key(index, d, int(n)) for d, n in
+            zip(residuals.words("dataset"), row_numbers(residuals), strict=True)]
 
 
-def _quantity(column: str) -> str:
-    """Return what a column of residuals.csv measures, as far as its name says."""
-    if column in ("x", "y", "z", "height", "distance"):
-        return "length"
-    return "angle" if column in ("rx", "ry", "rz") else ""
+def row_numbers(residuals: Columns) -> NDArray[np.int64]:
+    """Return the number of every row in its file (N,), -1 where residuals.csv does not say."""
+    found = np.nan_to_num(np.clip(residuals.number("row"), -1.0, 1e15), nan=-1.0)
+    return found.astype(np.int64)
+
+
+def times_noise(residuals: Columns) -> Array:
+    """Return how far each row is from the model: rms of its residuals over their sigma (N,)."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        ratios = np.stack([residuals.number(f"after_{c}") / residuals.number(f"sigma_{c}")
+                           for c in coordinates(residuals)] or [np.full(residuals.size, np.nan)])
+        seen = np.isfinite(ratios)
+        total = np.sum(np.where(seen, ratios, 0.0) ** 2, axis=0)
+        out: Array = np.sqrt(total / np.sum(seen, axis=0))
+    return out
+
+
+def rows_section(one: Identified, index: int) -> Section | None:
+    """Return the table of the rows that miss most, None without rows."""
+    t = one.residuals
+    if t is None or not t.size:
+        return None
+    ratio, keys, keep = times_noise(t), row_keys(index, t), used(t)
+    order = np.argsort(-np.nan_to_num(ratio, nan=-1.0), kind="stable")[:SHOWN]
+    parts = groups(t)
+    heads = ["row", "data set", "times its noise"]
+    for g in parts:
+        unit = one.record.units.of_quantity(g.quantity)
+        heads += [with_label(f"{g.name} before", unit), with_label(f"{g.name} after", unit)]
+    names, reasons = t.words("dataset"), t.words("reason")
+    number = t.number("row")
+    body = [[amount(number[i], exact(float(number[i]))), words(names[i]), amount(float(ratio[i])),
+             *(amount(float(v[i])) for g in parts for v in (g.before, g.after)),
+             words("used" if keep[i] else f"left out: {reasons[i]}".rstrip(": "),
+                   "wrap" if keep[i] else "wrap warn")] for i in order]
+    more = (f"The {SHOWN} of {whole(t.size)} rows that miss most; residuals.csv has them all. "
+            if t.size > SHOWN else "")
+    note = more + ("Noise: root mean square of a row's residuals over their stated sigma. Click a "
+                   "row, or a point in a plot or on the machine, to find it in the others.")
+    return Section("Rows, those that miss most first", paragraph(note, "note") + table(
+        "", [*heads, "in the fit"], body, sort=True, keys=[keys[i] for i in order]),
+        f"{whole(min(SHOWN, t.size))} of {whole(t.size)}", folded=True)

@@ -29,7 +29,6 @@ from ppmcal.plotting.layers import (
 from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.plotting.style import AFTER, BEFORE, OUT, PAGE, figure, look, png
 from ppmcal.plotting.svg import svg
-from ppmcal.report.html import CSS
 
 HOSTILE = ("<b>&$_^{x}", "$\\frac{$", "a\x00b\ud800\nc", "Ω" * 120, "leg" * 80, "\\$x$", "")
 
@@ -130,7 +129,7 @@ def test_a_drawing_needs_nothing_else_and_is_the_same_again():
 
 
 def test_the_page_has_the_colours_of_files_by_day():
-    light = dict(re.findall(r"--(\w+):([^;}]+)", CSS.partition("}")[0]))
+    light = dict(re.findall(r"--(\w+):([^;}]+)", template_text("page.css").partition("}")[0]))
     short = {"#fff": "#ffffff"}
     assert {c: short.get(light[name], light[name]) for c, name in PAGE.items()} == {
         c: c for c in PAGE}

@@ -139,7 +139,8 @@ def test_a_click_and_a_box_say_which_rows(browser, html):
     page.wait_for("window.heard.length")
     assert page.evaluate("window.heard.at(-1)") == [key]
     drawn(page, Y)
-    page.evaluate(f"Plotly.relayout(document.querySelector({Y!r}), {{dragmode: 'select'}}).then(() => 0)")
+    page.evaluate(f"Plotly.relayout(document.querySelector({Y!r}), {{dragmode: 'select'}})"
+                  ".then(() => 0)")
     x, y, wide, high = page.evaluate(
         f"(() => {{ const b = document.querySelector({Y!r}).querySelector('.nsewdrag')"
         ".getBoundingClientRect(); return [b.x, b.y, b.width, b.height] })()")
@@ -198,10 +199,11 @@ def test_paper_has_all_plots_in_light_colours(browser, html, tmp_path):
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     page.wait_for(f"{FRESH} === {total}")
     assert colours(page, X)[1] < 80
-    assert page.evaluate(f"document.querySelector({X!r})._fullLayout.width") <= 340
+    assert page.evaluate(f"document.querySelector({X!r})._fullLayout.width") == 330
     page.evaluate("window.dispatchEvent(new Event('afterprint'))")
     drawn(page, X)
-    page.wait_for(f"document.querySelector({X!r})._fullLayout.width > 340")
+    page.wait_for(f"Math.abs(document.querySelector({X!r})._fullLayout.width - "
+                  f"document.querySelector({X!r}).clientWidth) <= 1")
     assert colours(page, X)[1] > 150
     page.pdf(tmp_path / "report.pdf")
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF") and not page.errors

@@ -122,6 +122,8 @@
         const { annotations, domain } = rowWords(this.spec, paper ? PAPER : this.box.clientWidth, font);
         Object.assign(given, { annotations });
         if (domain) given.xaxis.domain = domain;
+        // the legend may need one line more
+        if (small && given.showlegend) given.margin.t += 16;
       }
       const axis = (more) => ({ automargin: true, zeroline: false, gridcolor: colour("--line"),
         linecolor: colour("--soft"), tickcolor: colour("--soft"), tickfont: { color: colour("--soft") },
