@@ -80,7 +80,7 @@ class Dots:
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class Curve:
     """A line through points (N,); ``name``: what it is."""
 
     x: ArrayLike
@@ -175,7 +175,7 @@ class Between:
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class Histogram:
     """The bars of a histogram: ``tops`` (N,) between ``edges`` (N + 1,)."""
 
     edges: Array
@@ -254,7 +254,7 @@ class WordsAt:
                       textcoords="offset points", ha="right", size=LETTERS, color=SOFT)
 
 
-Layer: TypeAlias = (Strokes | Dots | Line | Zero | Marks | Intervals | Band | Between | Columns
+Layer: TypeAlias = (Strokes | Dots | Curve | Zero | Marks | Intervals | Band | Between | Histogram
                     | Starts | Arrows | WordsAt)
 
 

@@ -22,11 +22,11 @@ from ppmcal.plotting.layers import (
     Arrows,
     Band,
     Between,
-    Columns,
+    Curve,
     Dots,
+    Histogram,
     Intervals,
     Layer,
-    Line,
     Marks,
     Points,
     Starts,
@@ -247,7 +247,7 @@ def _(layer: Strokes, pane: Pane, parts: Parts) -> None:
 
 
 @add.register
-def _(layer: Line, pane: Pane, parts: Parts) -> None:
+def _(layer: Curve, pane: Pane, parts: Parts) -> None:
     at, up, seen = _inside(pane, layer.x, layer.y)
     (x_name, y_name), (x_unit, y_unit) = pane.plot.names, pane.plot.units
     name = f"<b>{safe(layer.name)}</b><br>" if layer.name else ""
@@ -300,7 +300,7 @@ def _(layer: Arrows, pane: Pane, parts: Parts) -> None:
 
 
 @add.register
-def _(layer: Columns, pane: Pane, parts: Parts) -> None:
+def _(layer: Histogram, pane: Pane, parts: Parts) -> None:
     seen = layer.tops > 0.0
     left, right = layer.edges[:-1][seen], layer.edges[1:][seen]
     x_unit, y_unit = pane.plot.units

@@ -16,10 +16,10 @@ from ppmcal.plotting.canvas import WIDTH, Drawing, broken, fitted, sheet, width
 from ppmcal.plotting.layers import (
     Arrows,
     Band,
-    Columns,
+    Curve,
     Dots,
+    Histogram,
     Intervals,
-    Line,
     Marks,
     Starts,
     Strokes,
@@ -29,6 +29,7 @@ from ppmcal.plotting.layers import (
 from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.plotting.style import AFTER, BEFORE, OUT, PAGE, figure, look, png
 from ppmcal.plotting.svg import svg
+from ppmcal.report.html import template_text
 
 HOSTILE = ("<b>&$_^{x}", "$\\frac{$", "a\x00b\ud800\nc", "Ω" * 120, "leg" * 80, "\\$x$", "")
 
@@ -53,10 +54,10 @@ def everything(n=5):
     t = np.linspace(0.5, 9.5, n)
     v = np.sin(t)
     return picture(
-        Band(-0.5, 0.5), Zero(), Zero(upright=True), Dots(t, v, "after"), Line(t, v),
+        Band(-0.5, 0.5), Zero(), Zero(upright=True), Dots(t, v, "after"), Curve(t, v),
         Strokes(t, v - 0.1, v + 0.1, "before"), Strokes(v, t, t + 1.0, "before", flat=True),
         Marks(t, v, "out", "x"), Marks(t, v, "out", "D"), Intervals(t, v, 0.1 + 0.0 * v, "before"),
-        Columns(t, np.abs(v[1:])), Starts([(2.0, "tuesday")]),
+        Histogram(t, np.abs(v[1:])), Starts([(2.0, "tuesday")]),
         Arrows(t, v, 9.0 * v, 9.0 * v, "after"), WordsAt(20.0, 14.0, "2 mm"))
 
 
@@ -175,7 +176,7 @@ def test_thousands_of_dots_are_small():
 @pytest.mark.parametrize("log", [False, True])
 def test_no_numbers_break_a_drawing(values, log):
     v = np.array(values, dtype=float)
-    drawn = picture(Dots(v, v, "after"), Line(v, v), Marks(v, v, "before", "o"),
+    drawn = picture(Dots(v, v, "after"), Curve(v, v), Marks(v, v, "before", "o"),
                     Strokes(v, -v, v, "out"), Intervals(v, v, v, "before"), Zero(),
                     x=span(v), y=span(v, log=log)).svg()
     assert not re.search(r"nan|inf\b", drawn)

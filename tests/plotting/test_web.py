@@ -15,10 +15,10 @@ from ppmcal.plotting.layers import (
     Arrows,
     Band,
     Between,
-    Columns,
+    Curve,
     Dots,
+    Histogram,
     Intervals,
-    Line,
     Marks,
     Points,
     Starts,
@@ -52,9 +52,9 @@ def every():
     said = Points([f"leg{i}" for i in range(N)], [f"0:run:{i}" for i in range(N)])
     return plot(
         Band(-0.5, 0.5), Zero(), Zero(upright=True), Dots(T, V, "after", points=said),
-        Line(T, V, "curve"), Strokes(T, V - 0.1, V + 0.1, "before", alpha=0.4),
+        Curve(T, V, "curve"), Strokes(T, V - 0.1, V + 0.1, "before", alpha=0.4),
         Marks(T, V, "out", "x", points=said), Intervals(T, V, 0.1 + 0.0 * V, "before"),
-        Columns(T, np.abs(V[1:])), Between(T, V - 0.2, V + 0.2), Starts([(2.0, "tuesday")]),
+        Histogram(T, np.abs(V[1:])), Between(T, V - 0.2, V + 0.2), Starts([(2.0, "tuesday")]),
         Arrows(T, V, 9.0 * V, 9.0 * V, "after", np.abs(V), "mm", said), WordsAt(20.0, 14.0, "2 mm"))
 
 
@@ -112,7 +112,7 @@ def test_names_are_words_whatever_they_hold():
     rows = rows_plot(Axis(0.0, 1.0), EVIL, [Marks(V, row_y(N), "out", "D", points=said)],
                      [(EVIL, True)] * N)
     shown = [plot(Dots(T, V, "after", points=said), Starts([(1.0, EVIL)]), WordsAt(1.0, 1.0, EVIL),
-                  Line(T, V, EVIL), names=(EVIL, EVIL)), rows.drawing(EVIL, EVIL, EVIL), chart]
+                  Curve(T, V, EVIL), names=(EVIL, EVIL)), rows.drawing(EVIL, EVIL, EVIL), chart]
     for drawing in shown:
         found = spec(drawing)
         text = script_json([{k: v for k, v in found.items() if k != "rows"}, told(drawing)])
@@ -162,7 +162,7 @@ def test_what_is_not_known_is_refused():
         spec(plot(Strange()))
 
 
-# --- of a report ------------------------------------------------------------------------------------
+# --- of a report ----------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +197,7 @@ def test_other_columns_of_the_rows_are_told(fit, tmp_path):
         [text[0] + ",temperature,approach,x", *more, ""]))
     one = collect([folder]).identified[0]
     known = told(residual_figures(one.residuals, one.record.units)[1])
-    assert "temperature 21.5" in known["0:run:5"] and "x 4.0000 mm" in known["0:run:5"]
+    assert "temperature: 21.5" in known["0:run:5"] and "x 4.0000 mm" in known["0:run:5"]
 
 
 def test_many_rows_stay_small_and_the_largest_can_be_found(tmp_path):
