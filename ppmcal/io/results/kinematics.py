@@ -13,8 +13,8 @@ from pydantic import Field
 from ppmcal.io import csv_text
 from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, Whole
 from ppmcal.io.results.tables import filled_columns, joint_columns, pose_columns, unit_map
-from ppmcal.io.rotations import columns_of
-from ppmcal.kinematics.rotations import to_euler, to_quaternion
+from ppmcal.io.rotations import EULER, columns_of
+from ppmcal.kinematics.rotations import euler_like, to_quaternion
 from ppmcal.kinematics.tables import KinematicsTable
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
@@ -39,9 +39,12 @@ class PoseFormat:
     rotation: str = "rotvec"
     method: str = ""
 
-    def columns(self, mechanism: Mechanism, pose: Array) -> tuple[dict[str, Array],
-                                                                  NDArray[np.bool_]]:
-        """Return pose columns in file units, and rows whose Euler angles are not unique (N,)."""
+    def columns(self, mechanism: Mechanism, pose: Array, given: Mapping[str, Any] | None = None
+                ) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+        """Return pose columns in file units, and rows whose Euler angles are not unique (N,).
+
+        Angles among the columns ``given`` stay as they are; the others go with them.
+        """
         own, locked = pose_columns(mechanism, pose), np.zeros(len(pose), dtype=bool)
         if self.rotation == "rotvec":
             return own, locked
@@ -49,8 +52,11 @@ class PoseFormat:
         if self.rotation == "quat":
             turned = to_quaternion(pose[:, 3:])
         else:
-            turned, locked = to_euler(pose[:, 3:], self.rotation)
-            turned = turned / mechanism.units.factor("angle")
+            unit, none = mechanism.units.factor("angle"), np.full(len(pose), np.nan)
+            named = np.stack([np.asarray((given or {}).get(name, none), dtype=float)
+                              for name in EULER], axis=1)
+            turned, locked = euler_like(pose[:, 3:], named * unit, self.rotation)
+            turned = turned / unit
         return own | dict(zip(columns_of(self.rotation), turned.T, strict=True)), locked
 
 
@@ -97,7 +103,9 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
                      form: PoseFormat | None = None) -> tuple[dict[str, str], int]:
     """Return kinematics.csv and kinematics.json, and how many rows are in gimbal lock."""
     form = form or PoseFormat()
-    pose, locked = form.columns(mechanism, table.pose if form.pose is None else form.pose)
+    own = dict(zip(header, columns, strict=True))
+    pose, locked = form.columns(mechanism, table.pose if form.pose is None else form.pose,
+                                own if which == "inverse" else None)
     added: dict[str, Any] = {}
     solved = list(columns)
     if which == "forward":
@@ -110,7 +118,7 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
         added |= {k: v for k, v in pose.items() if k not in header}
     if which == "velocity":
         added |= joint_columns(mechanism, table.rate, "rate_{}")
-    own = dict(zip(header, solved, strict=True))
+    own |= dict(zip(header, solved, strict=True))
     added |= {"condition": table.singular_value, "status": list(table.status), "reason": [
         LOCKED if lock and not r else r for r, lock in zip(table.reason, locked, strict=True)]}
     # what was computed stands in place of input columns of the same name
