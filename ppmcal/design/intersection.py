@@ -44,7 +44,7 @@ ON_A_LINE = 1e-9
 PLANE_OF_MOTION = cga.plane(np.array([0.0, 0.0, 1.0]), 0.0)
 
 
-def require_planar(mechanism: Mechanism) -> None:
+def require_meet(mechanism: Mechanism) -> None:
     """Refuse a machine for which there is no intersection.
 
     Raises:
@@ -67,7 +67,7 @@ def forward_by_intersection(model: Model, q: Array) -> Forward:
     Raises:
         BadInput: the machine is not planar, or has effects.
     """
-    require_planar(model.mechanism)
+    require_meet(model.mechanism)
     q = np.atleast_2d(np.asarray(q, dtype=float))
     pose, progress = np.full((len(q), 8), np.nan), np.zeros(len(q))
     reason = [""] * len(q)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.io.results.commands import accepted_sentence
-from ppmcal.io.results.kinematics import solved_sentence
+from ppmcal.io.results.kinematics import KinematicsRecord, solved_sentence
 from ppmcal.report.format import count, sig, to_sigma, whole
 from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import (
@@ -23,6 +23,7 @@ from ppmcal.report.html import (
     table,
     words,
 )
+from ppmcal.report.kinematics_figures import kinematics_figures
 from ppmcal.report.records import Columns, ComparedMachines, Other, ResidualRows, Simulated
 from ppmcal.report.residual_figures import command_figure, truth_figures
 
@@ -106,7 +107,10 @@ def kinematics_section(rows: ResidualRows) -> str:
     done = size - len(rows.flagged)
     text = f"{solved_sentence(done, size)}. " if size else ""
     text += f"From {rows.folder}."
-    return "<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record.entries()) + refused(rows)
+    drawn = ({} if rows.table is None or not isinstance(rows.record, KinematicsRecord)
+             else kinematics_figures(rows.record, rows.table))
+    return ("<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record.entries())
+            + figures([d for drawings in drawn.values() for d in drawings]) + refused(rows))
 
 
 def other_section(other: Other) -> str:

@@ -1,0 +1,370 @@
+"""Pictures of kinematics: path, pose, joints with their limits, rates, distance to singularity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from ppmcal.io.results.kinematics import KinematicsRecord
+from ppmcal.io.rotations import EULER
+from ppmcal.kinematics.path_rates import accelerations, follows, rates, without_turns
+from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.plotting import plot
+from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
+from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Layer, plotted, span
+from ppmcal.report.format import count, sig, whole, with_label, with_unit
+from ppmcal.report.records import Columns
+from ppmcal.report.residuals import POINTS
+from ppmcal.report.sources import is_kinematics_number, is_shown_of_kinematics
+
+POSITION, VECTOR = ("x", "y", "z"), ("rx", "ry", "rz")
+QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
+STILL = 1e-7
+"""A coordinate does not move if it changes by less than this part of the largest of its kind."""
+FLAT = 0.02
+"""A path is seen from a second side where it is deeper than this part of its extent."""
+NEAR_LIMIT = 3.0
+"""Limits farther than this many times the motion's range are left out of its picture."""
+SHOWN = 6
+"""Most stretches whose status is written."""
+FEW = 60
+"""Paths of no more rows have a dot at each."""
+GONE = ("unreachable", "not converged", "refused")
+SINGULAR = ("singular", "crossed", "jump", *GONE)
+BY_DIFFERENCES = "By differences of neighbouring rows."
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Kinematics of N rows as they are drawn.
+
+    Attributes:
+        record: kinematics.json; columns: of kinematics.csv.
+        at: time or row (N,); name: of that axis; timed: whether it is time.
+        status: of each row; rows: their numbers from 1, before thinning.
+    """
+
+    record: KinematicsRecord
+    columns: Columns
+    at: Array
+    name: str
+    timed: bool
+    status: tuple[str, ...]
+    note: str = ""
+
+    def number(self, name: str) -> Array:
+        """Return a column (N,)."""
+        return self.columns.number(name)
+
+    def label(self, name: str) -> str:
+        """Return a column's name with its unit."""
+        return with_label(name, self.record.units.get(name, ""))
+
+    def flagged(self, words: Sequence[str]) -> Bools:
+        """Return which rows have one of some statuses (N,)."""
+        return np.array([s in words for s in self.status], dtype=bool)
+
+    @property
+    def across(self) -> Axis:
+        """The axis of time or rows."""
+        return span(self.at, margin=0.02)
+
+
+def kinematics_figures(record: KinematicsRecord, columns: Columns) -> dict[str, list[Drawing]]:
+    """Return the pictures of kinematics.csv by name; a name without one is left out.
+
+    Args:
+        record: kinematics.json, with the units and, for some pictures, limits and conditioning.
+        columns: of kinematics.csv; of several assembly modes a row, the machine's own is drawn.
+    """
+    motion = _motion(record, _own_modes(record, columns))
+    if motion.at.size < 2:
+        return {}
+    joints = [h for h in columns.header if h.startswith("q_") and np.isfinite(
+        motion.number(h)).any()]
+    found = {"path": path(motion), "pose": pose(motion),
+             "joints": [joint(motion, name) for name in joints],
+             "rates": _rates(motion, joints), "singularity": singularity(motion)}
+    return {name: drawings for name, drawings in found.items() if drawings}
+
+
+def drawn_columns(columns: Mapping[str, Any]) -> Columns:
+    """Return columns (N,) of numbers or words as those of a file."""
+    numbers, text = {}, {}
+    for name, values in columns.items():
+        if is_kinematics_number(name):
+            numbers[name] = np.asarray(values, dtype=float)
+        elif is_shown_of_kinematics(name):
+            text[name] = tuple(str(v) for v in values)
+    size = max((len(v) for v in columns.values()), default=0)
+    return Columns("kinematics.csv", tuple(columns), numbers, text, size)
+
+
+def _own_modes(record: KinematicsRecord, columns: Columns) -> Columns:
+    """Return the rows of the machine's own assembly mode, all where there is one mode a row."""
+    if record.modes is None:
+        return columns
+    return _taken(columns, np.flatnonzero(columns.number("own") == 1.0))
+
+
+def _taken(columns: Columns, rows: Ints) -> Columns:
+    return replace(columns, size=len(rows),
+                   numbers={k: v[rows] for k, v in columns.numbers.items()},
+                   text={k: tuple(v[i] for i in rows) for k, v in columns.text.items()})
+
+
+def _motion(record: KinematicsRecord, columns: Columns) -> Motion:
+    """Return the rows over time, or over their numbers where there is no time."""
+    name = next((h for h in ("time", "t") if h in columns.header), "")
+    at = _seconds(columns, name)
+    timed = follows(at)
+    if not timed:
+        at = np.arange(1.0, columns.size + 1.0)
+    axis = "time (s)" if timed else "row, in the order of the file"
+    note = f"The column {name} does not go up: rows in its place." if name and not timed else ""
+    return Motion(record, columns, at, axis, timed, columns.words("status"), note)
+
+
+def _seconds(columns: Columns, name: str) -> Array:
+    """Return a column of times (N,), all nan where it holds other words than numbers."""
+    if name in columns.numbers or not name:
+        return columns.number(name)
+    try:
+        return np.array([float(word or "nan") for word in columns.words(name)])
+    except ValueError:
+        return np.full(columns.size, np.nan)
+
+
+def _thin(motion: Motion) -> Ints:
+    """Return the rows that are drawn: all, or evenly spread ones."""
+    n = motion.at.size
+    return np.arange(n) if n <= POINTS else np.unique(np.linspace(0, n - 1, POINTS).astype(int))
+
+
+def _thinned(motion: Motion) -> str:
+    n = motion.at.size
+    return f" Thinned: {whole(POINTS)} of {whole(n)} rows." if n > POINTS else ""
+
+
+# --- where the platform goes ------------------------------------------------------------------
+
+def path(motion: Motion) -> list[Drawing]:
+    """Return the path of the platform or the tool, from the side where it is widest first."""
+    have = [c for c in POSITION if np.isfinite(motion.number(c)).any()]
+    if len(have) < 2:
+        return []
+    extent = {c: float(np.ptp(motion.number(c)[np.isfinite(motion.number(c))])) for c in have}
+    wide = sorted(have, key=lambda c: (-extent[c], c))
+    if not _moving(motion, have):
+        return []
+    views = [tuple(sorted(wide[:2]))]
+    if len(wide) > 2 and extent[wide[2]] > FLAT * extent[wide[0]]:
+        views += [tuple(sorted((wide[0], wide[2]))), tuple(sorted((wide[1], wide[2])))]
+    return [_view(motion, a, b) for a, b in views]
+
+
+def _view(motion: Motion, a: str, b: str) -> Drawing:
+    """Return the path in one plane, both axes to one scale."""
+    rows = _thin(motion)
+    x, y = motion.number(a)[rows], motion.number(b)[rows]
+    whose = "tool point" if motion.record.tool is not None else "platform"
+    first = np.flatnonzero(np.isfinite(x) & np.isfinite(y))[:1]
+    bad = motion.flagged(SINGULAR)[rows], motion.flagged(("limits",))[rows]
+    layers: list[Layer] = [plot.line(x, y)]
+    if rows.size <= FEW:
+        layers.append(plot.dots(x, y, "after"))
+    layers += [plot.marks(x[mine], y[mine], kind, "x" if kind == "out" else "o", 5.0)
+               for mine, kind in zip(bad, ("out", "before"), strict=True) if mine.any()]
+    layers.append(plot.marks(x[first], y[first], "after", "s", 7.0))
+    key = [("after", "first row")]
+    key += [("out", "singular, or across a singularity")] if bad[0].any() else []
+    key += [("before", "outside the limits")] if bad[1].any() else []
+    across, up = square(x, y)
+    return plotted(
+        f"Path of the {whose}, {a} and {b}", f"Square: first row.{_marked(key)}"
+        f"{_lost(motion)}{_thinned(motion)}",
+        f"{count(motion.at.size, 'row')}; {a} from {_ends(motion, a)}, {b} from "
+        f"{_ends(motion, b)}.",
+        across, up, (motion.label(a), motion.label(b)), layers, tuple(key))
+
+
+def square(x: Array, y: Array) -> tuple[Axis, Axis]:
+    """Return axes with equal scales in x and y that hold the points."""
+    a, b = span(x, margin=0.1), span(y, margin=0.1)
+    wide = (WIDTH - LEFT - RIGHT) / (HEIGHT - TOP - BOTTOM)
+    half = 0.5 * max(b.high - b.low, (a.high - a.low) / wide)
+    cx, cy = (a.low + a.high) / 2.0, (b.low + b.high) / 2.0
+    return Axis(cx - half * wide, cx + half * wide), Axis(cy - half, cy + half)
+
+
+def _marked(key: Sequence[tuple[str, str]]) -> str:
+    words = {"out": "cross", "before": "ring"}
+    return "".join(f" {words[k].capitalize()}: {name}." for k, name in key if k in words)
+
+
+def _lost(motion: Motion) -> str:
+    lost = int(motion.flagged(GONE).sum())
+    return f" {count(lost, 'row')} without a solution." if lost else ""
+
+
+def _ends(motion: Motion, name: str) -> str:
+    values = motion.number(name)
+    ends = (np.nanmin(values), np.nanmax(values))
+    return " to ".join(with_unit(float(v), motion.record.units.get(name, ""), 5) for v in ends)
+
+
+def pose(motion: Motion) -> list[Drawing]:
+    """Return the pose coordinates that move."""
+    names = [c for c in (*POSITION, *VECTOR, *EULER, *QUATERNION)
+             if np.isfinite(motion.number(c)).any()]
+    moves = [c for kind in (POSITION, (*VECTOR, *EULER), QUATERNION)
+             for c in _moving(motion, [n for n in names if n in kind])]
+    still = [c for c in names if c not in moves]
+    note = f" Not moving: {', '.join(still)}." if still else ""
+    return [_over(motion, motion.number(name), f"{_what(motion, name)} {_over_word(motion)}",
+                  motion.label(name), "" if i else note, turns=_period(motion, name))
+            for i, name in enumerate(moves)]
+
+
+def _moving(motion: Motion, names: Sequence[str]) -> list[str]:
+    """Return which of several coordinates of one unit move."""
+    finite = [v[np.isfinite(v)] for v in (motion.number(n) for n in names)]
+    extent = [float(np.ptp(v)) for v in finite]
+    least = STILL * max([*extent, *(1e-3 * float(np.abs(v).max()) for v in finite)], default=0.0)
+    return [name for name, e in zip(names, extent, strict=True) if e > least]
+
+
+def _what(motion: Motion, name: str) -> str:
+    if name in EULER and motion.record.rotation.startswith("euler-"):
+        letter = motion.record.rotation.removeprefix("euler-")[EULER.index(name)]
+        return f"{name} (about {letter})"
+    return name
+
+
+def _over_word(motion: Motion) -> str:
+    return "over time" if motion.timed else "by row"
+
+
+def _period(motion: Motion, name: str) -> float:
+    """Return a whole turn in a column's unit, 0 where it is no angle."""
+    return {"deg": 360.0, "rad": 2.0 * np.pi}.get(motion.record.units.get(name, ""), 0.0)
+
+
+def _over(motion: Motion, values: Array, title: str, label: str, note: str = "",
+          layers: Sequence[Layer] = (), axis: Axis | None = None, turns: float = 0.0,
+          key: tuple[tuple[str, str], ...] = ()) -> Drawing:
+    """Return values over time or rows, the statuses of stretches written where they begin."""
+    rows = _thin(motion)
+    x, y = motion.at[rows], values[rows]
+    if turns:
+        # a whole turn from one row to the next is no motion: no line there
+        jump = np.flatnonzero(np.abs(np.diff(y)) > 0.5 * turns) + 1
+        x, y = np.insert(x, jump, np.nan), np.insert(y, jump, np.nan)
+    finite = values[np.isfinite(values)]
+    drawn: list[Layer] = [plot.starts(_stretches(motion)), *layers, plot.line(x, y)]
+    if rows.size <= FEW:
+        drawn.append(plot.dots(x, y, "after"))
+    said = (f"From {sig(float(finite.min()), 4)} to {sig(float(finite.max()), 4)} in "
+            f"{count(int(finite.size), 'row')}." if finite.size else "No value.")
+    return plotted(title, f"{note}{_thinned(motion)} {motion.note}".strip(), said, motion.across,
+                   axis or span(values), (motion.name, label), drawn, key)
+
+
+def _stretches(motion: Motion) -> list[tuple[float, str]]:
+    """Return where stretches of rows that are not ok begin, the longest ones, with their status."""
+    found, n = [], 0
+    for status, group in groupby(motion.status):
+        size = len(list(group))
+        if status not in ("ok", ""):
+            found.append((size, float(motion.at[n]), status))
+        n += size
+    kept = sorted(found, key=lambda f: -f[0])[:SHOWN]
+    return sorted((at, status) for _, at, status in kept)
+
+
+# --- joints -----------------------------------------------------------------------------------
+
+def joint(motion: Motion, name: str) -> Drawing:
+    """Return one joint's values with its limits."""
+    values = motion.number(name)
+    actuator, unit = name.removeprefix("q_"), motion.record.units.get(name, "")
+    limits = [v for v in motion.record.limits.get(actuator, ()) if v is not None]
+    finite = values[np.isfinite(values)]
+    room = NEAR_LIMIT * max(float(np.ptp(finite)), 1e-9)
+    near = [v for v in limits if finite.min() - room <= v <= finite.max() + room]
+    far = [with_unit(v, unit, 6) for v in limits if v not in near]
+    axis = span(np.append(finite, near))
+    ends = motion.record.limits.get(actuator, (None, None))
+    low, high = (-np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1])
+    across = motion.across
+    layers: list[Layer] = [plot.strokes(np.array([v]), np.array([across.low]),
+                                        np.array([across.high]), "out", 1.4, flat=True)
+                           for v in near]
+    over = (values < low) | (values > high)
+    if over.any():
+        rows = np.flatnonzero(over)[:: max(1, int(over.sum()) // FEW)]
+        layers.append(plot.marks(motion.at[rows], values[rows], "before", "o", 5.0))
+    note = " Red line: limit." if near else ""
+    note += f" {' and '.join(far)} {'are limits' if len(far) > 1 else 'is a limit'}." if far else ""
+    note += f" Ring: outside, {count(int(over.sum()), 'row')}." if over.any() else ""
+    return _over(motion, values, f"Joint {actuator} {_over_word(motion)}", motion.label(name),
+                 note, layers, axis, _period(motion, name),
+                 (("before", "outside the limits"),) if over.any() else ())
+
+
+def _rates(motion: Motion, joints: Sequence[str]) -> list[Drawing]:
+    """Return joint rates, and accelerations where rows have times."""
+    out = []
+    for name in joints:
+        actuator, unit = name.removeprefix("q_"), motion.record.units.get(name, "")
+        values, rate = motion.number(name), motion.number(f"rate_{actuator}")
+        exact = bool(np.isfinite(rate).any())
+        if not exact and motion.timed:
+            values = without_turns(values, _period(motion, name))
+            rate = rates(motion.at, values)
+        if not np.isfinite(rate).any():
+            continue
+        label = with_label(f"rate of {actuator}", f"{unit or 'unit'}/s")
+        out.append(_over(motion, rate, f"Rate of joint {actuator} {_over_word(motion)}", label,
+                         "" if exact else BY_DIFFERENCES, [plot.zero()]))
+        if motion.timed:
+            second = rates(motion.at, rate) if exact else accelerations(motion.at, values)
+            label = with_label(f"acceleration of {actuator}", f"{unit or 'unit'}/s²")
+            if np.isfinite(second).any():
+                out.append(_over(motion, second, f"Acceleration of joint {actuator} over time",
+                                 label, BY_DIFFERENCES, [plot.zero()]))
+    return out
+
+
+def singularity(motion: Motion) -> list[Drawing]:
+    """Return the smallest singular value along the path, with home's and the singular bound."""
+    values = motion.number("condition")
+    if not np.isfinite(values).any():
+        return []
+    bounds = motion.record.conditioning
+    shown = [v for v in (bounds.home, bounds.singular) if v is not None]
+    finite = values[np.isfinite(values)]
+    log = bool(finite.min() > 0.0 and finite.max() > 30.0 * finite.min())
+    axis = span(np.append(finite, shown), log=True) if log else Axis(
+        0.0, 1.08 * max([float(finite.max()), *shown]))
+    across = motion.across
+    layers: list[Layer] = [
+        plot.strokes(np.array([v]), np.array([across.low]), np.array([across.high]), kind, 1.4,
+                     flat=True)
+        for v, kind in ((bounds.home, "after"), (bounds.singular, "out")) if v is not None]
+    bad = np.flatnonzero(motion.flagged(SINGULAR) & np.isfinite(values))
+    if bad.size:
+        some = bad[::max(1, bad.size // FEW)]
+        layers.append(plot.marks(motion.at[some], values[some], "out", "x", 5.0))
+    least = int(np.nanargmin(values))
+    place = (f"{with_unit(motion.at[least], 's', 4)}" if motion.timed
+             else f"row {whole(int(motion.at[least]))}")
+    note = f"Least {sig(float(values[least]))}, at {place}."
+    note += " Blue line: at home; red: singular below it." if bounds.singular is not None else ""
+    return [_over(motion, values, "Distance to singularity along the path",
+                  "smallest singular value", note, layers, axis,
+                  key=(("out", "singular, or across a singularity"),) if bad.size else ())]
