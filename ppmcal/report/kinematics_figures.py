@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -29,12 +28,13 @@ FLAT = 0.02
 """A path is seen from a second side where it is deeper than this part of its extent."""
 NEAR_LIMIT = 3.0
 """Limits farther than this many times the motion's range are left out of its picture."""
-SHOWN = 6
-"""Most stretches whose status is written."""
 FEW = 60
 """Paths of no more rows have a dot at each."""
 GONE = ("unreachable", "not converged", "refused")
-SINGULAR = ("singular", "crossed", "jump", *GONE)
+SINGULAR = ("singular", "crossed", "jump")
+BEYOND, OUTSIDE, NONE = "singular or beyond a singularity", "outside the limits", "no solution"
+STRETCHES = (("out", SINGULAR, BEYOND), ("before", ("limits",), OUTSIDE), ("ink", GONE, NONE))
+NAMES = {"out": "red", "before": "brown", "ink": "black"}
 BY_DIFFERENCES = "By differences of neighbouring rows."
 
 
@@ -181,8 +181,8 @@ def _view(motion: Motion, a: str, b: str) -> Drawing:
                for mine, kind in zip(bad, ("out", "before"), strict=True) if mine.any()]
     layers.append(plot.marks(x[first], y[first], "after", "s", 7.0))
     key = [("after", "first row")]
-    key += [("out", "singular, or across a singularity")] if bad[0].any() else []
-    key += [("before", "outside the limits")] if bad[1].any() else []
+    key += [("out", BEYOND)] if bad[0].any() else []
+    key += [("before", OUTSIDE)] if bad[1].any() else []
     across, up = square(x, y)
     return plotted(
         f"Path of the {whose}, {a} and {b}", f"Square: first row.{_marked(key)}"
@@ -257,33 +257,38 @@ def _period(motion: Motion, name: str) -> float:
 def _over(motion: Motion, values: Array, title: str, label: str, note: str = "",
           layers: Sequence[Layer] = (), axis: Axis | None = None, turns: float = 0.0,
           key: tuple[tuple[str, str], ...] = ()) -> Drawing:
-    """Return values over time or rows, the statuses of stretches written where they begin."""
+    """Return values over time or rows, with stripes along stretches that are not ok."""
     rows = _thin(motion)
     x, y = motion.at[rows], values[rows]
     if turns:
         # a whole turn from one row to the next is no motion: no line there
         jump = np.flatnonzero(np.abs(np.diff(y)) > 0.5 * turns) + 1
         x, y = np.insert(x, jump, np.nan), np.insert(y, jump, np.nan)
-    finite = values[np.isfinite(values)]
-    drawn: list[Layer] = [plot.starts(_stretches(motion)), *layers, plot.line(x, y)]
+    finite, up = values[np.isfinite(values)], axis or span(values)
+    stripes, told = _foot(motion, up)
+    drawn: list[Layer] = [*stripes, *layers, plot.line(x, y)]
     if rows.size <= FEW:
         drawn.append(plot.dots(x, y, "after"))
     said = (f"From {sig(float(finite.min()), 4)} to {sig(float(finite.max()), 4)} in "
             f"{count(int(finite.size), 'row')}." if finite.size else "No value.")
+    if told:
+        note += f" Foot: {', '.join(f'{NAMES[kind]}, {what}' for kind, what in told)}."
+    key = tuple(dict.fromkeys((*told, *key)))
     return plotted(title, f"{note}{_thinned(motion)} {motion.note}".strip(), said, motion.across,
-                   axis or span(values), (motion.name, label), drawn, key)
+                   up, (motion.name, label), drawn, key)
 
 
-def _stretches(motion: Motion) -> list[tuple[float, str]]:
-    """Return where stretches of rows that are not ok begin, the longest ones, with their status."""
-    found, n = [], 0
-    for status, group in groupby(motion.status):
-        size = len(list(group))
-        if status not in ("ok", ""):
-            found.append((size, float(motion.at[n]), status))
-        n += size
-    kept = sorted(found, key=lambda f: -f[0])[:SHOWN]
-    return sorted((at, status) for _, at, status in kept)
+def _foot(motion: Motion, up: Axis) -> tuple[list[Layer], tuple[tuple[str, str], ...]]:
+    """Return stripes at the foot along stretches that are not ok, and what they are."""
+    edges = np.concatenate([motion.at[:1], 0.5 * (motion.at[1:] + motion.at[:-1]), motion.at[-1:]])
+    layers, key = [], []
+    for kind, words, name in STRETCHES:
+        change = np.diff(motion.flagged(words).astype(int), prepend=0, append=0)
+        low, high = edges[change == 1], edges[change == -1]
+        if low.size:
+            layers.append(plot.strokes(np.full(low.size, up.low), low, high, kind, 6.0, flat=True))
+            key.append((kind, name))
+    return layers, tuple(key)
 
 
 # --- joints -----------------------------------------------------------------------------------
@@ -313,7 +318,7 @@ def joint(motion: Motion, name: str) -> Drawing:
     note += f" Ring: outside, {count(int(over.sum()), 'row')}." if over.any() else ""
     return _over(motion, values, f"Joint {actuator} {_over_word(motion)}", motion.label(name),
                  note, layers, axis, _period(motion, name),
-                 (("before", "outside the limits"),) if over.any() else ())
+                 (("before", OUTSIDE),) if over.any() else ())
 
 
 def _rates(motion: Motion, joints: Sequence[str]) -> list[Drawing]:
@@ -367,4 +372,4 @@ def singularity(motion: Motion) -> list[Drawing]:
     note += " Blue line: at home; red: singular below it." if bounds.singular is not None else ""
     return [_over(motion, values, "Distance to singularity along the path",
                   "smallest singular value", note, layers, axis,
-                  key=(("out", "singular, or across a singularity"),) if bad.size else ())]
+                  key=(("out", BEYOND),) if bad.size else ())]
