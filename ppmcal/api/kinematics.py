@@ -160,8 +160,8 @@ def forward(mechanism: Machine, joints: Any, *, tool: str | Sequence[float] | No
         joints: path of a CSV with columns ``q_<actuator>``, data frame, mapping, or array (N, k).
         tool: point whose poses are wanted, in platform axes.
         rotation: as for :func:`ppmcal.inverse`.
-        method: ``newton`` on the closure, or ``intersection`` of the limbs' circles and lines
-            for planar machines ([PPM]).
+        method: ``newton`` on the closure, or ``intersection`` of the limbs' spheres, circles,
+            planes and lines ([PPM]): planar machines, deltas of three parallelograms, tripods.
         dataset: the poses as this instrument of the model's file would measure them.
         all_modes: every assembly mode of each row, the machine's own one marked.
         seed: of the search for modes, where there is no closed form.
@@ -246,7 +246,9 @@ def _refuse_options(which: str, tool: object, method: str, dataset: str | None, 
     for option, given in (("--dataset", dataset is not None), ("--method", method != "newton"),
                           ("--all", all_modes)):
         if given and which != "forward":
-            raise BadInput(f"{option} goes with forward", "", "Leave it out")
+            why = (": every limb's inverse kinematics is in closed form"
+                   if option == "--method" else "")
+            raise BadInput(f"{option} goes with forward{why}", "", "Leave it out")
     if dataset is not None and tool is not None:
         raise BadInput("--tool and --dataset do not go together: the instrument measures its own "
                        "target", "", "Leave one of them out")

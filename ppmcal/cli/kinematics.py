@@ -40,8 +40,9 @@ from ppmcal.wording import counted
               "the like: fixed axes in small letters, moving axes in capitals, any of the 24 "
               "orders (euler_1, euler_2, euler_3, in the order of the letters).")
 @click.option("--method", type=click.Choice(["newton", "intersection"]), default="newton",
-              show_default=True, help="forward: newton on the closure; or, for planar machines, "
-              "the intersection of the limbs' circles and lines, as in the PPM paper.")
+              show_default=True, help="forward: newton on the closure; or the intersection of "
+              "the limbs' spheres, circles, planes and lines, as in the PPM paper: of planar "
+              "machines, deltas of three parallelograms and 3-RPS.")
 @click.option("--dataset", metavar="NAME", default=None,
               help="forward: the pose as this instrument of the model file would measure it.")
 @click.option("--all", "all_modes", is_flag=True,

@@ -122,11 +122,10 @@ def _row(mechanism: Mechanism, own: KinematicsTable, n: int, modes: Modes
     """Return the modes of one row; home's keeps the status that it has on its path."""
     mine = np.arange(len(modes)) == (-1 if modes.home is None else modes.home)
     side = home_singular_value(mechanism)[1]
-    status = [own.status[n] if m else "singular" if s else OTHER
-              for m, s in zip(mine, modes.singular, strict=True)]
-    reason = [own.reason[n] if m else "on the same side of the singularities as home" if s == side
-              else "on the other side of a singularity than home"
-              for m, s in zip(mine, modes.sign, strict=True)]
+    status = [own.status[n] if m else OTHER for m in mine]
+    reason = [own.reason[n] if m else "singular" if flat else
+              f"on {'the same side as home' if sign == side else 'the other side of a singularity'}"
+              for m, flat, sign in zip(mine, modes.singular, modes.sign, strict=True)]
     count = len(modes)
     return KinematicsTable(
         np.tile(own.q[n], (count, 1)), pose_vector(modes.motors), np.tile(own.rate[n], (count, 1)),

@@ -73,7 +73,8 @@ class _Circles:
 
     def first(self, t: Array) -> Array:
         """Return B_1 (M, 3) at angles ``t`` (M,)."""
-        return self.centre[0] + np.cos(t)[:, None] * self.x[0] + np.sin(t)[:, None] * self.y[0]
+        around = np.cos(t)[:, None] * self.x[0] + np.sin(t)[:, None] * self.y[0]
+        return np.asarray(self.centre[0] + around, dtype=float)
 
     def seconds(self, t: Array) -> Array:
         """Return both B_2 and both B_3 (M, 2, 2, 3) at angles of B_1, nan where imaginary."""
@@ -163,7 +164,7 @@ def _roots(circles: _Circles) -> Array:
     coefficients = spectrum[order] * np.exp(-1j * order * np.pi / SAMPLES)
     z = np.roots(coefficients[::-1])
     z = z[np.abs(np.abs(z) - 1.0) < ON_CIRCLE]
-    return np.angle(z)
+    return np.asarray(np.angle(z), dtype=float)
 
 
 def _polished(circles: _Circles, t: float, i: int, j: int) -> Array | None:

@@ -30,11 +30,14 @@ NEAR_LIMIT = 3.0
 """Limits farther than this many times the motion's range are left out of its picture."""
 FEW = 60
 """Paths of no more rows have a dot at each."""
-GONE = ("unreachable", "not converged", "refused")
+NOT_FOUND = "not converged"
+GONE = ("unreachable", NOT_FOUND, "refused")
 SINGULAR = ("singular", "crossed", "jump")
-BEYOND, OUTSIDE, NONE = "singular or beyond a singularity", "outside the limits", "no solution"
-STRETCHES = (("out", SINGULAR, BEYOND), ("before", ("limits",), OUTSIDE), ("ink", GONE, NONE))
-NAMES = {"out": "red", "before": "brown", "ink": "black"}
+STRETCHES = (("out", SINGULAR, "singular"), ("before", ("limits",), "limits"),
+             ("ink", GONE, "no solution"))
+KEY = {kind: name for kind, _, name in STRETCHES}
+TOLD = {"out": "red where singular or beyond a singularity", "ink": "black without a solution",
+        "before": "brown where outside the limits"}
 BY_DIFFERENCES = "By differences of neighbouring rows."
 
 
@@ -105,16 +108,23 @@ def drawn_columns(columns: Mapping[str, Any]) -> Columns:
 
 
 def _own_modes(record: KinematicsRecord, columns: Columns) -> Columns:
-    """Return the rows of the machine's own assembly mode, all where there is one mode a row."""
-    if record.modes is None:
+    """Return the machine's own assembly mode of each row, all rows where there is one mode a row.
+
+    A row whose own mode is not known stays as a gap.
+    """
+    if record.modes is None or "row" not in columns.numbers:
         return columns
-    return _taken(columns, np.flatnonzero(columns.number("own") == 1.0))
-
-
-def _taken(columns: Columns, rows: Ints) -> Columns:
-    return replace(columns, size=len(rows),
-                   numbers={k: v[rows] for k, v in columns.numbers.items()},
-                   text={k: tuple(v[i] for i in rows) for k, v in columns.text.items()})
+    row, own = columns.number("row"), columns.number("own") == 1.0
+    _, first = np.unique(row, return_index=True)
+    lines = np.array([next(iter(np.flatnonzero(own & (row == row[i]))), i) for i in first])
+    lost = ~own[lines]
+    given = ("row", "time", *(h for h in columns.numbers if h.startswith("q_")))
+    numbers = {k: np.where(lost & (k not in given), np.nan, v[lines])
+               for k, v in columns.numbers.items()}
+    text = {k: tuple(NOT_FOUND if gone and k == "status" else v[i]
+                     for i, gone in zip(lines, lost, strict=True))
+            for k, v in columns.text.items()}
+    return replace(columns, size=len(lines), numbers=numbers, text=text)
 
 
 def _motion(record: KinematicsRecord, columns: Columns) -> Motion:
@@ -181,15 +191,15 @@ def _view(motion: Motion, a: str, b: str) -> Drawing:
                for mine, kind in zip(bad, ("out", "before"), strict=True) if mine.any()]
     layers.append(plot.marks(x[first], y[first], "after", "s", 7.0))
     key = [("after", "first row")]
-    key += [("out", BEYOND)] if bad[0].any() else []
-    key += [("before", OUTSIDE)] if bad[1].any() else []
+    key += [(kind, KEY[kind]) for kind, mine in zip(("out", "before"), bad, strict=True)
+            if mine.any()]
     across, up = square(x, y)
-    return plotted(
-        f"Path of the {whose}, {a} and {b}", f"Square: first row.{_marked(key)}"
-        f"{_lost(motion)}{_thinned(motion)}",
+    out = plotted(
+        f"Path of the {whose}, {a} and {b}", f"Square: first row.{_lost(motion)}{_thinned(motion)}",
         f"{count(motion.at.size, 'row')}; {a} from {_ends(motion, a)}, {b} from "
         f"{_ends(motion, b)}.",
         across, up, (motion.label(a), motion.label(b)), layers, tuple(key))
+    return replace(out, note=_colours("Marks", key))
 
 
 def square(x: Array, y: Array) -> tuple[Axis, Axis]:
@@ -201,9 +211,10 @@ def square(x: Array, y: Array) -> tuple[Axis, Axis]:
     return Axis(cx - half * wide, cx + half * wide), Axis(cy - half, cy + half)
 
 
-def _marked(key: Sequence[tuple[str, str]]) -> str:
-    words = {"out": "cross", "before": "ring"}
-    return "".join(f" {words[k].capitalize()}: {name}." for k, name in key if k in words)
+def _colours(where: str, key: Sequence[tuple[str, str]]) -> str:
+    """Return what the colours mean, for a drawing without a key; nothing where all is well."""
+    words = [TOLD[kind] for kind, _ in key if kind in TOLD]
+    return f"{where} {', '.join(words)}." if words else ""
 
 
 def _lost(motion: Motion) -> str:
@@ -271,11 +282,10 @@ def _over(motion: Motion, values: Array, title: str, label: str, note: str = "",
         drawn.append(plot.dots(x, y, "after"))
     said = (f"From {sig(float(finite.min()), 4)} to {sig(float(finite.max()), 4)} in "
             f"{count(int(finite.size), 'row')}." if finite.size else "No value.")
-    if told:
-        note += f" Foot: {', '.join(f'{NAMES[kind]}, {what}' for kind, what in told)}."
     key = tuple(dict.fromkeys((*told, *key)))
-    return plotted(title, f"{note}{_thinned(motion)} {motion.note}".strip(), said, motion.across,
-                   up, (motion.name, label), drawn, key)
+    out = plotted(title, f"{note}{_thinned(motion)} {motion.note}".strip(), said, motion.across,
+                  up, (motion.name, label), drawn, key)
+    return replace(out, note=_colours("At the foot", key))
 
 
 def _foot(motion: Motion, up: Axis) -> tuple[list[Layer], tuple[tuple[str, str], ...]]:
@@ -318,7 +328,7 @@ def joint(motion: Motion, name: str) -> Drawing:
     note += f" Ring: outside, {count(int(over.sum()), 'row')}." if over.any() else ""
     return _over(motion, values, f"Joint {actuator} {_over_word(motion)}", motion.label(name),
                  note, layers, axis, _period(motion, name),
-                 (("before", OUTSIDE),) if over.any() else ())
+                 (("before", KEY["before"]),) if over.any() else ())
 
 
 def _rates(motion: Motion, joints: Sequence[str]) -> list[Drawing]:
@@ -372,4 +382,4 @@ def singularity(motion: Motion) -> list[Drawing]:
     note += " Blue line: at home; red: singular below it." if bounds.singular is not None else ""
     return [_over(motion, values, "Distance to singularity along the path",
                   "smallest singular value", note, layers, axis,
-                  key=(("out", BEYOND),) if bad.size else ())]
+                  key=(("out", KEY["out"]),) if bad.size else ())]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.io.results.commands import accepted_sentence
-from ppmcal.io.results.kinematics import KinematicsRecord, solved_sentence
+from ppmcal.io.results.kinematics import KinematicsRecord, modes_sentence, solved_sentence
 from ppmcal.report.format import count, sig, to_sigma, whole
 from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import (
@@ -106,9 +106,15 @@ def kinematics_section(rows: ResidualRows) -> str:
     size = rows.table.size if rows.table is not None else 0
     done = size - len(rows.flagged)
     text = f"{solved_sentence(done, size)}. " if size else ""
+    drawn = {}
+    if isinstance(rows.record, KinematicsRecord):
+        modes = rows.record.modes
+        if modes is not None:
+            text = (f"{count(sum(modes.counts), 'pose')} in {count(len(modes.counts), 'row')} of "
+                    f"joint values. {modes_sentence(modes)} The machine's own is drawn. ")
+        if rows.table is not None:
+            drawn = kinematics_figures(rows.record, rows.table)
     text += f"From {rows.folder}."
-    drawn = ({} if rows.table is None or not isinstance(rows.record, KinematicsRecord)
-             else kinematics_figures(rows.record, rows.table))
     return ("<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record.entries())
             + figures([d for drawings in drawn.values() for d in drawings]) + refused(rows))
 

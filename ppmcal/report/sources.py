@@ -30,7 +30,7 @@ _NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sig
 _PREFIXES = ("before_", "after_", "sigma_", "error_", "q_", "cmd_", "rate_")
 _COMMANDS = re.compile(r"x|y|(q|cmd)_.+|(error_(position|rotation)_(before|after))"
                        r"|sigma_(position|rotation)")
-_KINEMATICS = re.compile(r"[xyz]|r[xyz]|euler_[123]|quat_[xyzw]|(?:q|rate)_.+|condition|time|own")
+_KINEMATICS = re.compile(r"[xyz]|r[xyz]|euler_[123]|quat_[xyzw]|(?:q|rate)_.+|condition|time|row|own")
 
 def digest(path: Path) -> str:
     """Return the SHA-256 of a file, empty if it cannot be read."""

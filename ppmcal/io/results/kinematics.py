@@ -223,7 +223,7 @@ def solved_sentence(solved: int, rows: int) -> str:
     return f"{solved} of {counted(rows, 'row')} solved"
 
 
-def modes_sentence(modes: ModeColumns) -> str:
+def modes_sentence(modes: ModeColumns | AssemblyModes) -> str:
     """Return how many assembly modes the rows have, and whether that is all."""
     counts = modes.counts
     if not counts:
