@@ -13,7 +13,8 @@ from ppmcal.plotting.canvas import Drawing, sheet
 from ppmcal.plotting.style import png as to_png
 from ppmcal.plotting.svg import svg
 from ppmcal.report.diagnosis_figures import pictures
-from ppmcal.report.kinematics_figures import drawn_columns, kinematics_figures
+from ppmcal.report.kinematics_figures import kinematics_figures
+from ppmcal.report.kinematics_motion import drawn_columns
 from ppmcal.report.validation import lead, picture
 
 PNG_SCALE = 2.5

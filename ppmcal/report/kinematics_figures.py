@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.rotations import EULER
-from ppmcal.kinematics.path_rates import accelerations, follows, rates, without_turns
-from ppmcal.linalg import Array, Bools, Ints
+from ppmcal.kinematics.path_rates import accelerations, rates, without_turns
+from ppmcal.linalg import Array, Ints
 from ppmcal.plotting import plot
-from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
-from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Layer, plotted, span
+from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.plot import Axis, Layer, plotted, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
+from ppmcal.report.kinematics_motion import GONE, Motion, motion_of
 from ppmcal.report.records import Columns
+from ppmcal.report.residual_figures import square
 from ppmcal.report.residuals import POINTS
-from ppmcal.report.sources import is_kinematics_number, is_shown_of_kinematics
 
 POSITION, VECTOR = ("x", "y", "z"), ("rx", "ry", "rz")
 QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
@@ -30,8 +30,6 @@ NEAR_LIMIT = 3.0
 """Limits farther than this many times the motion's range are left out of its picture."""
 FEW = 60
 """Paths of no more rows have a dot at each."""
-NOT_FOUND = "not converged"
-GONE = ("unreachable", NOT_FOUND, "refused")
 SINGULAR = ("singular", "crossed", "jump")
 STRETCHES = (("out", SINGULAR, "singular"), ("before", ("limits",), "limits"),
              ("ink", GONE, "no solution"))
@@ -41,42 +39,6 @@ TOLD = {"out": "red where singular or beyond a singularity", "ink": "black witho
 BY_DIFFERENCES = "By differences of neighbouring rows."
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Kinematics of N rows as they are drawn.
-
-    Attributes:
-        record: kinematics.json; columns: of kinematics.csv.
-        at: time or row (N,); name: of that axis; timed: whether it is time.
-        status: of each row; rows: their numbers from 1, before thinning.
-    """
-
-    record: KinematicsRecord
-    columns: Columns
-    at: Array
-    name: str
-    timed: bool
-    status: tuple[str, ...]
-    note: str = ""
-
-    def number(self, name: str) -> Array:
-        """Return a column (N,)."""
-        return self.columns.number(name)
-
-    def label(self, name: str) -> str:
-        """Return a column's name with its unit."""
-        return with_label(name, self.record.units.get(name, ""))
-
-    def flagged(self, words: Sequence[str]) -> Bools:
-        """Return which rows have one of some statuses (N,)."""
-        return np.array([s in words for s in self.status], dtype=bool)
-
-    @property
-    def across(self) -> Axis:
-        """The axis of time or rows."""
-        return span(self.at, margin=0.02)
-
-
 def kinematics_figures(record: KinematicsRecord, columns: Columns) -> dict[str, list[Drawing]]:
     """Return the pictures of kinematics.csv by name; a name without one is left out.
 
@@ -84,7 +46,7 @@ def kinematics_figures(record: KinematicsRecord, columns: Columns) -> dict[str, 
         record: kinematics.json, with the units and, for some pictures, limits and conditioning.
         columns: of kinematics.csv; of several assembly modes a row, the machine's own is drawn.
     """
-    motion = _motion(record, _own_modes(record, columns))
+    motion = motion_of(record, columns)
     if motion.at.size < 2:
         return {}
     joints = [h for h in columns.header if h.startswith("q_") and np.isfinite(
@@ -93,60 +55,6 @@ def kinematics_figures(record: KinematicsRecord, columns: Columns) -> dict[str, 
              "joints": [joint(motion, name) for name in joints],
              "rates": _rates(motion, joints), "singularity": singularity(motion)}
     return {name: drawings for name, drawings in found.items() if drawings}
-
-
-def drawn_columns(columns: Mapping[str, Any]) -> Columns:
-    """Return columns (N,) of numbers or words as those of a file."""
-    numbers, text = {}, {}
-    for name, values in columns.items():
-        if is_kinematics_number(name):
-            numbers[name] = np.asarray(values, dtype=float)
-        elif is_shown_of_kinematics(name):
-            text[name] = tuple(str(v) for v in values)
-    size = max((len(v) for v in columns.values()), default=0)
-    return Columns("kinematics.csv", tuple(columns), numbers, text, size)
-
-
-def _own_modes(record: KinematicsRecord, columns: Columns) -> Columns:
-    """Return the machine's own assembly mode of each row, all rows where there is one mode a row.
-
-    A row whose own mode is not known stays as a gap.
-    """
-    if record.modes is None or "row" not in columns.numbers:
-        return columns
-    row, own = columns.number("row"), columns.number("own") == 1.0
-    _, first = np.unique(row, return_index=True)
-    lines = np.array([next(iter(np.flatnonzero(own & (row == row[i]))), i) for i in first])
-    lost = ~own[lines]
-    given = ("row", "time", *(h for h in columns.numbers if h.startswith("q_")))
-    numbers = {k: np.where(lost & (k not in given), np.nan, v[lines])
-               for k, v in columns.numbers.items()}
-    text = {k: tuple(NOT_FOUND if gone and k == "status" else v[i]
-                     for i, gone in zip(lines, lost, strict=True))
-            for k, v in columns.text.items()}
-    return replace(columns, size=len(lines), numbers=numbers, text=text)
-
-
-def _motion(record: KinematicsRecord, columns: Columns) -> Motion:
-    """Return the rows over time, or over their numbers where there is no time."""
-    name = next((h for h in ("time", "t") if h in columns.header), "")
-    at = _seconds(columns, name)
-    timed = follows(at)
-    if not timed:
-        at = np.arange(1.0, columns.size + 1.0)
-    axis = "time (s)" if timed else "row, in the order of the file"
-    note = f"The column {name} does not go up: rows in its place." if name and not timed else ""
-    return Motion(record, columns, at, axis, timed, columns.words("status"), note)
-
-
-def _seconds(columns: Columns, name: str) -> Array:
-    """Return a column of times (N,), all nan where it holds other words than numbers."""
-    if name in columns.numbers or not name:
-        return columns.number(name)
-    try:
-        return np.array([float(word or "nan") for word in columns.words(name)])
-    except ValueError:
-        return np.full(columns.size, np.nan)
 
 
 def _thin(motion: Motion) -> Ints:
@@ -200,15 +108,6 @@ def _view(motion: Motion, a: str, b: str) -> Drawing:
         f"{_ends(motion, b)}.",
         across, up, (motion.label(a), motion.label(b)), layers, tuple(key))
     return replace(out, note=_colours("Marks", key))
-
-
-def square(x: Array, y: Array) -> tuple[Axis, Axis]:
-    """Return axes with equal scales in x and y that hold the points."""
-    a, b = span(x, margin=0.1), span(y, margin=0.1)
-    wide = (WIDTH - LEFT - RIGHT) / (HEIGHT - TOP - BOTTOM)
-    half = 0.5 * max(b.high - b.low, (a.high - a.low) / wide)
-    cx, cy = (a.low + a.high) / 2.0, (b.low + b.high) / 2.0
-    return Axis(cx - half * wide, cx + half * wide), Axis(cy - half, cy + half)
 
 
 def _colours(where: str, key: Sequence[tuple[str, str]]) -> str:

@@ -30,7 +30,8 @@ _NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sig
 _PREFIXES = ("before_", "after_", "sigma_", "error_", "q_", "cmd_", "rate_")
 _COMMANDS = re.compile(r"x|y|(q|cmd)_.+|(error_(position|rotation)_(before|after))"
                        r"|sigma_(position|rotation)")
-_KINEMATICS = re.compile(r"[xyz]|r[xyz]|euler_[123]|quat_[xyzw]|(?:q|rate)_.+|condition|time|row|own")
+_KINEMATICS = re.compile(r"[xyz]|r[xyz]|euler_[123]|quat_[xyzw]|(q|rate)_.+"
+                         r"|condition|time")
 
 def digest(path: Path) -> str:
     """Return the SHA-256 of a file, empty if it cannot be read."""
@@ -58,7 +59,7 @@ def is_kinematics_number(name: str) -> bool:
 
 def is_shown_of_kinematics(name: str) -> bool:
     """Whether a column of kinematics.csv is drawn, or says how its row went."""
-    return is_kinematics_number(name) or name in ("t", "status", "reason")
+    return is_kinematics_number(name) or name in ("t", "row", "own", "status", "reason")
 
 
 def read_columns(path: Path, whole: bool = True, wanted: Callable[[str], bool] | None = None,
