@@ -58,7 +58,7 @@ def translational_poses(closure: Closure) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Circles:
+class Circles:
     """Circles of the three end points and the triangle between them, lengths in reaches.
 
     ``centre``, ``x``, ``y`` (3, 3): of each circle and the axes of its plane times its radius;
@@ -124,7 +124,7 @@ def tripod_ends(closure: Closure) -> tuple[Array, Array]:
     """
     reach = closure.model.mechanism.reach
     local = cga.coordinates(closure.moving[0])[::2]
-    circles = _circles(closure, local)
+    circles = tripod_circles(closure, local)
     if circles is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3, 3))
     found = []
@@ -136,7 +136,7 @@ def tripod_ends(closure: Closure) -> tuple[Array, Array]:
     return ends, np.broadcast_to(local, ends.shape)
 
 
-def _circles(closure: Closure, local: Array) -> _Circles | None:
+def tripod_circles(closure: Closure, local: Array) -> Circles | None:
     """Return the circles of the end points, None where a sphere does not reach its plane."""
     reach = closure.model.mechanism.reach
     fixed = closure.fixed[0].reshape(3, 2, 5)
@@ -153,10 +153,10 @@ def _circles(closure: Closure, local: Array) -> _Circles | None:
     surfaces = np.stack([cga.sphere(middle, size[:, 0]),
                          cga.plane(normal, offset)], axis=1)
     edges = np.linalg.norm(local[[0, 0, 1]] - local[[1, 2, 2]], axis=-1) / reach
-    return _Circles(middle, size * across, size * np.cross(normal, across), surfaces, edges)
+    return Circles(middle, size * across, size * np.cross(normal, across), surfaces, edges)
 
 
-def _roots(circles: _Circles) -> Array:
+def _roots(circles: Circles) -> Array:
     """Return angles of B_1 near which F is 0."""
     even = 2.0 * np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES
     spectrum = np.fft.fft(circles.resultant(even)) / SAMPLES
@@ -167,7 +167,7 @@ def _roots(circles: _Circles) -> Array:
     return np.asarray(np.angle(z), dtype=float)
 
 
-def _polished(circles: _Circles, t: float, i: int, j: int) -> Array | None:
+def _polished(circles: Circles, t: float, i: int, j: int) -> Array | None:
     """Return the end points (3, 3) where |B_2 B_3| is right, near an angle of B_1; None if not."""
     def gap(at: float) -> tuple[float, Array]:
         pair = circles.seconds(np.array([at]))[0]
