@@ -6,13 +6,14 @@ A unit in a header says the same as one under ``read.units`` in the sidecar.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
-from ppmcal.io.reading import UNITS, ReadFile
+from ppmcal.io.reading import UNITS, ReadFile, as_declared
+from ppmcal.model.mechanism import Mechanism
 
 _WITH_UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))")
 _SPELT: Mapping[str, str] = {
@@ -21,6 +22,39 @@ _SPELT: Mapping[str, str] = {
 """Other ways to write a unit."""
 BARE = ("", "-", "1")
 """Written in the place of a unit where there is none."""
+RATES = ("vel_", "vx", "vy", "vz", "wx", "wy", "wz")
+"""Columns that begin so are per second: `mm/s` is the same as `mm`."""
+
+
+def bare_name(header: str) -> str:
+    """Return a header without what stands in brackets at its end."""
+    found = _WITH_UNIT.fullmatch(header.strip())
+    return found["name"] if found else header.strip()
+
+
+def in_own_units(table: Table, mechanism: Mechanism, known: Callable[[str], bool]) -> Table:
+    """Return a table without a sidecar in the mechanism file's units, with bare names.
+
+    Args:
+        table: as it was read.
+        mechanism: for its units and actuators.
+        known: says of a name whether it is one of our columns; others stay as they are.
+
+    Raises:
+        BadInput: an unknown unit, one that the column cannot be in, or two columns of one name.
+    """
+    strange = [h for h in table.header if not known(bare_name(h))]
+    read = ReadFile.model_construct(ignore=strange)
+    mine = {bare_name(h) for h in table.header} - set(strange)
+    table, units = without_units(table, read, mine)
+    for name, unit in units.items():
+        if unit == "counts":
+            raise BadInput(f"{name} is in counts, and how many make a turn is not known",
+                           f"{table.source}: header, column {name}", "Give it in turns or deg")
+    if not units:
+        return table
+    return as_declared(table, ReadFile.model_construct(units=units), mechanism, mechanism.units,
+                       table.source, units)
 
 
 def without_units(table: Table, read: ReadFile, known: Collection[str]
@@ -80,7 +114,7 @@ def _split(header: str, place: str, known: Collection[str]) -> tuple[str, str]:
         return header, ""
     name, unit = found["name"], (found["square"] or found["round"] or "").strip()
     unit = _SPELT.get(unit, unit)
-    if name.startswith("vel_"):
+    if name.startswith(RATES):
         unit = unit.removesuffix("/s")
     if unit in UNITS:
         return name, unit

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field
@@ -34,6 +34,7 @@ from ppmcal.model.dataset import PAYLOADS, POUND, STANDARD_GRAVITY, ZERO_CELSIUS
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import ANGLES, LENGTHS, TURN, Units
 
+T = TypeVar("T")
 MATRIX = tuple(f"r{i}{j}" for i in "123" for j in "123")
 ROTATIONS = ("rotvec", *QUATERNIONS, *(f"euler-{o}" for o in ORDERS), "matrix")
 FURTHER: Mapping[str, Mapping[str, float]] = {
@@ -152,23 +153,23 @@ def renamed(table: Table, read: ReadFile, mechanism: Mechanism, side: str) -> Ta
 
 
 def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units, side: str,
-                headed: Collection[str] = ()) -> Table:
+                headed: Collection[str] = (), done: Collection[str] = ()) -> Table:
     """Return the table in the units, axes and conventions of section 2.
 
-    The units of the columns ``headed`` stand in the header, not in the sidecar.
+    The units of the columns ``headed`` stand in the header, not in the sidecar; those of the
+    columns ``done`` have been dealt with.
 
     Raises:
         BadInput: a column that the file does not have, a unit that it cannot be in, or rotation
             columns that a convention lacks.
     """
     numbers = dict(table.numbers)
-    for pattern, sign in read.signs.items():
-        for name in _matching(table, pattern, f"{side}: read.signs"):
-            numbers[name] = sign * numbers[name]
-    for pattern, unit in read.units.items():
-        for name in _matching(table, pattern, f"{side}: read.units"):
+    for name, (_, sign) in _by_column(table, read.signs, f"{side}: read.signs").items():
+        numbers[name] = sign * numbers[name]
+    for name, (pattern, unit) in _by_column(table, read.units, f"{side}: read.units").items():
+        if name not in done:
             place = (f"{table.source}: header, column {name}" if name in headed
-                     else f"{side}: read.units.{name}")
+                     else f"{side}: read.units.{pattern}")
             numbers[name] = _in_declared(numbers[name], name, unit, read, mechanism, units, place)
     table = replace(table, numbers=numbers)
     if read.rotation not in (None, "rotvec"):
@@ -176,6 +177,24 @@ def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units
     if read.mirror or read.pose == "inverse":
         table = _seen_right(table, read, mechanism, units.factor("angle"), side)
     return table
+
+
+def _by_column(table: Table, declared: Mapping[str, T], place: str) -> dict[str, tuple[str, T]]:
+    """Return what is declared for columns and patterns, by column: the pattern and its value.
+
+    Raises:
+        BadInput: a pattern of no column or of words, or two for one column.
+    """
+    out: dict[str, tuple[str, T]] = {}
+    for pattern, value in declared.items():
+        for name in _matching(table, pattern, place):
+            if name in out:
+                first, one = out[name]
+                raise BadInput(f"the column {name} is declared twice, by '{first}' ({one}) and by "
+                               f"'{pattern}' ({value})", f"{place}.{pattern}",
+                               "Leave one of the two, or name the columns one by one")
+            out[name] = (pattern, value)
+    return out
 
 
 def _matching(table: Table, pattern: str, place: str) -> list[str]:
@@ -215,9 +234,9 @@ def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str
                 return ANGULAR, TURN
             return (LENGTHS if quantity == "length" else ANGULAR), units.factor(quantity)
     bare_name = name.removeprefix("cmd_").removeprefix("sigma_")
-    if bare_name in (*TURNS, "rotation"):
+    if bare_name in (*TURNS, "rotation", "wx", "wy", "wz") or name.startswith("euler_"):
         return ANGULAR, units.factor("angle")
-    if bare_name in (*AXES, "height", "distance", "position"):
+    if bare_name in (*AXES, "height", "distance", "position", "vx", "vy", "vz"):
         return LENGTHS, units.factor("length")
     kind = {"payload": "payload", "time": "time", **dict.fromkeys(("fx", "fy", "fz"), "force"),
             **dict.fromkeys(("mx", "my", "mz"), "moment")}
