@@ -22,6 +22,9 @@ _SPELT: Mapping[str, str] = {
 """Other ways to write a unit."""
 BARE = ("", "-", "1")
 """Written in the place of a unit where there is none."""
+CLOCKS = ("time", "timestamp", "time stamp", "date", "datetime", "date time")
+"""Columns in whose brackets the form of a clock may stand, or its zone."""
+_CLOCK = re.compile(r"[hHmMsSyYdDfFT:./\- ]{5,}|UTC|GMT|Z|UTC[+-]\d{1,2}|local|ISO ?8601", re.ASCII)
 RATES = ("vel_", "vx", "vy", "vz", "wx", "wy", "wz")
 """Columns that begin so are per second: `mm/s` is the same as `mm`."""
 
@@ -30,6 +33,16 @@ def bare_name(header: str) -> str:
     """Return a header without what stands in brackets at its end."""
     found = _WITH_UNIT.fullmatch(header.strip())
     return found["name"] if found else header.strip()
+
+
+def zone_of(header: str) -> str | None:
+    """Return the zone in the brackets of a header such as ``Time (UTC)``, None without one."""
+    found = _WITH_UNIT.fullmatch(header.strip())
+    inside = (found["square"] or found["round"] or "").strip() if found else ""
+    if inside in ("UTC", "GMT", "Z"):
+        return "UTC"
+    away = re.fullmatch(r"UTC([+-])(\d{1,2})", inside)
+    return f"{away[1]}{int(away[2]):02d}:00" if away else None
 
 
 def in_own_units(table: Table, mechanism: Mechanism, known: Callable[[str], bool]) -> Table:
@@ -118,6 +131,8 @@ def _split(header: str, place: str, known: Collection[str]) -> tuple[str, str]:
         unit = unit.removesuffix("/s")
     if unit in UNITS:
         return name, unit
+    if name.lower() in CLOCKS and _CLOCK.fullmatch(unit):
+        return name, ""
     ours = name in known or name.startswith("temperature_")
     if ours and unit not in BARE:
         error = unknown("unit", unit, UNITS)

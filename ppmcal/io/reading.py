@@ -24,6 +24,7 @@ from ppmcal.calibration.readings import (
     understood,
 )
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.clock import ORDERS as ORDERS_OF_DATES
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import known_columns
 from ppmcal.io.pose_fields import QUATERNION
@@ -39,7 +40,7 @@ MATRIX = tuple(f"r{i}{j}" for i in "123" for j in "123")
 ROTATIONS = ("rotvec", *QUATERNIONS, *(f"euler-{o}" for o in ORDERS), "matrix")
 FURTHER: Mapping[str, Mapping[str, float]] = {
     "payload": PAYLOADS,
-    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "force": {"N": 1.0, "kN": 1e3, "lbf": POUND * STANDARD_GRAVITY},
     "moment": {"N m": 1.0},
 }
@@ -85,6 +86,13 @@ def _whole(value: object) -> object:
     return value
 
 
+def _names(value: object) -> object:
+    if not isinstance(value, str) or any(value.count(f"{{{w}}}") != 1 for w in ("pose", "target")):
+        raise refuse(f"{show(value)} does not say where pose and target stand in a name",
+                     "Write both once, such as `{pose}_{target}`")
+    return value
+
+
 def _turn(value: object) -> object:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e12:
         raise refuse(f"{show(value)} is not a number of counts", "Write a positive number")
@@ -115,6 +123,16 @@ class ReadFile(Strict):
     """An axis of the instrument that points the other way (left-handed)."""
     shift: Annotated[int, BeforeValidator(_whole)] = 0
     """The measured columns are so many rows behind the joint columns."""
+    dates: Annotated[str, choice("order of dates", *ORDERS_OF_DATES)] | None = None
+    """Which comes first in a date such as 03/04/2026."""
+    zone: Label | None = None
+    """Zone of times that name none: UTC, +02:00, Europe/Berlin."""
+    names: Annotated[str, BeforeValidator(_names)] | None = None
+    """How points are named: {pose} and {target}, such as `{pose}_{target}`."""
+    targets: dict[str, Any] = Field(default_factory=dict)
+    """Points of the platform by the names in {target}: [x, y, z] or unknown."""
+    topics: list[Label] = Field(default_factory=list)
+    """Topics of a bag to read  [default: the only ones with joints and poses]."""
 
 
 def renamed(table: Table, read: ReadFile, mechanism: Mechanism, side: str) -> Table:
@@ -197,6 +215,19 @@ def _by_column(table: Table, declared: Mapping[str, T], place: str) -> dict[str,
     return out
 
 
+def unit_of(name: str, read: ReadFile, side: str) -> str | None:
+    """Return the unit that the block declares for a column, None where it says nothing.
+
+    Raises:
+        BadInput: two patterns name it.
+    """
+    said = [p for p in read.units if fnmatchcase(name, p)]
+    if len(said) > 1:
+        raise BadInput(f"the column {name} is declared twice, by '{said[0]}' and by '{said[1]}'",
+                       f"{side}: read.units.{said[1]}", "Leave one of the two")
+    return read.units[said[0]] if said else None
+
+
 def _matching(table: Table, pattern: str, place: str) -> list[str]:
     names = [n for n in table.header if fnmatchcase(n, pattern)]
     if not names:
@@ -241,6 +272,18 @@ def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str
     kind = {"payload": "payload", "time": "time", **dict.fromkeys(("fx", "fy", "fz"), "force"),
             **dict.fromkeys(("mx", "my", "mz"), "moment")}
     return FURTHER.get(kind.get(name, ""), {}), 1.0
+
+
+def declared_unit(name: str, mechanism: Mechanism, units: Units) -> str:
+    """Return the unit of a column for which nobody names another; empty for a bare number."""
+    if name == "temperature" or name.startswith("temperature_"):
+        return "C"
+    known, factor = _choices(name, mechanism, units)
+    if known is LENGTHS:
+        return units.length
+    if known is ANGULAR:
+        return units.angle if factor == units.factor("angle") else ""
+    return next((u for u, f in known.items() if f == 1.0), "")
 
 
 def _allowed(unit: str, allowed: Mapping[str, object], name: str, place: str) -> None:
