@@ -23,7 +23,8 @@ from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
 from ppmcal.io.header_units import with_units
 from ppmcal.io.join import rows_of
 from ppmcal.io.pose_fields import QUATERNION
-from ppmcal.io.reading import MATRIX, ReadFile, as_declared, declared_unit, unit_of
+from ppmcal.io.read_block import MATRIX, ReadFile
+from ppmcal.io.reading import as_declared, declared_unit, unit_of
 from ppmcal.io.schema import check
 from ppmcal.io.sidecar import FORMAT, SidecarFile, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
@@ -146,17 +147,17 @@ def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ |
         notes += more
     file = check(SidecarFile, content, place)
 
+
     def told(f: ForeignTable, own: str) -> tuple[str, str]:
         by_side, declared = unit_of(own, block, place), file.units.units()
         if own in f.units:
-            by_option = units is not None and own in "xyz" and not f.has_joints
-            return f.units[own], "--units" if by_option and f.units[own] == units else f.units_from
+            return f.units[own], f.units_from.get(own, "header")
         if by_side is not None:
             return by_side, "read.units"
         unit = declared_unit(own, machine, declared)
         return unit, said if unit in (declared.length, declared.angle) else ""
 
-    sentences = [understood(f, told) for f in found] + list(together.sentences)
+    sentences = [understood(f, told) for f in (log, *lists)] + list(together.sentences)
     table = _declared(together, [log, *lists], block, machine, file.units.units(), place)
     kept = {k: v for k, v in content.items() if k != "read"}
     kept |= {"read": {"shift": block.shift}} if block.shift else {}
@@ -234,7 +235,8 @@ def _sidecar(paths: Sequence[Path], given: Path_ | None) -> Path | None:
 
 def _in_unit(points: ForeignTable, unit: str) -> ForeignTable:
     more: dict[str, str] = {c: unit for c in ("x", "y", "z") if c in points.table.header}
-    return replace(points, units={**more, **points.units})
+    return replace(points, units={**more, **points.units},
+                   units_from={**dict.fromkeys(more, "--units"), **points.units_from})
 
 
 def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[str]]:

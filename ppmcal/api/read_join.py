@@ -16,7 +16,8 @@ from ppmcal.io.csv import Table
 from ppmcal.io.foreign import ForeignTable, pose_names
 from ppmcal.io.join import Join, join
 from ppmcal.io.measurement_columns import stacked
-from ppmcal.io.reading import ReadFile, as_declared, unit_of
+from ppmcal.io.read_block import ReadFile
+from ppmcal.io.reading import as_declared, unit_of
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 

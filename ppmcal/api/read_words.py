@@ -20,8 +20,8 @@ def understood(found: ForeignTable, told: Told) -> str:
     head = f"{table.source}: {len(table)} rows" + (f", {how}" if how else "")
     lines = [head, *_columns(found, told)]
     if found.clock is not None:
-        lines.append(f"  time: {found.clock.words}; the first is "
-                     f"{found.clock.name(found.clock.first)}")
+        lines += _filled(f"time: {found.clock.words}; the first is "
+                         f"{found.clock.name(found.clock.first)}")
     if found.ignored:
         lines += _filled(f"Ignored: {', '.join(found.ignored)}.")
         why = {h: why_not(h.split("[")[0].split("(")[0]) or why_not(h) for h in found.ignored}

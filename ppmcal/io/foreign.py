@@ -15,20 +15,21 @@ import numpy as np
 from ppmcal.errors import BadInput
 from ppmcal.io.clock import Clock, clock_of_numbers, clock_of_words
 from ppmcal.io.csv import Table, csv_table, refuse_absurd
-from ppmcal.io.foreign_names import GROUPED, own_name
+from ppmcal.io.foreign_names import GROUPED, own_name, unit_in
 from ppmcal.io.header_units import bare_name, without_units, zone_of
 from ppmcal.io.klipper_log import klipper_log
 from ppmcal.io.measurement_columns import known_columns, translate_foreign
 from ppmcal.io.point_list import with_header
-from ppmcal.io.reading import FURTHER, MATRIX, ReadFile, renamed, unit_of
+from ppmcal.io.read_block import FURTHER, MATRIX, ReadFile
+from ppmcal.io.reading import renamed, unit_of
 from ppmcal.io.ros_bag import bag_tables, is_bag
-from ppmcal.io.ros_tables import Recording, ros_csv, ros_headers
+from ppmcal.io.ros_tables import FORM, Recording, ros_csv, ros_headers
 from ppmcal.io.tables import is_text, read_table
 from ppmcal.io.yaml import number_text, read_bytes
 from ppmcal.model.mechanism import Mechanism
 
-WORDS = ("pose", "session", "time", "date", "group")
-"""Columns that may hold words; so may groups that are counted."""
+WORDS = ("pose", "session", "time", "date")
+"""Columns that may hold words; so may parts of names."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class ForeignTable:
         origin: our own name -> from where it is known that the column is this one.
         clock: of the column ``time``, None without one.
         form: what kind of file it is, where it is no plain table.
-        units_from: from where the units are known.
+        units_from: our own name -> from where its unit is known, if not from its header.
     """
 
     table: Table
@@ -56,7 +57,7 @@ class ForeignTable:
     origin: Mapping[str, str] = field(default_factory=dict)
     clock: Clock | None = None
     form: str = ""
-    units_from: str = "header"
+    units_from: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def has_joints(self) -> bool:
@@ -91,7 +92,7 @@ def _recording(path: Path, mechanism: Mechanism, read: ReadFile) -> Recording:
     def wordy(header: str) -> bool:
         own = next((o for o, h in read.columns.items() if h in (header, bare_name(header))), None)
         own = own or own_name(bare_name(header), known)[0]
-        return header in read.ignore or own is None or own in WORDS or bool(GROUPED.match(own))
+        return header in read.ignore or own is None or own in WORDS or bool(GROUPED.fullmatch(own))
 
     source, data = str(path), read_bytes(path)
     if not is_text(data):
@@ -128,19 +129,22 @@ def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str
     numbers = {own: table.numbers[back[h]] for own, h in names.items() if back[h] in table.numbers}
     text = {own: table.text[back[h]] for own, h in names.items() if back[h] in table.text}
     units = {own: headed[h] for own, h in names.items() if h in headed}
+    whence = dict.fromkeys(units, "ROS") if made.form == FORM else {}
+    remark = unit_in(made.remarks)
+    for own in (set("xyz") & set(names)) - set(units) if remark else ():
+        units[own], whence[own] = str(remark), "a remark"
     found = ForeignTable(
         replace(table, header=tuple(names), numbers=numbers, text=text),
         {own: made.headers.get(original[h], original[h]) for own, h in names.items()}, units,
         tuple(h for n, h in original.items() if n not in names.values()),
-        (*made.findings, *findings), made.remarks, origin, None, made.form,
-        made.form or "header")
+        (*made.findings, *findings), made.remarks, origin, None, made.form, whence)
     return _with_clock(_with_groups(found), original.get(names.get("time", ""), ""), read, side)
 
 
 def _with_groups(found: ForeignTable) -> ForeignTable:
     """Return the table with its points' groups in their names: ``Group::Point``."""
     table = found.table
-    groups = [h for h in table.header if h == "group" or GROUPED.fullmatch(h)]
+    groups = [h for h in table.header if GROUPED.fullmatch(h)]
     if not groups:
         return found
     parts = [table.labels(h) for h in [*groups, *(["pose"] if "pose" in table.header else [])]]
@@ -148,7 +152,8 @@ def _with_groups(found: ForeignTable) -> ForeignTable:
     kept = tuple(h for h in table.header if h not in groups)
     text = {h: c for h, c in table.text.items() if h in kept and h != "pose"}
     numbers = {h: c for h, c in table.numbers.items() if h in kept and h != "pose"}
-    return replace(found, table=replace(
+    whole = "', '".join(found.headers[h] for h in (*groups, "pose") if h in found.headers)
+    return replace(found, headers={**found.headers, "pose": whole}, table=replace(
         table, header=kept if "pose" in kept else ("pose", *kept), numbers=numbers,
         text={**text, "pose": names}))
 

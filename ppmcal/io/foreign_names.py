@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 OTHERWISE: Mapping[str, str] = {
     **dict.fromkeys(("name", "point", "point name", "pointname", "point id", "pointid", "target",
@@ -12,8 +12,8 @@ OTHERWISE: Mapping[str, str] = {
                      "date and time", "time of measurement", "measurement time",
                      "measured at", "utc time"), "time"),
     "date": "date",
-    **dict.fromkeys(("group", "group name", "point group", "collection", "collection name"),
-                    "group")}
+    **dict.fromkeys(("group", "group name", "point group"), "group"),
+    **dict.fromkeys(("collection", "collection name"), "collection")}
 """Headings in small letters, with spaces for underscores, and our column."""
 COORDINATE = re.compile(
     r"(?:(?:actual|act|measured|meas|position|pos|point|coord)[ .]?)?(?P<axis>[xyz])"
@@ -23,14 +23,22 @@ SIGMA = re.compile(r"(?:sigma|σ|std|stddev|std ?dev|stdev|standard deviation)[ 
                    r"(?:sigma|std|stddev|std ?dev|stdev)")
 UNCERTAIN = re.compile(r"u\(?[xyz]\)?|(?:uncertainty|unc)[ .]?[xyz]|[xyz][ .]?(?:uncertainty|unc)|"
                        r"u ?mag|uncertainty")
-GROUPED = re.compile(r"group\d+")
+GROUPED = re.compile(r"collection|group\d*")
+"""Columns that are parts of a point's name, in their order."""
+_NUMBERED = re.compile(r"group\d+")
+UNIT_WORDS: Mapping[str, str] = {
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("in", "inch", "inches"), "in"),
+    **dict.fromkeys(("um", "µm", "micron", "microns", "micrometer", "micrometers"), "um")}
+_UNITS = re.compile(r"\b(?:length )?units?\s*[:=]\s*([a-zµ]+)", re.I)
 
 
 def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
     """Return our own name of a header without its unit, and where it is known from.
 
-    ``group`` (part of a point's name) and ``date`` (part of a time) are names besides those of
-    measurement files. None where nobody knows the header.
+    ``group``, ``collection`` (parts of a point's name) and ``date`` (part of a time) are names
+    besides those of measurement files. None where nobody knows the header.
     """
     if header in known or header.startswith("temperature_"):
         return header, "its name"
@@ -38,7 +46,7 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
     same = next((k for k in known if k.lower() == header.lower()), None)
     if same:
         return same, "its name"
-    if GROUPED.fullmatch(low):
+    if _NUMBERED.fullmatch(low):
         return low, "its place"
     if low in OTHERWISE:
         return OTHERWISE[low], "a usual heading"
@@ -47,6 +55,12 @@ def own_name(header: str, known: Collection[str]) -> tuple[str | None, str]:
     if (found := SIGMA.fullmatch(low)) and "sigma_x" in known:
         return f"sigma_{found['axis'] or found['short'] or found['first']}", "a usual heading"
     return None, ""
+
+
+def unit_in(remarks: Sequence[str]) -> str | None:
+    """Return the length unit that remarks such as ``Units: mm`` name, None unless just one."""
+    named = {u for r in remarks for w in _UNITS.findall(r) if (u := UNIT_WORDS.get(w.lower()))}
+    return named.pop() if len(named) == 1 else None
 
 
 def why_not(header: str) -> str:

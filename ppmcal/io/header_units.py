@@ -12,7 +12,8 @@ from fnmatch import fnmatchcase
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
-from ppmcal.io.reading import UNITS, ReadFile, as_declared
+from ppmcal.io.read_block import UNITS, ReadFile
+from ppmcal.io.reading import as_declared
 from ppmcal.model.mechanism import Mechanism
 
 _WITH_UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))")
