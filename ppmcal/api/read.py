@@ -162,7 +162,8 @@ def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ |
     kept = {k: v for k, v in content.items() if k != "read"}
     kept |= {"read": {"shift": block.shift}} if block.shift else {}
     runs = _by_target(table, kept, block, name, place, machine)
-    inputs: list[Path_] = [*paths, *([side] if side else []), *machine.inputs]
+    whole = [q for p in paths for q in (sorted(p.iterdir()) if p.is_dir() else [p]) if q.is_file()]
+    inputs: list[Path_] = [*whole, *([side] if side else []), *machine.inputs]
     notes += [n for run in runs for n in run.data.findings]
     return ReadResult(source_of("read", inputs, None), tuple(notes), runs, tuple(sentences))
 

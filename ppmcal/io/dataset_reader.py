@@ -21,7 +21,7 @@ from ppmcal.io.joint_columns import joint_values, second_joints
 from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list
 from ppmcal.io.read_block import MATRIX, ReadFile
-from ppmcal.io.reading import as_declared, renamed
+from ppmcal.io.reading import as_declared, of_homogeneous, renamed
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
@@ -87,6 +87,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
     source, units = table.source, file.units.units()
     table, headed = without_units(table, file.read, [*cols.known_columns(mechanism), *MATRIX])
+    table = of_homogeneous(table, file.read)
     theirs = [h for h in table.header if h not in file.read.ignore]
     table, findings = cols.translate_foreign(renamed(table, file.read, mechanism, side), mechanism)
     headers = {own: h for own, h in zip(table.header, theirs, strict=True) if own != h}

@@ -21,7 +21,7 @@ from ppmcal.io.klipper_log import klipper_log
 from ppmcal.io.measurement_columns import known_columns, translate_foreign
 from ppmcal.io.point_list import with_header
 from ppmcal.io.read_block import FURTHER, MATRIX, ReadFile
-from ppmcal.io.reading import renamed, unit_of
+from ppmcal.io.reading import of_homogeneous, renamed, unit_of
 from ppmcal.io.ros_bag import bag_tables, is_bag
 from ppmcal.io.ros_tables import FORM, Recording, ros_csv, ros_headers
 from ppmcal.io.tables import is_text, read_table
@@ -115,6 +115,8 @@ def _understood(made: Recording, mechanism: Mechanism, read: ReadFile, side: str
     raw = table.header
     bare, headed = without_units(table, mine, known)
     original = dict(zip(bare.header, raw, strict=True))
+    bare = of_homogeneous(bare, mine)
+    original |= {h: h for h in bare.header if h not in original}
     theirs = [h for h in bare.header if h not in mine.ignore]
     told = set(mine.columns)
     table, findings = translate_foreign(renamed(bare, mine, mechanism, side), mechanism)

@@ -17,6 +17,11 @@ from ppmcal.model.dataset import PAYLOADS, POUND, STANDARD_GRAVITY, ZERO_CELSIUS
 from ppmcal.units import ANGLES, LENGTHS, TURN
 
 MATRIX = tuple(f"r{i}{j}" for i in "123" for j in "123")
+HOMOGENEOUS: tuple[Mapping[str, str], ...] = tuple(
+    {**{f"{letter}{i + low}{j + low}": f"r{i + 1}{j + 1}" for i in range(3) for j in range(3)},
+     **{f"{letter}{i + low}{3 + low}": "xyz"[i] for i in range(3)}}
+    for letter in "mtrT" for low in (0, 1))
+"""Entries of 4 x 4 matrices (m00, t11, ...): header -> our column; the first nine are R's."""
 ROTATIONS = ("rotvec", *QUATERNIONS, *(f"euler-{o}" for o in ORDERS), "matrix")
 FURTHER: Mapping[str, Mapping[str, float]] = {
     "payload": PAYLOADS,

@@ -26,7 +26,7 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import known_columns
 from ppmcal.io.pose_fields import QUATERNION
-from ppmcal.io.read_block import ANGULAR, FURTHER, MATRIX, TEMPERATURES, ReadFile
+from ppmcal.io.read_block import ANGULAR, FURTHER, HOMOGENEOUS, MATRIX, TEMPERATURES, ReadFile
 from ppmcal.io.schema import hint
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
@@ -68,6 +68,35 @@ def renamed(table: Table, read: ReadFile, mechanism: Mechanism, side: str) -> Ta
     return replace(table, header=tuple(kept),
                    numbers={names.get(h, h): v for h, v in table.numbers.items() if h not in left},
                    text={names.get(h, h): v for h, v in table.text.items() if h not in left})
+
+
+def of_homogeneous(table: Table, read: ReadFile) -> Table:
+    """Return the table with the entries of matrices (m00 ... m23, t14 ...) under our own names.
+
+    Raises:
+        BadInput: a last row that is not 0, 0, 0, 1.
+    """
+    if read.rotation != "matrix":
+        return table
+    names = next((m for m in HOMOGENEOUS if set(list(m)[:9]) <= set(table.header)), None)
+    if names is None:
+        return table
+    first = next(iter(names))
+    low = int(first[1:2])
+    last = [f"{first[0]}{low + 3}{low + j}" for j in range(4)]
+    for name, wanted in zip(last, (0.0, 0.0, 0.0, 1.0), strict=True):
+        with np.errstate(invalid="ignore"):
+            bad = np.flatnonzero(np.abs(table.numbers.get(name, np.array([])) - wanted) > 1e-9)
+        if bad.size:
+            raise BadInput(f"the last row of the matrix is not 0, 0, 0, 1 in row {bad[0] + 1}",
+                           table.at(name, int(bad[0])), "Check that the columns are row by row")
+    others = set(table.header) - set(names)
+    mine = {h: own for h, own in names.items()
+            if h in table.header and h not in read.columns.values() and own not in others}
+    kept = [h for h in table.header if h not in last]
+    return replace(table, header=tuple(mine.get(h, h) for h in kept),
+                   numbers={mine.get(h, h): v for h, v in table.numbers.items() if h in kept},
+                   text={h: c for h, c in table.text.items() if h in kept})
 
 
 def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units, side: str,
@@ -221,9 +250,12 @@ def _refuse_no_rotation(raw: Array, table: Table, place: str) -> None:
         bad = np.flatnonzero(whole & ((off > 1e-3) | (np.linalg.det(np.where(
             whole[:, None, None], matrices, 0.0)) < 0.0)))
     if bad.size:
-        raise BadInput(f"r11 ... r33 are no rotation in row {bad[0] + 1} ({off[bad[0]]:.2g} from "
-                       "orthogonal, or left-handed)", f"{table.source}: row {bad[0] + 1}",
-                       f"Check the columns; see {place}")
+        left = off[bad[0]] <= 1e-3
+        raise BadInput(f"the matrix is no rotation in row {bad[0] + 1}: "
+                       + ("it is left-handed (its determinant is negative)" if left else
+                          f"R R^T is {off[bad[0]]:.2g} from the unit matrix"),
+                       f"{table.source}: row {bad[0] + 1}", "Check the order of the columns (row "
+                       f"by row) and the digits; see {place}")
 
 
 def _with_columns(table: Table, new: Mapping[str, Array], old: tuple[str, ...]) -> Table:
