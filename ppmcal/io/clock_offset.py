@@ -48,11 +48,11 @@ class ClockOffset:
 
     def __str__(self) -> str:
         """Return a sentence."""
-        text = (f"The points' clock is {abs(self.value):.4g} s "
+        text = (f"The points' clock is {abs(self.value):.3f} s "
                 f"{'ahead of' if self.value >= 0.0 else 'behind'} the log's: found from the motion "
-                f"({self.low:.4g} to {self.high:.4g} s fit as well")
+                f"({self.low:.3f} to {self.high:.3f} s fit as well")
         if np.isfinite(self.next_best):
-            text += f"; the next best, {self.next_best:.4g} s, {self.worse:.2g} times worse"
+            text += f"; the next best, {self.next_best:.3f} s, {self.worse:.2g} times worse"
         return text + ")."
 
 
@@ -111,17 +111,19 @@ def _judged(trials: Array, rms: Array, trial: _Trial, place: str) -> ClockOffset
     while high < len(rms) - 1 and alike[high + 1]:
         high += 1
     inner = np.r_[False, (rms[1:-1] <= rms[:-2]) & (rms[1:-1] <= rms[2:]), False]
-    inner[max(low - 1, 0):high + 2] = False
-    other = np.flatnonzero(inner & np.isfinite(rms))
     value = 0.5 * float(trials[low] + trials[high])
+    # steps of the log and of the trials make ripples beside the best
+    apart = max(5.0 * (trials[high] - trials[low]), 5.0 * trial.step)
+    inner &= np.abs(trials - value) > apart
+    other = np.flatnonzero(inner & np.isfinite(rms))
     found = ClockOffset(value, float(trials[low]), float(trials[high]), float(rms[best] / spread))
     if not other.size:
         return found
     rival = int(other[np.argmin(rms[other])])
     worse = float(rms[rival] / rms[best])
     if worse < CLEAR:
-        raise BadInput(f"two offsets of the clocks fit almost alike: {value:.4g} s and "
-                       f"{trials[rival]:.4g} s ({worse:.2g} times worse)", place,
+        raise BadInput(f"two offsets of the clocks fit almost alike: {value:.3f} s and "
+                       f"{trials[rival]:.3f} s ({worse:.2g} times worse)", place,
                        "Give the one that is right, --clock-offset S, or join by name")
     return ClockOffset(value, found.low, found.high, found.rest, float(trials[rival]), worse)
 
@@ -144,6 +146,8 @@ class _Trial:
     def __init__(self, times: Array, columns: Array, seen_at: Array, seen: Array) -> None:
         """Keep what all trials share."""
         self.times, self.columns, self.seen_at, self.seen = times, columns, seen_at, seen
+        self.step = max(float(np.median(np.diff(times))),
+                        (np.ptp(times) - np.ptp(seen_at)) / TRIALS)
         self.freedom = max(len(seen) - columns.shape[1], 1)
         self.spread = float(np.sqrt(np.mean(np.var(seen, axis=0))))
 

@@ -173,7 +173,8 @@ def _by_time(log: Table, points: Table, tolerance: float, partial: bool
         i = int(np.flatnonzero(even)[0])
         raise BadInput(f"{row_list(np.flatnonzero(even))}: two rows of {log.source} are equally "
                        f"near in time ({row_list(np.sort(order[near[:2, i]]))} for row {i + 1})",
-                       points.source, "Give a smaller --tolerance, or join by name: --join name")
+                       points.source, "Give a smaller --tolerance, join by name (--join name), or "
+                       "take joint values between the rows: --interpolate")
     taken = np.flatnonzero(good)
     rows = nearest[taken]
     crowded = np.flatnonzero(np.bincount(rows, minlength=1)[rows] > 1) if rows.size else rows

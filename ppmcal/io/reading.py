@@ -90,7 +90,7 @@ def of_homogeneous(table: Table, read: ReadFile) -> Table:
         if bad.size:
             raise BadInput(f"the last row of the matrix is not 0, 0, 0, 1 in row {bad[0] + 1}",
                            table.at(name, int(bad[0])), "Check that the columns are row by row")
-    others = set(table.header) - set(names)
+    others = set(table.header) - set(names) - set(last)
     mine = {h: own for h, own in names.items()
             if h in table.header and h not in read.columns.values() and own not in others}
     kept = [h for h in table.header if h not in last]
