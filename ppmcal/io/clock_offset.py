@@ -84,7 +84,7 @@ def find_clock_offset(mechanism: Mechanism, times: Array, q: Array, seen_at: Arr
         raise BadInput("the points were taken over a longer time than the joint log holds", place,
                        "Give the whole log")
     columns = poses if len(seen) >= 2 * poses.shape[1] + FEWEST else poses[:, :4]
-    trial = _Trial(rows, columns, seen_at, seen)
+    trial = _PoseRegression(rows, columns, seen_at, seen)
     trials = np.linspace(late, early, TRIALS)
     rms = np.array([trial.rms(o) for o in trials])
     best = int(np.argmin(rms))
@@ -96,7 +96,7 @@ def find_clock_offset(mechanism: Mechanism, times: Array, q: Array, seen_at: Arr
     return _judged(trials[order], rms[order], trial, place)
 
 
-def _judged(trials: Array, rms: Array, trial: _Trial, place: str) -> ClockOffset:
+def _judged(trials: Array, rms: Array, trial: _PoseRegression, place: str) -> ClockOffset:
     """Return the best trial with what fits as well; refuse one that is not clearly best."""
     best, spread = int(np.argmin(rms)), trial.spread
     if not rms[best] < FOLLOWS * spread:
@@ -140,7 +140,7 @@ def _poses(mechanism: Mechanism, times: Array, q: Array) -> tuple[Array, Array]:
     return times, np.column_stack([np.ones(len(motors)), cga.translation(motors), kept])
 
 
-class _Trial:
+class _PoseRegression:
     """The regression of measured points on poses at shifted times."""
 
     def __init__(self, times: Array, columns: Array, seen_at: Array, seen: Array) -> None:
