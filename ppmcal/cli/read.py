@@ -27,7 +27,8 @@ INPUT = click.Path(path_type=Path)
 
 
 @click.command("read", epilog=examples(
-    "ppmcal read log.csv points.txt --mechanism mine.yaml --out joined.csv"))
+    "ppmcal read log.csv points.txt --mechanism mine.yaml --out joined.csv",
+    "ppmcal read log.csv points.txt --mechanism mine.yaml --join name --partial"))
 @click.argument("files", type=INPUT, nargs=-1, required=True)
 @click.option("--mechanism", type=MODEL, required=True, help="The machine that was measured.")
 @click.option("--out", type=FILE, default="run.csv", show_default=True,

@@ -113,13 +113,15 @@ def clock_of_words(cells: Sequence[str], place: Callable[[int], str], dates: str
             and month could be exchanged.
     """
     found: list[tuple[int, re.Match[str]]] = []
+    usual = _FORMS[0]
     for i, cell in enumerate(cells):
         text = _COMPACT.sub(r"\1-\2-\3T\4:\5:\6\7", cell.strip())
         if text.lower() in ("", "nan"):
             continue
-        match = next((m for f in _FORMS if (m := f.fullmatch(text))), None)
+        match = usual.fullmatch(text) or next((m for f in _FORMS if (m := f.fullmatch(text))), None)
         if match is None:
             raise BadInput(f"'{cell.strip()[:40]}' is no time", place(i), FORM)
+        usual = match.re
         found.append((i, match))
     if not found:
         raise BadInput("no row has a time", place(0), "Fill the column in")

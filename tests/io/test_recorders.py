@@ -332,3 +332,19 @@ def test_a_broken_file_is_read_or_refused(tmp_path: Path, form: str) -> None:
             ppmcal.read(files, MACHINE, partial=bool(seed % 2))
         except PpmcalError as error:
             assert error.what and error.where, str(error)
+
+
+def test_files_of_several_targets_are_not_overwritten(tmp_path: Path) -> None:
+    from helpers.commands import ppmcal as run
+
+    log(tmp_path / "log.csv", "")
+    (tmp_path / "p.csv").write_text("name,x,y,z\n" + "\n".join(
+        f"P{i}_{t},{r['x']},{r['y']},{r['z']}" for i, r in enumerate(ROWS) for t in "ab") + "\n")
+    words = ("read", "log.csv", "p.csv", "--mechanism", SAMPLE / "hexapod.yaml", "--names",
+             "{pose}_{target}")
+    said = run(*words, cwd=tmp_path, expect=1).out
+    assert "run-a.csv, run-a.yaml" in " ".join(said.split())
+    assert all(len(line) <= 80 for line in said.split("\n"))
+    before = (tmp_path / "run-b.csv").read_bytes()
+    assert "exists already" in run(*words, cwd=tmp_path, expect=2).err
+    assert (tmp_path / "run-b.csv").read_bytes() == before
