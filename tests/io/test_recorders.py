@@ -348,3 +348,20 @@ def test_files_of_several_targets_are_not_overwritten(tmp_path: Path) -> None:
     before = (tmp_path / "run-b.csv").read_bytes()
     assert "exists already" in run(*words, cwd=tmp_path, expect=2).err
     assert (tmp_path / "run-b.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(("suffix", "zone"), [("parquet", "UTC"), ("parquet", None),
+                                              ("xlsx", None)])
+def test_moments_of_spreadsheets_and_parquet(tmp_path: Path, suffix: str, zone: str | None) -> None:
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("openpyxl" if suffix == "xlsx" else "pyarrow")
+    log(tmp_path / "log.csv", "2026-03-04 10:{:02d}:00" + ("Z" if zone else ""))
+    times = pandas.date_range("2026-03-04 10:00", periods=12, freq="min", tz=zone)
+    frame = pandas.DataFrame({"Time": times, **dict(zip("xyz", AXES.T, strict=True))})
+    path = tmp_path / f"p.{suffix}"
+    if suffix == "xlsx":
+        frame.to_excel(path, index=False)
+    else:
+        frame.to_parquet(path)
+    result = ppmcal.read([tmp_path / "log.csv", path], MACHINE, join="time")
+    np.testing.assert_allclose(result.table.numbers["x"], AXES[:, 0], rtol=1e-15)
