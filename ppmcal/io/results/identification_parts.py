@@ -108,8 +108,9 @@ Summaries = Mapping[Text, ResidualSummary]
 
 
 class ResidualStages(Part):
-    """Errors before the fit, after it, and on what was held out."""
+    """Errors before the fit, after it, and on what was held out; ``before_is``: of what machine."""
 
+    before_is: Text = ""
     before: Summaries = Field(default_factory=dict)
     after: Summaries = Field(default_factory=dict)
     holdout: Summaries = Field(default_factory=dict)
