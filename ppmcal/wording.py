@@ -11,6 +11,24 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
+def sentence(text: str) -> str:
+    """Return text as a sentence, empty if there is none."""
+    plain = text.strip()
+    return f"{plain[:1].upper()}{plain[1:].rstrip('.')}." if plain else ""
+
+
+MOST = 3
+"""So many of a kind are named; the others are counted, and said to be where they are."""
+
+
+def some(names: Sequence[str], where: str = "", most: int = MOST) -> str:
+    """Return ``a, b, c`` of few; of many ``a, b, c and 4 more (all in FILE)``."""
+    if len(names) <= most + 1:    # "and 1 more" is as long as the one
+        return ", ".join(names)
+    rest = f" (all in {where})" if where else ""
+    return f"{', '.join(names[:most])} and {len(names) - most} more{rest}"
+
+
 def where(on: Sequence[Any], total: int) -> str:
     """Return ``leg1, leg2`` or ``all 6 actuators``; empty for the whole machine."""
     if total > 1 and len(on) == total:

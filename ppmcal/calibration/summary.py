@@ -1,7 +1,7 @@
 """From a fit to statements: estimates with intervals, rank, noise check, residuals.
 
 Everything here is read off the fit's small triangle and one pass over the rows; nothing
-is fitted again, except the frames of the "before" figures and the held-out part.
+is fitted again, except the frames of what was before and the held-out part.
 """
 
 from __future__ import annotations
@@ -280,6 +280,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     found = estimates(fit, rank, wider)
     mechanism = with_estimates(fit, found)
     was = before(fit.problem, fit.keep)
+    stood = {**registered(fit.problem, fit.state), **was.registrations}
     if leave_out:
         held, note = sessions_left_out(fit.problem, options, fit.keep, inflation)
     elif other:
@@ -292,7 +293,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
-        was.residuals, {**registered(fit.problem, fit.state), **was.registrations}, after, held, note,
+        was.residuals, stood, after, held, note,
         _findings(fit, noise, inflation, found, out, wider), identifiability(fit), *wrong,
         _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out),
         sessions=sessions, blocks=blocks)

@@ -108,13 +108,15 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         learned_gap,
         next_step,
         not_named,
+        stages,
         tried_sets,
         verdict,
         worst_block,
     )
 
     console.say(f"{record.name}: {verdict(record)}")
-    console.say("Disagreement: " + _where(result))
+    console.say("Disagreement with geometry alone: " + _where(result))
+    console.say(stages(record))
     for line in [*_effects(record), *_days(record), *_suspected(result), *_left(result)]:
         console.say(line)
     for line in (tried_sets(record), not_named(record),

@@ -65,6 +65,8 @@ def show_result(result: Identification, record: IdentificationRecord, console: C
 
 def _show_errors(record: IdentificationRecord, console: Console) -> None:
     """Print errors before, after and on what was held out."""
+    from ppmcal.io.results.identification_parts import before_words
+
     table = [[label, name, *(number(getattr(f, k)) for k in ("mean", "rms", "p95", "max")), f.unit]
              for label, found in (("before", record.residual.before),
                                   ("after", record.residual.after),
@@ -72,7 +74,7 @@ def _show_errors(record: IdentificationRecord, console: Console) -> None:
              for name, f in found.items()]
     console.table(plain_table(["", "error", "mean", "rms", "p95", "max", "unit"], table,
                               (2, 3, 4, 5)))
-    console.say(f"Held out: {record.holdout_note}.")
+    console.say(f"Held out: {record.holdout_note}.{before_words(record.residual.before_is)}")
 
 
 def _show_noise(n: NoiseCheck, console: Console) -> None:

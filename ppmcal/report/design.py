@@ -14,6 +14,7 @@ from ppmcal.report.headlines import attention
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
 from ppmcal.report.other import scalars
 from ppmcal.report.records import Designed, Picture, ReportData
+from ppmcal.wording import sentence
 
 TITLES = {"sensitivity": "Sensitivity", "tolerances": "Tolerances", "stiffness": "Stiffness",
           "workspace": "Workspace and singularities", "plan": "Measuring plan"}
@@ -62,7 +63,7 @@ def _table(one: Designed, shown: ShownTable) -> str:
     body = list(zip(*across, strict=True))
     more = (f"The first {SHOWN} of {count(len(rows), 'row')}; {one.kind}.json has them all."
             if len(rows) > SHOWN else "")
-    note = " ".join(t for t in (_sentence(shown.note), more) if t)
+    note = " ".join(t for t in (sentence(shown.note), more) if t)
     html = table(shown.title, heads, body, sort=True) if heads else ""
     if not html:
         html = paragraph(f"{shown.title or 'A table'}: no rows.", "note")
@@ -112,19 +113,13 @@ def _pictures(one: Designed) -> str:
 
 def _figure(p: Picture, section: str) -> str:
     """Return a picture on a light card; its words are drawn dark."""
-    caption = _sentence(p.caption) or p.file
+    caption = sentence(p.caption) or p.file
     alt = escape(f"{section}: {caption}", quote=True)
     data = base64.b64encode(p.png).decode("ascii")
     width, height = (max(round(v * CSS_DOTS), 1) for v in p.size)
     return (f'<figure class="picture"><img alt="{alt}" width="{width}" height="{height}" '
             f'src="data:image/png;base64,{data}"><figcaption>{escape(caption)}</figcaption>'
             "</figure>")
-
-
-def _sentence(text: str) -> str:
-    """Return text as a sentence, empty if there is none."""
-    plain = text.strip()
-    return f"{plain[:1].upper()}{plain[1:].rstrip('.')}." if plain else ""
 
 
 def look_at(data: ReportData) -> list[tuple[str, str]]:

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import ExcludedRow, NoiseCheck, ParameterEstimate
+from ppmcal.io.results.identification_parts import (
+    ExcludedRow,
+    NoiseCheck,
+    ParameterEstimate,
+    before_words,
+)
 from ppmcal.io.results.identification_wording import combination
 from ppmcal.report.format import (
     NBSP,
@@ -63,7 +68,7 @@ def accuracy(one: Identified) -> str:
                              *(amount(getattr(part, c)) for c in COLUMNS)])
     if not rows:
         return ""
-    notes = [one.record.holdout_note]
+    notes = [one.record.holdout_note, before_words(residual.before_is).strip()]
     if "closure" in kinds:
         notes.append("Closure is the limb condition at the measured poses, as a length.")
     note = " ".join(n[0].upper() + n[1:].rstrip(".") + "." for n in notes if n)

@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.io.results.commands import accepted_sentence
 from ppmcal.io.results.kinematics import solved_sentence
 from ppmcal.report.format import count, sig, to_sigma, whole
-from ppmcal.report.headlines import finding_text
+from ppmcal.report.headlines import finding_text, other_machine
 from ppmcal.report.html import (
     MAX_ROWS,
     Cell,
@@ -25,6 +25,7 @@ from ppmcal.report.html import (
 )
 from ppmcal.report.records import Columns, ComparedMachines, Other, ResidualRows, Simulated
 from ppmcal.report.residual_figures import command_figure, truth_figures
+from ppmcal.wording import sentence
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
@@ -161,7 +162,7 @@ def truth_section(c: ComparedMachines) -> str:
     heads = ["parameter", "error true", "error found", "found − true", "sigma", "unit", "z",
              "status"]
     return ("<h2>Simulated truth against identified</h2>" + paragraph(text)
-            + paragraph(c.note, "bad")
+            + paragraph(" ".join(t for t in (sentence(other_machine(c)), c.note) if t), "bad")
             + table("z = (found − true) / sigma", heads, body, sort=True)
             + figures(truth_figures(c)))
 

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.io.output import plain
-from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
+from ppmcal.io.results.diagnosis_wording import lead as diagnosis_headline
 from ppmcal.report.comparison import comparison_section
 from ppmcal.report.comparison import verdict as comparison_verdict
 from ppmcal.report.controllers import export_section
@@ -272,4 +272,5 @@ def _rows(table: Columns | None) -> list[dict[str, Any]]:
 
 def _comparison(c: ComparedMachines) -> dict[str, Any]:
     return {"truth": c.truth, "identified": c.identified, "note": c.note,
+            "other_nominal_values": list(c.other),
             "parameters": [{**asdict(r), "z": r.z} for r in c.rows]}

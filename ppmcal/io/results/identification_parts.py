@@ -116,6 +116,11 @@ class ResidualStages(Part):
     holdout: Summaries = Field(default_factory=dict)
 
 
+def before_words(before_is: str) -> str:
+    """Return `` Before: the nominal machine ...``, empty where a file does not say it."""
+    return f" Before: {before_is}." if before_is else ""
+
+
 class NoiseCheck(Part):
     """Residuals against the stated noise: ratios and probabilities, all bare."""
 
