@@ -25,6 +25,7 @@ from ppmcal.report.html import (
 )
 from ppmcal.report.records import Columns, ComparedMachines, Other, ResidualRows, Simulated
 from ppmcal.report.residual_figures import command_figure, truth_figures
+from ppmcal.report.residuals import predicted
 from ppmcal.wording import sentence
 
 SHOWN = 30
@@ -42,16 +43,20 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> str:
     out.append(paragraph(f"{accepted_sentence(int(good.sum()), t.size)}."))
     stats = []
     for kind, quantity in (("position", "length"), ("rotation", "angle")):
-        for stage in ("before", "after"):
-            values = t.number(f"error_{kind}_{stage}")[good]
+        for stage, values in predicted(t, kind).items():
+            values = values[good]
+            if not np.isfinite(values).any():
+                continue
             values = values[np.isfinite(values)]
-            if values.size:
-                stats.append([words(f"{kind}, {stage}"), words(lengths.get(quantity, "")),
-                              amount(float(values.mean())),
-                              amount(float(np.sqrt(np.mean(values**2)))),
-                              amount(float(values.max()))])
-    out.append(table("Error predicted by the identified model, accepted targets",
-                     ["error", "unit", "mean", "rms", "max"], stats))
+            stats.append([words(f"{kind}, {stage}"), words(lengths.get(quantity, "")),
+                          amount(float(values.mean())), amount(_rms(values)),
+                          amount(float(values.max()))])
+    out.append(table("Error predicted, accepted targets; corrected: the model's own uncertainty, "
+                     "1 sigma", ["error", "unit", "mean", "rms", "max"], stats))
+    if not any(np.isfinite(predicted(t, kind)["corrected"][good]).any()
+               for kind in ("position", "rotation")):
+        out.append(paragraph("What corrected commands leave is unknown: the model's own "
+                             "uncertainty is not in the file.", "note"))
     out.append(figures([command_figure(rows, k, lengths.get(q, ""))
                         for k, q in (("position", "length"), ("rotation", "angle"))]))
     return "".join([*out, _commands(t, np.flatnonzero(good)), refused(rows)])

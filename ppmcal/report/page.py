@@ -244,7 +244,7 @@ def _table(rows: ResidualRows) -> dict[str, Any]:
     good = np.ones(t.size, dtype=bool)
     good[list(rows.flagged)] = False
     out["rows"], out["accepted"] = t.size, int(good.sum())
-    for name in (h for h in t.header if h.startswith("error_")):
+    for name in (h for h in t.header if h.startswith(("error_", "sigma_"))):
         values = t.number(name)[good]
         values = values[np.isfinite(values)]
         if values.size:
