@@ -11,7 +11,8 @@ import numpy as np
 from markupsafe import Markup
 
 from ppmcal import __version__
-from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
+from ppmcal.calibration.before import DEFINITION
+from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, needing_a_look
 from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
 from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes
 from ppmcal.report.batch_changes import changes, effect_changes
@@ -46,8 +47,8 @@ def batch_page(records: Sequence[CampaignRecord]) -> str:
             f"{sum(r.exit_code == 1 for r in own)} to look at, {len(failed)} failed."]
     common = [s for some in designs.values() for s in common_sentences(some)]
     return page(title=f"Batch: {count(machines, 'machine')}", lead=[*lead, *common], tiles=[],
-                look=_look(records, failed), version=__version__, folders=count(
-                    len(own), "campaign"),
+                look=[typeset(t) for t in needing_a_look(records)], version=__version__,
+                folders=count(len(own), "campaign"),
                 sections=[Markup(s) for s in sections if s])
 
 
@@ -112,7 +113,7 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord])
     heads = ["machine", "rank", "date", "by", "rms error before", "after", "on unseen poses", "of",
              "after / noise", "farthest parameter", "tolerances off", "effects", "status"]
     note = ("Ranked by what is left: the rms error on poses that the fit has not seen, else on its "
-            "own; of each machine the latest fit.")
+            f"own; of each machine the latest fit. Before: {DEFINITION}.")
     used = [i for i in range(len(heads)) if any(row[i].html not in ("", "–") for row in rows)]
     return ("<h2>Machines, worst first</h2>" + paragraph(note, "note")
             + table("", [heads[i] for i in used], [[row[i] for i in used] for row in rows],
@@ -196,17 +197,3 @@ def _campaigns(records: Sequence[CampaignRecord]) -> str:
     return (f"<details><summary>All {count(len(rows), 'campaign')}</summary>"
             + table("", ["campaign", "date", "exit code", "verdict", "result"], rows, sort=True)
             + "</details>")
-
-
-def _look(records: Sequence[CampaignRecord], failed: Sequence[CampaignRecord]) -> list[str]:
-    """Return what the user must look at: who failed, changed, or has findings."""
-    out = [f"{r.campaign} failed: {r.message}" for r in failed[:10]]
-    if len(failed) > 10:
-        out.append(f"and {len(failed) - 10} more failed, see below")
-    changed = [r.machine for r in records if r.command == "compare" and r.verdict == "changed"]
-    if changed:
-        out.append(f"changed since last time: {listed(changed, 12)}")
-    found = [r.campaign for r in records if r.exit_code == 1 and r.command != "compare"]
-    if found:
-        out.append(f"{count(len(found), 'campaign')} with findings: {listed(found)}")
-    return out

@@ -41,6 +41,7 @@ from ppmcal.report.identifiability import gross_error_section, identifiability_s
 from ppmcal.report.records import Identified
 from ppmcal.report.residual_figures import residual_figures
 from ppmcal.report.residuals import quantity_of, used
+from ppmcal.wording import MOST, some
 
 STAGES = (("before", "before"), ("after", "after"), ("holdout", "held out"))
 COLUMNS = ("mean", "rms", "p95", "max")
@@ -166,8 +167,14 @@ def redundant(r: IdentificationRecord) -> str:
     note = ("A change of the quantity and this change of the others act alike: only their "
             "combination can be identified, and predictions do not depend on how it is split; the "
             "prior splits it by the tolerances. Coefficients are in the file's units.")
-    return ("<h3>Unidentifiable combinations</h3>"
-            + table("", ["one unit of", "acts like"], rows) + paragraph(note, "note"))
+    head = "<h3>Unidentifiable combinations</h3>"
+    body = table("", ["one unit of", "acts like"], rows) + paragraph(note, "note")
+    if len(rows) <= MOST:
+        return head + body
+    names = some([c.name or "?" for c in r.redundant])
+    return (head + paragraph(f"{len(rows)} parameters are only identified in combination with "
+                             f"others: {names}.")
+            + f"<details><summary>All {len(rows)} combinations</summary>{body}</details>")
 
 
 def correlations(r: IdentificationRecord) -> str:

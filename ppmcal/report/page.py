@@ -41,6 +41,7 @@ from ppmcal.report.residuals import used, white
 from ppmcal.report.truth import stray_note
 from ppmcal.report.validation import lead as validation_lead
 from ppmcal.report.validation import validation_section
+from ppmcal.wording import gathered
 
 MOST_LOOKED_AT = 60
 
@@ -132,9 +133,10 @@ def _look(data: ReportData) -> list[str]:
     """Return what the user must look at."""
     items = look_at(data)
     several = len({where for where, _ in items}) > 1
-    lines = [f"{where}: {text}" if several else text for where, text in items[:MOST_LOOKED_AT]]
-    more = len(items) - MOST_LOOKED_AT
-    return lines + ([f"and {more} more, in the JSON files"] if more > 0 else [])
+    lines = [f"{where}: {text}" if several else text for where in dict.fromkeys(w for w, _ in items)
+             for text in gathered([t for w, t in items if w == where], "all in the JSON file")]
+    more = len(lines) - MOST_LOOKED_AT
+    return lines[:MOST_LOOKED_AT] + ([f"and {more} more, in the JSON files"] if more > 0 else [])
 
 
 def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
