@@ -13,7 +13,7 @@ from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
 from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
-from ppmcal.wording import counted, some
+from ppmcal.wording import MOST, counted, some
 
 TABLE = "campaigns.parquet"
 
@@ -87,12 +87,13 @@ def needing_a_look(records: Sequence[CampaignRecord]) -> list[str]:
 
     Headline, console and page say that nothing needs a look where this is empty, only there.
     """
-    failed = [f"{r.campaign}: {r.message}" for r in records if r.failed]
+    failed = [f"{r.campaign} failed: {r.message}" for r in records if r.failed]
     changed = [r.machine for r in records if r.command == "compare" and r.verdict == "changed"]
     found = [r.campaign for r in records if r.exit_code == 1 and not (
         r.command == "compare" and r.verdict == "changed")]
-    out = [f"{len(failed)} failed: {some(failed, 'the table of those that failed', joint='; ')}"
-           ] * bool(failed)
+    out = failed if len(failed) <= MOST else [
+        f"{len(failed)} campaigns failed: "
+        f"{some(failed, 'the table of those that failed', joint='; ')}"]
     if changed:
         out.append(f"changed since last time: {some(changed, 'the table of changes')}")
     if found:
