@@ -117,7 +117,7 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),
-                                           table("effects.csv"), rest)))
+                                           table("effects.csv"), rest, table("next.csv"))))
     if has("commands.csv", "commands.json"):
         out.append(("compensated", ResidualRows(
             name, "commands", _record(CommandsRecord, folder),

@@ -112,12 +112,13 @@ FINE = frozenset({"ok", "done", "good", "solved", "corrected", "compensated", "1
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """Output of ``diagnose``."""
+    """Output of ``diagnose``; ``next``: the rows of next.csv, None without."""
 
     folder: str
     record: DiagnosisRecord
     effects: Columns | None
     residuals: Columns | None = None
+    next: Columns | None = None
 
 
 @dataclass(frozen=True)

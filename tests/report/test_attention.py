@@ -60,6 +60,11 @@ WARNINGS: dict[str, Callable[[], dict[str, Any]]] = {
     "excluded": lambda: {"identified": (fit(excluded=[{"row": 1, "reason": "x"}]),)},
     "noise": lambda: {"identified": (fit(noise={"sigma_ratio": 2.0, "chi2_p": 1e-20}),)},
     "unconverged": lambda: {"identified": (fit(converged=False),)},
+    "rise": lambda: {"identified": (fit(residual={
+        "before": {"position": {"rms": 0.1, "unit": "mm"}},
+        "after": {"position": {"rms": 0.2, "unit": "mm"}}}),)},
+    "no check of the noise": lambda: {"identified": (fit(noise={}, redundant=[]),)},
+    "sessions": lambda: {"identified": (fit(parameters=[{"name": "a", "disagree": True}]),)},
     "far": lambda: {"identified": (fit(parameters=[{
         "name": "a", "error": 5.0, "tolerance": 1.0, "unit": "mm"}]),)},
     "homing": lambda: {"identified": (fit(gross_errors={"homing_shifts": [{
