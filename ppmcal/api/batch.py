@@ -20,7 +20,7 @@ from ppmcal.io import Output, csv_text
 from ppmcal.io.batch_manifest import CampaignJob, read_manifest
 from ppmcal.io.folder import current, running
 from ppmcal.io.parquet import refuse_without_pyarrow
-from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table
+from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, needing_a_look
 from ppmcal.wording import counted
 
 
@@ -76,8 +76,12 @@ class BatchResult(Result):
         own = self.campaigns
         machines = len({r.machine for r in own})
         look = sum(r.exit_code == 1 for r in own)
+        changed = sum(r.exit_code == 1 for r in self.records if r.command == COMPARE)
         ends = [f"{look} {'needs' if look == 1 else 'need'} a look"] * bool(look) + [
-            f"{len(self.failed)} failed"] * bool(self.failed)
+            f"{len(self.failed)} failed"] * bool(self.failed) + [
+            f"{counted(changed, 'comparison')} to look at"] * bool(changed)
+        if not ends and needing_a_look(self.records):
+            ends = ["see batch.html"]
         done = sum(r.campaign in self.done_before for r in own)
         before = f" ({done} {'was' if done == 1 else 'were'} finished before)" if done else ""
         return (f"{counted(len(own), 'campaign')} of {counted(machines, 'machine')}"

@@ -16,7 +16,7 @@ from ppmcal.cli.common import (
     plain_table,
     quiet_option,
 )
-from ppmcal.wording import number
+from ppmcal.wording import number, some
 
 
 @click.command("check", epilog=examples(
@@ -57,15 +57,17 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
         seen = "the measurements" if datasets else "full-pose measurements about home"
         console.say(f"Rank with {seen}: {result.rank} of {result.columns}.")
     if result.unseen:
-        console.say(f"Not seen at all: {', '.join(result.unseen)}.")
+        console.say(f"{len(result.unseen)} not seen at all: {some(result.unseen, '--json')}.")
     if result.redundant:
-        console.say(f"Redundant with others: {', '.join(result.redundant)}.")
+        console.say(f"{len(result.redundant)} redundant with others: "
+                    f"{some(result.redundant, '--json')}.")
     identifiability = None if result.identifiability is None else IdentifiabilitySummary.of(
         result.identifiability, mechanism)
-    for sentence in identifiability.sentences() if identifiability else ():
+    open_ = identifiability.sentences() if identifiability else []
+    for sentence in open_:
         console.say(sentence)
     console.warn(result.findings)
-    if not result.findings:
+    if not (result.findings or result.unseen or open_):
         console.say("No findings.")
     if drawn is not None:
         console.say(f"The machine, drawn: {drawn}")

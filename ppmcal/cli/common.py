@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from ppmcal.wording import MOST, gathered
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -128,15 +130,17 @@ class Console:
         self.say("\n".join(lines))
 
     def warn(self, findings: Sequence[str]) -> None:
-        """Print what the user must look at."""
-        for finding in findings:
+        """Print what the user must look at; of more than three of a kind one sentence."""
+        for finding in gathered(findings, "all with --json"):
             self.say(f"! {finding}")
 
     def warn_rows(self, findings: Sequence[str], rows: Sequence[str]) -> None:
-        """Print findings, then what is wrong with rows, the first ten of them."""
-        self.warn([*findings, *rows[:10]])
-        if len(rows) > 10:
-            self.say(f"... and {len(rows) - 10} more rows, see status and reason.")
+        """Print findings, then what is wrong with rows, of many the first three in one line."""
+        self.warn(findings)
+        many = len(rows) > MOST
+        for line in [f"{len(rows)} rows: {'; '.join(rows[:MOST])}; and {len(rows) - MOST} more, "
+                     "see status and reason"] if many else rows:
+            self.say(f"! {line}")
 
     def table(self, table: Table) -> None:
         """Print a table."""

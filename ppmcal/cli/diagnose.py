@@ -24,7 +24,7 @@ from ppmcal.cli.common import (
     refuse_two_holdouts,
     seed_option,
 )
-from ppmcal.wording import number, rate, where
+from ppmcal.wording import number, rate, some, where
 
 if TYPE_CHECKING:
     from ppmcal.calibration.misread import Misread
@@ -108,13 +108,15 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         learned_gap,
         next_step,
         not_named,
+        stages,
         tried_sets,
         verdict,
         worst_block,
     )
 
     console.say(f"{record.name}: {verdict(record)}")
-    console.say("Disagreement: " + _where(result))
+    console.say("Disagreement with geometry alone: " + _where(result))
+    console.say(stages(record))
     for line in [*_effects(record), *_days(record), *_suspected(result), *_left(result)]:
         console.say(line)
     for line in (tried_sets(record), not_named(record),
@@ -177,7 +179,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
                 for head, e in zip(heads, group, strict=True) if e.derived
                 for at in [e.mid_stroke]]
         if others := rivals(record, group[0]):
-            out.append(f"  Cannot be told from: {'; '.join(others)}.")
+            out.append(f"  Cannot be told from: {some(others, 'effects.csv', joint='; ')}.")
         if stands := survives(group[0]):
             out.append(f"  {stands}")
     return out
@@ -196,8 +198,9 @@ def _event(when: str) -> str:
 
 
 def _suspected(result: Diagnosis) -> list[str]:
-    return [f"Suspected: {c.hypothesis.label} (p = {c.p_value:.1g})." for c in result.possible
-            if c.status == "weak"]
+    weak = sorted((c for c in result.possible if c.status == "weak"), key=lambda c: c.p_value)
+    names = [f"{c.hypothesis.label} (p = {c.p_value:.1g})" for c in weak]
+    return [f"Suspected: {some(names, 'effects.csv')}."] if names else []
 
 
 def _left(result: Diagnosis) -> list[str]:

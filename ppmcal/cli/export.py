@@ -23,6 +23,8 @@ from ppmcal.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from ppmcal.io.results.export import ExportRecord
 
 ROWS = 24
@@ -70,8 +72,6 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
 
 def _show(record: ExportRecord, console: Console) -> None:
     """Print the numbers, and what they are worth."""
-    from ppmcal.io.results.export import fixed
-
     if not console.speaks:
         return
     console.say(f"{record.name}: {record.said}.")
@@ -80,18 +80,31 @@ def _show(record: ExportRecord, console: Console) -> None:
                                   list(_numbers(record))[:ROWS], (1, 2, 3)))
     if len(record.parameters) > ROWS:
         console.say(f"... and {len(record.parameters) - ROWS} more, all in export.json.")
-    console.say(f"Error over {record.over}, if the model is exact:")
-    turns = record.gain.after.rotation is not None
-    rows = [[label, *(fixed(v, part.unit) for part in (e, e.rotation) if part is not None
-                      for v in (part.rms, part.max))]
-            for label, e in (("old", record.gain.before), ("new", record.gain.after))]
-    console.table(plain_table(["", "rms mm", "max mm",
-                               *(["rms deg", "max deg"] if turns else [])], rows, (1, 2, 3, 4)))
+    console.say(f"Error over {record.over}, if the model is exact; then what to expect with the "
+                "new numbers, the model's own uncertainty in it:")
+    console.table(_errors(record))
     console.say(record.predicted.sentence())
     for note in record.notes:
         console.say(f"Note: {note}.")
     for line in record.advice:
         console.say(line)
+
+
+def _errors(record: ExportRecord) -> Table:
+    """Return the table of errors with the old and the new numbers."""
+    from ppmcal.io.results.export import error_size
+
+    rows = [[label, *(error_size(v, part.unit) or "unknown" for part in (e, e.rotation)
+                      if part is not None for v in (part.rms, part.max))]
+            for label, e in (("old", record.gain.before), ("new, model exact", record.gain.after))]
+    after = record.predicted.after
+    turns = record.gain.after.rotation is not None
+    expected = [error_size(after.rms, after.unit) or "unknown", ""]
+    if turns:
+        turn = after.rotation
+        expected += [error_size(turn.rms, turn.unit) if turn else "unknown", ""]
+    return plain_table(["", "rms mm", "max mm", *(["rms deg", "max deg"] if turns else [])],
+                       [*rows, ["new, expected", *expected]], (1, 2, 3, 4))
 
 
 def _numbers(record: ExportRecord) -> Iterator[list[str]]:
