@@ -78,7 +78,7 @@ def with_chosen_freedoms(problem: Problem, options: FitOptions, which: Sequence[
         return problem, None
     levels, usual = _levels(machine)
     small = replace(problem, mechanism=replace(machine, free=levels[0]), free=levels[0])
-    fit, _ = with_estimated_noise(small, options, None, which)
+    fit, _ = with_estimated_noise(small, options, which)
     choice = freedom_choice(fit, levels, usual)
     free = tuple(sorted(p for level in levels[:1 + (usual if choice is None else choice.kept)]
                         for p in level))

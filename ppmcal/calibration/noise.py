@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
 from ppmcal.calibration.fit import Fit, FitOptions, directions, prediction_covariance
-from ppmcal.calibration.gauss_newton import Progress, least_squares, prior_square
+from ppmcal.calibration.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import qr_factor
 from ppmcal.calibration.observation import SCALARS
@@ -54,7 +54,7 @@ def _squares(fit: Fit) -> tuple[Array, Array]:
     return square, freedom
 
 
-def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progress | None = None,
+def with_estimated_noise(problem: Problem, options: FitOptions,
                          which: Sequence[bool] | None = None) -> tuple[Fit, Array]:
     """Fit with the noise of each data set as its residuals show it.
 
@@ -65,7 +65,6 @@ def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progre
     Args:
         problem: machine and data with stated noise.
         options: of the fits.
-        progress: as for :func:`ppmcal.calibration.identify.identify`.
         which: data sets whose noise is estimated (D,)  [default: all].
 
     Returns:
@@ -76,7 +75,7 @@ def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progre
     """
     factor = np.ones(len(problem.datasets))
     chosen = np.ones(factor.size, dtype=bool) if which is None else np.array(which)
-    fit = identify(problem, options, progress)
+    fit = identify(problem, options)
     for _ in range(ROUNDS):
         ratio = _steps(fit, factor)
         ratio = np.where(chosen & np.isfinite(ratio) & (ratio > 0.0), ratio, 1.0)
@@ -84,7 +83,7 @@ def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progre
             break
         factor = factor * ratio
         scaled = replace(problem, datasets=_scaled(problem.datasets, factor))
-        fit = identify(scaled, options, progress, fit.state, near=True)
+        fit = identify(scaled, options, fit.state, near=True)
     return fit, factor
 
 
@@ -107,7 +106,7 @@ def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> l
     return out
 
 
-def with_own_noise(problem: Problem, options: FitOptions, progress: Progress | None = None
+def with_own_noise(problem: Problem, options: FitOptions
                    ) -> tuple[Problem, list[str]]:
     """Return the problem with the noise of the data sets that want it estimated, and what it is.
 
@@ -117,7 +116,7 @@ def with_own_noise(problem: Problem, options: FitOptions, progress: Progress | N
     which = [d.estimated for d in problem.datasets]
     if not any(which):
         return problem, []
-    _, factor = with_estimated_noise(problem, options, progress, which)
+    _, factor = with_estimated_noise(problem, options, which)
     return (replace(problem, datasets=_scaled(problem.datasets, factor)),
             noise_sentences(problem, factor, which))
 

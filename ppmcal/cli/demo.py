@@ -7,14 +7,13 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import Console, examples, json_option, out_option, quiet_option
+from ppmcal.cli.common import Console, console_options, examples, out_option
 
 
 @click.command("demo", epilog=examples("ppmcal demo --out demo-results"))
 @out_option("demo-results")
-@quiet_option
-@json_option
-def command(out: Path, quiet: bool, as_json: bool) -> None:
+@console_options
+def command(out: Path, console: Console) -> None:
     """Run the main job once on the sample data: a table-top hexapod seen by a tracker.
 
     Check, identify, compensate, diagnose, inverse kinematics, simulation, sensitivity and a
@@ -25,7 +24,6 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
 
     with Output(out):
         pass    # the folder is the demo's own from now on
-    console = Console(quiet, as_json)
     folder = sample_data()
     mech, data = folder / "hexapod.yaml", folder / "measurements.csv"
     model = out / "identified" / "identified.yaml"

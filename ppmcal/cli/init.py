@@ -7,21 +7,19 @@ from pathlib import Path
 import click
 
 from ppmcal.cli import completion
-from ppmcal.cli.common import FILE, Console, examples, json_option, plain_table, quiet_option
+from ppmcal.cli.common import FILE, Console, console_options, examples, plain_table
 
 
 @click.command("init", epilog=examples("ppmcal init", "ppmcal init 6-UPS --out my-hexapod.yaml"))
 @click.argument("kind", required=False, shell_complete=completion.machines)
 @click.option("--out", type=FILE, default=None, help="File to write [default: KIND.yaml].")
 @click.option("--force", is_flag=True, help="Overwrite a file that exists.")
-@quiet_option
-@json_option
-def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_json: bool) -> None:
+@console_options
+def command(kind: str | None, out: Path | None, force: bool, console: Console) -> None:
     """Write a commented mechanism file for KIND (none: list the kinds)."""
     from ppmcal.errors import BadInput
     from ppmcal.io.templates import find_template, for_editors, templates
 
-    console = Console(quiet, as_json)
     if kind is None:
         rows = [[name, line] for name, line in templates().items()]
         console.table(plain_table(["KIND", "machine"], rows))

@@ -10,12 +10,11 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
-    quiet_option,
 )
 from ppmcal.wording import counted
 
@@ -41,10 +40,9 @@ from ppmcal.wording import counted
               "the intersection of the limbs' circles and lines, as in the PPM paper.")
 @click.option("--dataset", metavar="NAME", default=None,
               help="forward: the pose as this instrument of the model file would measure it.")
-@quiet_option
-@json_option
+@console_options
 def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, rotation: str,
-            method: str, dataset: str | None, quiet: bool, as_json: bool) -> None:
+            method: str, dataset: str | None, console: Console) -> None:
     r"""Kinematics of every row of TABLE (poses, joints, or poses with velocities).
 
     Rows are a path in their order: singularities crossed and assembly modes changed on the
@@ -62,7 +60,6 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     from ppmcal.api.kinematics import kinematics
     from ppmcal.io.results.kinematics import LOCKED
 
-    console = Console(quiet, as_json)
     result = kinematics(which, mech, table, tool=tool, rotation=rotation, method=method,
                         dataset=dataset)
     written, failed = result.save(out), result.failed

@@ -12,10 +12,9 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     FiniteRange,
+    console_options,
     examples,
-    json_option,
     leave,
-    quiet_option,
 )
 
 if TYPE_CHECKING:
@@ -41,11 +40,10 @@ if TYPE_CHECKING:
               help="Leave out points and rows that match nothing, and name them.")
 @click.option("--units", type=click.Choice(["m", "mm", "um", "in"]), default=None,
               help="Length unit of points whose header names none  [default: the sidecar's].")
-@quiet_option
-@json_option
+@console_options
 def command(files: tuple[Path, ...], mechanism: Path, out: Path, force: bool,
             sidecar: Path | None, join: str | None, tolerance: float, partial: bool,
-            units: str | None, quiet: bool, as_json: bool) -> None:
+            units: str | None, console: Console) -> None:
     """Turn FILES of instruments and controllers into a measurement file.
 
     FILES are a table, or a joint log and lists of points (name, x, y, z, perhaps time), separated
@@ -54,7 +52,6 @@ def command(files: tuple[Path, ...], mechanism: Path, out: Path, force: bool,
     """
     from ppmcal.api.read import read
 
-    console = Console(quiet, as_json)
     inputs = [*files, mechanism, *([sidecar] if sidecar else [])]
     _refuse(out, inputs, force)
     result = read(files, mechanism, sidecar=sidecar, join=join, tolerance=tolerance,

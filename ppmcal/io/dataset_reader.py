@@ -36,12 +36,14 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.progress import stage
 from ppmcal.units import Units
 
 LABELS = ("pose", "session")
 """Columns that may hold words."""
 
 
+@stage("reading the measurements")
 def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """Return the measurements of one CSV with its sidecar, everything in SI.
 
