@@ -28,6 +28,9 @@ SHARE = 0.03
 OVERDUE = 1.5
 """A stage that takes more than this times its share says nothing of what is left."""
 
+SHORT = 1e-3
+"""What takes no longer than this, s, is not worth a line."""
+
 log = logging.getLogger("ppmcal")
 
 
@@ -128,8 +131,9 @@ class stage(ContextDecorator):
             if self.name in around.spent:
                 around.repeated[self.name] = around.repeated.get(self.name, 0.0) + took
             around.spent[self.name] = around.spent.get(self.name, 0.0) + took
-            log.log(logging.INFO if around.shares else logging.DEBUG, "%s: %.2f s", self.name,
-                    took)
+            if around.shares or took > SHORT:
+                log.log(logging.INFO if around.shares else logging.DEBUG, "%s: %.2f s",
+                        self.name, took)
 
     def done(self, steps: int = 1) -> None:
         """Say that so many steps are done."""

@@ -30,6 +30,7 @@ from ppmcal.calibration.small_misreading import find_small_misreading
 from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
+from ppmcal.progress import stage
 from ppmcal.units import Units
 
 MANY_GROSS = 0.2
@@ -155,6 +156,7 @@ def _misfit(problem: Problem) -> Misfit:
     return Misfit(times, position, rotation, before, after, lost, rows, found, gross)
 
 
+@stage("trying other readings")
 def refuse_misread(problem: Problem) -> Misfit:
     """Refuse measurements that are not of this machine as the files are read.
 

@@ -81,17 +81,10 @@ def _refuse(out: Path, inputs: list[Path], force: bool) -> None:
 
 
 def _write(result: ReadResult, out: Path) -> list[str]:
-    """Write both files, and return their paths."""
-    from ppmcal.errors import BadInput
-    from ppmcal.io.csv_writer import encoded
+    """Write both files or none, and return their paths."""
+    from ppmcal.io import Output
 
-    written = [str(out.with_name(name)) for name in result.files()]
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        for name, content in result.files().items():
-            with out.with_name(name).open("wb") as file:
-                file.writelines(encoded(content))
-    except OSError as error:
-        raise BadInput(f"cannot be written ({error.strerror})", str(out),
-                       "Check the folder and its permissions") from None
-    return written
+    output = Output(out.parent, loose=True)
+    for name, content in result.files().items():
+        output.add(name, content)
+    return [str(path) for path in output.write()]

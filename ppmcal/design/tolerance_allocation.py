@@ -86,6 +86,7 @@ class Share:
         return low, high
 
 
+@stage("allocating tolerances")
 def allocate(mechanism: Mechanism, sources: tuple[Source, ...], tasks: Poses, wanted: Demand,
              unit: Array, weight: Array, exponent: Array, given: Array, seed: int
              ) -> Mapping[str, Allocation]:

@@ -19,6 +19,7 @@ from ppmcal.io.schema import hint
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.progress import stage
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
@@ -59,6 +60,7 @@ class JointTable(NamedTuple):
     given: Given
 
 
+@stage("reading the table")
 def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") -> PoseTable:
     """Return the poses of a table: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
 
@@ -110,6 +112,7 @@ def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
                        + (f" Is '{near[0]}' meant for one of them?" if near else ""))
 
 
+@stage("reading the table")
 def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     """Return the joint values of a table with a column ``q_<actuator>`` for each actuator.
 

@@ -21,6 +21,7 @@ from ppmcal.io.results.record import Record as JsonRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.linalg import Array
+from ppmcal.progress import stage
 from ppmcal.report.design_records import DESIGN_FILES, designed
 from ppmcal.report.records import (
     Columns,
@@ -50,6 +51,7 @@ KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.cs
 """Files by which a folder is recognised as a command's output."""
 
 
+@stage("reading the results")
 def collect(dirs: Sequence[Path]) -> ReportData:
     """Return what the folders hold.
 

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from ppmcal import __version__
 from ppmcal.io.output import plain
 from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
+from ppmcal.progress import stage
 from ppmcal.report.comparison import comparison_section
 from ppmcal.report.comparison import verdict as comparison_verdict
 from ppmcal.report.controllers import export_section
@@ -45,6 +46,7 @@ from ppmcal.report.validation import validation_section
 MOST_LOOKED_AT = 60
 
 
+@stage("drawing the page")
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
     single = len(data.identified) == 1
