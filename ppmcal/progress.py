@@ -28,7 +28,7 @@ SHARE = 0.03
 OVERDUE = 1.5
 """A stage that takes more than this times its share says nothing of what is left."""
 
-SHORT = 1e-3
+SHORT = 5e-3
 """What takes no longer than this, s, is not worth a line."""
 
 log = logging.getLogger("ppmcal")
@@ -160,7 +160,9 @@ class stage(ContextDecorator):
         """
         if self.steps:
             return self._left_by_steps(now, inner_left)
-        return self._left_by_shares(now, inner, inner_left) if self.shares else None
+        if self.shares:
+            return self._left_by_shares(now, inner, inner_left)
+        return inner_left if isinstance(inner, course) else None
 
     def _left_by_steps(self, now: float, inner_left: float | None) -> float | None:
         spent, rest = self.last - self.begun, self.steps - self.taken

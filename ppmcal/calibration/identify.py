@@ -8,15 +8,17 @@ not belong are down-weighted on the way and, at the end, left out and reported.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions, prediction_covariance
-from ppmcal.calibration.gauss_newton import least_squares
+from ppmcal.calibration.gauss_newton import Minimum, least_squares
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.least_squares import (
+    QRFactor,
     column_scale,
     parameter_scale,
     prior_weights,
@@ -34,6 +36,7 @@ from ppmcal.progress import stage
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
 """Beyond so many rows a fit to so few of them comes first."""
+log = logging.getLogger(__package__)
 STIFFEST = 1e3
 """While approaching, the prior is no weaker than the best known direction over this."""
 STAGE, STAGE_ITERATIONS = 30.0, 4
@@ -64,6 +67,8 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
     if options.robust and options.method != "damped":
         with stage("looking for gross errors"):
             suspects = gross_errors(problem, state, keep)
+        log.info("%d of %d rows set aside as gross errors before the fit",
+                 sum(int(s.sum()) for s in suspects), sum(int(k.sum()) for k in keep))
         keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
     unused = state.poses
     state = _only(state, keep)
@@ -73,6 +78,8 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
     many = sum(int(k.sum()) for k in keep) > MANY_ROWS
     if many and not at_minimum:
         thinned, few = _thinned(problem, state, keep)
+        log.info("more than %d rows: the minimum is sought with %d of them first", MANY_ROWS,
+                 sum(len(d) for d in thinned.datasets))
         with stage("fitting some of the rows"):
             first = identify(thinned, options, few)
         state = problem.solve(State(first.state.g, first.state.registrations, state.poses))
@@ -87,6 +94,8 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
     if options.robust:
         with stage("judging each row"):
             fit = _left_out_by_files(fit, suspects, unused, options)
+        log.info("%d rows left out as gross errors, the noise of the others %.3g times the stated "
+                 "one", sum(int(o.sum()) for o in fit.outliers), fit.noise_factor)
     if options.method == "gcv":
         # gross errors would pass for a machine that is farther off than it is
         fit = _cross_validated(fit, options)
@@ -130,6 +139,8 @@ def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, o
     if not options.robust:
         return state if near else _approach(problem, state, keep, prior, None)
 
+    log.info("far rows are weighted down (Huber) on the way to the minimum")
+
     def weigh(at: State) -> Sequence[Array]:
         return huber_weights(problem, at, keep)
 
@@ -162,9 +173,22 @@ def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequenc
          prior: Array, options: FitOptions, scale: float = 1.0) -> Fit:
     found = least_squares(problem, state, keep, prior, options.most, None)
     reduced = found.reduced or qr_factor(problem, found.state, keep)
+    _remark(problem, found, reduced, keep)
     return Fit(problem, found.state, reduced, prior, column_scale(problem), tuple(keep),
                found.iterations, found.converged, prior_scale=scale, reasons=tuple(reasons),
                summed=found.summed)
+
+
+def _remark(problem: Problem, found: Minimum, reduced: QRFactor, keep: Sequence[Bools]) -> None:
+    """Log how a fit went."""
+    if log.isEnabledFor(logging.INFO):
+        used = reduced.triangle * column_scale(problem)
+        condition = float(np.linalg.cond(used)) if used.size else 1.0
+        log.info("%d columns to %d rows: %s after %d iterations, %d of them from normal equations, "
+                 "the others by QR; chi-squared %.6g, condition of the data alone %.2g",
+                 len(problem.columns), sum(int(k.sum()) for k in keep),
+                 "converged" if found.converged else "not converged", found.iterations,
+                 found.summed, reduced.square, condition)
 
 
 def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int, str]]]:

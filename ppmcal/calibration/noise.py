@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -17,6 +18,8 @@ from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
+
+log = logging.getLogger(__package__)
 
 LEAST = 5.0
 """A data set of less redundancy keeps its stated noise; where that is only where an estimate
@@ -82,6 +85,7 @@ def with_estimated_noise(problem: Problem, options: FitOptions,
         if np.max(np.abs(np.log(ratio))) < SETTLED:
             break
         factor = factor * ratio
+        log.info("noise estimated: %s times the stated one", ", ".join(f"{f:.3g}" for f in factor))
         scaled = replace(problem, datasets=_scaled(problem.datasets, factor))
         fit = identify(scaled, options, fit.state, near=True)
     return fit, factor

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from ppmcal.cli.common import Console, console_options, examples, out_option
+from ppmcal.progress import stage
 
 
 @click.command("demo", epilog=examples("ppmcal demo --out demo-results"))
@@ -57,7 +58,8 @@ def command(out: Path, console: Console) -> None:
         words = [str(w) for w in step] + (force if "--out" in step else [])
         console.say(f"\n[{number}/{len(steps)}] {question}")
         console.say(f"$ ppmcal {' '.join(words)}\n")
-        codes[words[0]] = _run(words, console.speaks)
+        with stage(words[0]):
+            codes[words[0]] = _run(words, console.speaks)
     page = out / "report" / "report.html"
     console.say(f"\nDone. Results are in {out}; open {page} in a browser.")
     console.summary({"out": str(out), "report": str(page), "exit_codes": codes})

@@ -20,6 +20,7 @@ from ppmcal.io.header_units import with_units, without_units
 from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list, stacked
 from ppmcal.io.reading import MATRIX, ReadFile, as_declared, renamed
+from ppmcal.io.remarks import remark_data
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
@@ -119,6 +120,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         convention=convention, read=file.read.model_dump(exclude_unset=True),
         headers=headers)
     refuse_flat(data.kind, mechanism.motion, side)
+    remark_data(data, table, file, side)
     return _usable(shifted_rows(_from_point(data, side), file.read.shift), mechanism)
 
 

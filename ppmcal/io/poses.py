@@ -14,6 +14,7 @@ from ppmcal.io.csv import Table
 from ppmcal.io.frames import Tabular, as_table, is_path
 from ppmcal.io.measurement_columns import further_columns, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
+from ppmcal.io.remarks import remark_table
 from ppmcal.io.rotations import EULER, under_vector_names
 from ppmcal.io.schema import hint
 from ppmcal.io.tables import read_table
@@ -82,6 +83,7 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") 
 
     table = read_table(source, loose=loose) if is_path(source) else as_table(
         source, mechanism.coordinates, "poses", loose)
+    remark_table(table)
     given = _as_given(table)
     if mechanism.motion == "spatial":
         table = under_vector_names(table, rotation)
