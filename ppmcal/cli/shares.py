@@ -33,7 +33,8 @@ SHARES: Shares = {
         "choosing what to fit": 0.1, "fitting": 3.4, "looking for wrong rows": 0.1,
         "judging the fit": 6.4, "judging the campaign": 0.6, "writing the results": 2.5},
     "diagnose": {
-        "reading the measurements": 0.05, "comparing the measurements with the nominal machine": 0.1,
+        "reading the measurements": 0.05,
+        "comparing the measurements with the nominal machine": 0.1,
         "choosing what to fit": 0.01, "fitting geometry": 0.5,
         "testing effects against simulated noise": 3.6, "fitting effects with the geometry": 4.0,
         "confirming in all rows": 1.4, "judging what is left": 1.3, "judging the campaign": 0.1,

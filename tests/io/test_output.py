@@ -41,7 +41,8 @@ def write(folder, command="identify", force=False, **files):
 
 def held(folder):
     """Return name -> text of what a folder shows."""
-    return {p.name: p.read_text() for p in folder.iterdir() if p.is_file() and not p.name.startswith(".")}
+    return {p.name: p.read_text() for p in folder.iterdir()
+            if p.is_file() and not p.name.startswith(".")}
 
 
 def test_output_replaces_its_own_beside_others(tmp_path):
