@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from ppmcal.cli.display import aside, remarks, shown
+from ppmcal.cli.display import aside, remarks, shortened, shown
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 F = TypeVar("F", bound=Callable[..., Any])
 WIDTH = 80
+WORDS, LEAST = 7, 16
+"""Columns of a table that words can do with, and that a name is left at least."""
 FILE = click.Path(dir_okay=False, path_type=Path)
 MODEL = click.Path(path_type=Path)
 """A mechanism file, or the folder of a result that holds one."""
@@ -231,16 +233,27 @@ class Console:
 
 def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
                 right: Sequence[int] = ()) -> Table:
-    """Return a plain table; the columns ``right`` are right-aligned."""
+    """Return a plain table of 80 columns; the columns ``right`` are numbers, right-aligned.
+
+    Names, in the first column, are cut in the middle where they are too long, and words wrap;
+    numbers stay whole.
+    """
     from rich import box
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="")
+    widths = [max((len(row[i]) for row in rows), default=0) for i in range(len(headings))]
+    words = [max((len(w) for text in (heading, *(row[i] for row in rows if i not in right))
+                  for w in text.split()), default=0) for i, heading in enumerate(headings)]
+    taken = sum(max(width if i in right else min(width, WORDS), word)
+                for i, (width, word) in enumerate(zip(widths, words, strict=True)) if i)
+    first = max(WIDTH + 1 - 3 * len(headings) - taken, LEAST)
     for i, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if i in right else "left",
-                         overflow="fold", no_wrap=i == 0)
-    for row in rows:
-        table.add_row(*row)
+        table.add_column(heading, justify="right" if i in right else "left", overflow="fold",
+                         no_wrap=i == 0,
+                         min_width=max(widths[i], words[i]) if i in right else None)
+    for name, *rest in rows:
+        table.add_row(shortened(name, first), *rest)
     return table
 
 

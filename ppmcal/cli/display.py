@@ -112,7 +112,7 @@ def shortened(text: str, width: int) -> str:
         return ""
     head = (width - 1) // 2
     tail = text[-(width - 1 - head):]
-    return set_cell_size(f"{set_cell_size(text, head)}…{tail}", width)
+    return set_cell_size(f"{set_cell_size(text, head)}…{tail}", width).rstrip()
 
 
 def duration(seconds: float) -> str:
