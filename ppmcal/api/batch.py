@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from ppmcal.api.campaign import COMPARE, BatchPlace, finished, run_campaign
 from ppmcal.api.inputs import Path_, source_of
-from ppmcal.api.result import Progress, Result, silent
+from ppmcal.api.result import Progress, Result
 from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
 from ppmcal.errors import BadInput, NoResult
@@ -22,6 +22,7 @@ from ppmcal.io.folder import current, running
 from ppmcal.io.parquet import refuse_without_pyarrow
 from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, needing_a_look
 from ppmcal.wording import counted
+from ppmcal.wording.progress import heard, silent, stage
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,6 +89,7 @@ class BatchResult(Result):
                 f"{before}: {', '.join(ends) or 'nothing needs a look'}.")
 
 
+@heard
 def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: str | None = None,
           force: bool = False, progress: Progress = silent) -> BatchResult:
     """Run the campaigns of a manifest, and see them together.
@@ -122,11 +124,13 @@ def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: s
     before = tuple(found)
     todo = [tuple(c for c in line if c.name not in found) for line in lines]
     todo = [line for line in todo if line]
-    for codes in over(run_line, at, todo, cores or all_cores(), scheduler):
-        found |= _read(at, todo, codes)
-        failed = sum(r.failed for r in found.values())
-        progress(f"{len(found)} of {sum(map(len, lines))} campaigns" + f", {failed} failed" * (
-            failed > 0))
+    with stage("calibrating", len(todo)) as work:
+        for codes in over(run_line, at, todo, cores or all_cores(), scheduler):
+            found |= _read(at, todo, codes)
+            failed = sum(r.failed for r in found.values())
+            work.done()
+            work.note(f"{len(found)} of {sum(map(len, lines))} campaigns"
+                      + f", {failed} failed" * (failed > 0))
     named = [*campaigns, *(c for line in lines for c in line if c.command == COMPARE)]
     records = tuple(found[c.name] for c in named if c.name in found)
     return BatchResult(source_of("batch", [str(manifest)], None), tuple(_findings(records)),

@@ -19,6 +19,7 @@ from ppmcal.calibration.fit import Fit, posterior
 from ppmcal.calibration.session_clusters import clusters
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.wording.progress import stage
 
 BLOCKS, LEAST_ROWS = 8, 3
 """Blocks of a session, and rows in each at least."""
@@ -26,6 +27,7 @@ STRETCHES = 1.0
 """Blocks, of one machine, differ by no more than so many tolerances."""
 
 
+@stage("widening intervals where rows disagree")
 def honest(fit: Fit, inflation: float) -> tuple[Disagreement | None, Disagreement | None]:
     """Return what sessions and what blocks of rows make of a fit's uncertainty.
 

@@ -10,11 +10,10 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
-    json_option,
     leave,
     plain_table,
-    quiet_option,
 )
 from ppmcal.wording import number, some
 
@@ -25,17 +24,14 @@ from ppmcal.wording import number, some
 @click.argument("data", type=FILE, nargs=-1)
 @click.option("--draw", type=FILE, default=None, metavar="PATH",
               help="Draw the machine to scale, as an HTML page to turn and move, offline.")
-@quiet_option
-@json_option
-def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
-            as_json: bool) -> None:
+@console_options
+def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Console) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.api.check import check
     from ppmcal.api.inputs import prepared
     from ppmcal.io.results.identifiability import IdentifiabilitySummary
     from ppmcal.io.results.misreading import misreading_entries
 
-    console = Console(quiet, as_json)
     mechanism, datasets = prepared(mech, data)
     result = check(mechanism, datasets)
     drawn = None if draw is None else result.draw(draw)

@@ -10,12 +10,11 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
-    quiet_option,
 )
 
 
@@ -32,10 +31,9 @@ from ppmcal.cli.common import (
 @click.option("--approach", type=click.Choice(["columns", "sequence"]), default="columns",
               show_default=True, help="Directions of approach: from dir_ columns, or from the "
               "order of the targets.")
-@quiet_option
-@json_option
+@console_options
 def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge: Path | None,
-            approach: str, quiet: bool, as_json: bool) -> None:
+            approach: str, console: Console) -> None:
     """Turn the wanted poses TARGETS into corrected commands of the identified MODEL.
 
     Rows outside limits, across singularities or far outside the measured volume are refused,
@@ -43,7 +41,6 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     """
     from ppmcal.api.compensate import compensate
 
-    console = Console(quiet, as_json)
     result = compensate(model, targets, frame=frame, knowledge=knowledge, approach=approach)
     written = result.save(out)
     console.say(result.headline())

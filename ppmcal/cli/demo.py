@@ -7,14 +7,14 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import Console, examples, json_option, out_option, quiet_option
+from ppmcal.cli.common import Console, console_options, examples, out_option
+from ppmcal.wording.progress import stage
 
 
 @click.command("demo", epilog=examples("ppmcal demo --out demo-results"))
 @out_option("demo-results")
-@quiet_option
-@json_option
-def command(out: Path, quiet: bool, as_json: bool) -> None:
+@console_options
+def command(out: Path, console: Console) -> None:
     """Run the main job once on the sample data: a table-top hexapod seen by a tracker.
 
     Check, identify, compensate, diagnose, inverse kinematics, simulation, sensitivity and a
@@ -25,7 +25,6 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
 
     with Output(out):
         pass    # the folder is the demo's own from now on
-    console = Console(quiet, as_json)
     folder = sample_data()
     mech, data = folder / "hexapod.yaml", folder / "measurements.csv"
     model = out / "identified" / "identified.yaml"
@@ -60,7 +59,8 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
         words = [str(w) for w in step] + (force if "--out" in step else [])
         console.say(f"\n[{number}/{len(steps)}] {question}")
         console.say(f"$ ppmcal {' '.join(words)}\n")
-        codes[words[0]] = _run(words, console.speaks)
+        with stage(words[0]):
+            codes[words[0]] = _run(words, console.speaks)
     page = out / "report" / "report.html"
     console.say(f"\nDone. Results are in {out}; open {page} in a browser.")
     console.summary({"out": str(out), "report": str(page), "exit_codes": codes})

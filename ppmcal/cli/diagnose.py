@@ -14,13 +14,12 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     FiniteRange,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     leave_out_option,
     out_option,
-    quiet_option,
     refuse_two_holdouts,
     seed_option,
 )
@@ -51,11 +50,10 @@ if TYPE_CHECKING:
               help="Simulated campaigns of noise behind the thresholds.")
 @click.option("--png", is_flag=True, help="Write the pictures as PNG too.")
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, ...],
             kinds: tuple[str, ...], holdout: float, leave_out: str | None, draws: int, png: bool,
-            seed: int | None, quiet: bool, as_json: bool) -> None:
+            seed: int | None, console: Console) -> None:
     """Find the physical effect that the model of MECH misses in the measurements DATA.
 
     Names it with its size, adds it to the model and shows on held-out poses how much of the
@@ -69,12 +67,9 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     from ppmcal.calibration.misread import Misread
 
     refuse_two_holdouts(leave_out)
-    console = Console(quiet, as_json)
     try:
-        with console.progress("Diagnosing") as show:
-            result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout,
-                              leave_out=leave_out or "", draws=draws, seed=seed or 0, png=png,
-                              progress=show)
+        result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout,
+                          leave_out=leave_out or "", draws=draws, seed=seed or 0, png=png)
     except Misread as refused:
         _write_misread(refused, mech, data, out, seed or 0, console)
         raise

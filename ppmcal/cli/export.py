@@ -13,13 +13,12 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
     plain_table,
-    quiet_option,
 )
 
 if TYPE_CHECKING:
@@ -41,10 +40,9 @@ ROWS = 24
               "nominal values of MODEL].")
 @click.option("--poses", type=FILE, default=None,
               help="Wanted poses, for formats that are tables of them.")
-@quiet_option
-@json_option
-def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | None, quiet: bool,
-            as_json: bool) -> None:
+@console_options
+def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | None,
+            console: Console) -> None:
     """Write MODEL as a controller's configuration takes it.
 
     FORMAT klipper: lines for the printer.cfg of a linear delta.
@@ -59,9 +57,7 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     """
     from ppmcal.api.export import export
 
-    console = Console(quiet, as_json)
-    with console.progress("Fitting"):
-        result = export(form, model, old=old, poses=poses)
+    result = export(form, model, old=old, poses=poses)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)

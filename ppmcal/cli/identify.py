@@ -13,14 +13,13 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     FiniteRange,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     leave_out_option,
     out_option,
     plain_table,
-    quiet_option,
     refuse_two_holdouts,
     seed_option,
 )
@@ -169,12 +168,11 @@ def _show_redundant(record: IdentificationRecord, prior: bool, console: Console)
               "what its data knew stays known; identification.json must be beside it.")
 @click.option("--keep-outliers", is_flag=True, help="Use every row as it is.")
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: str,
             damping: float, iterations: int | None, patterns: tuple[str, ...], holdout: str,
             leave_out: str | None, sigma: str, start: Path | None, keep: bool, keep_outliers: bool,
-            seed: int | None, quiet: bool, as_json: bool) -> None:
+            seed: int | None, console: Console) -> None:
     """Identify the geometry of MECH from the measurements DATA (CSV files).
 
     Writes identified.yaml (a mechanism file), parameters.csv, residuals.csv and
@@ -186,12 +184,11 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("--damping goes with --method damped.")
     refuse_two_holdouts(leave_out)
-    console = Console(quiet, as_json)
-    with console.misread(), console.progress("Fitting") as show:
+    with console.misread():
         result = identify(mech, data, method=method, prior=prior, damping=damping,
                           iterations=iterations, free=patterns, holdout=holdout,
                           leave_out=leave_out or "", sigma=sigma, start=start, keep=keep,
-                          keep_outliers=keep_outliers, seed=seed or 0, progress=show)
+                          keep_outliers=keep_outliers, seed=seed or 0)
     written = result.save(out)
     for note in result.notes:
         console.say(note)

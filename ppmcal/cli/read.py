@@ -12,10 +12,9 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     FiniteRange,
+    console_options,
     examples,
-    json_option,
     leave,
-    quiet_option,
 )
 
 if TYPE_CHECKING:
@@ -54,12 +53,11 @@ INPUT = click.Path(path_type=Path)
               "{pose}_{target}: one CSV for each target.")
 @click.option("--units", type=click.Choice(["m", "mm", "um", "in"]), default=None,
               help="Length unit of points whose header names none  [default: the sidecar's].")
-@quiet_option
-@json_option
+@console_options
 def command(files: tuple[Path, ...], mechanism: Path, out: Path, force: bool,
             sidecar: Path | None, join: str | None, tolerance: float, partial: bool,
             interpolate: bool, clock_offset: str | None, names: str | None,
-            units: str | None, quiet: bool, as_json: bool) -> None:
+            units: str | None, console: Console) -> None:
     """Turn FILES of instruments and controllers into a measurement file.
 
     FILES are a table, or a joint log and lists of points (name, x, y, z, perhaps time), separated
@@ -68,7 +66,6 @@ def command(files: tuple[Path, ...], mechanism: Path, out: Path, force: bool,
     """
     from ppmcal.api.read import read
 
-    console = Console(quiet, as_json)
     inputs = [*files, mechanism, *([sidecar] if sidecar else [])]
     _refuse(out, inputs, force)
     result = read(files, mechanism, sidecar=sidecar, join=join, tolerance=tolerance,
@@ -101,17 +98,10 @@ def _refuse(out: Path, inputs: list[Path], force: bool) -> None:
 
 
 def _write(result: ReadResult, out: Path) -> list[str]:
-    """Write both files, and return their paths."""
-    from ppmcal.errors import BadInput
-    from ppmcal.io.csv_writer import encoded
+    """Write both files or none, and return their paths."""
+    from ppmcal.io import Output
 
-    written = [str(out.with_name(name)) for name in result.files()]
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        for name, content in result.files().items():
-            with out.with_name(name).open("wb") as file:
-                file.writelines(encoded(content))
-    except OSError as error:
-        raise BadInput(f"cannot be written ({error.strerror})", str(out),
-                       "Check the folder and its permissions") from None
-    return written
+    output = Output(out.parent, loose=True)
+    for name, content in result.files().items():
+        output.add(name, content)
+    return [str(path) for path in output.write()]

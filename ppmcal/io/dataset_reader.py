@@ -22,6 +22,7 @@ from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list
 from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import as_declared, of_homogeneous, renamed
+from ppmcal.io.remarks import remark_data
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
@@ -39,11 +40,13 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
+from ppmcal.wording.progress import stage
 
 LABELS = ("pose", "session", "time")
 """Columns that may hold words: names, and times of a clock."""
 
 
+@stage("reading the measurements")
 def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """Return the measurements of one CSV with its sidecar, everything in SI.
 
@@ -121,6 +124,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         convention=convention, read=file.read.model_dump(exclude_unset=True),
         headers=headers)
     refuse_flat(data.kind, mechanism.motion, side)
+    remark_data(data, table, file, side)
     return _usable(shifted_rows(_from_point(data, side), file.read.shift), mechanism)
 
 

@@ -18,11 +18,13 @@ from ppmcal.io.frames import Tabular, as_table, is_path
 from ppmcal.io.header_units import bare_name, in_own_units
 from ppmcal.io.measurement_columns import further_columns, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
+from ppmcal.io.remarks import remark_table
 from ppmcal.io.rotations import EULER, under_vector_names
 from ppmcal.io.schema import hint
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
@@ -63,6 +65,7 @@ class JointTable(NamedTuple):
     given: Given
 
 
+@stage("reading the table")
 def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") -> PoseTable:
     """Return the poses of a table: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
 
@@ -83,6 +86,7 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") 
         return _may_be_text(name) and not (name in EULER and rotation.startswith("euler"))
 
     table = _table(source, mechanism, mechanism.coordinates, "poses", loose)
+    remark_table(table)
     given = _as_given(table)
     if mechanism.motion == "spatial":
         table = under_vector_names(table, rotation)
@@ -113,6 +117,7 @@ def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
                        + (f" Is '{near[0]}' meant for one of them?" if near else ""))
 
 
+@stage("reading the table")
 def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     """Return the joint values of a table with a column ``q_<actuator>`` for each actuator.
 

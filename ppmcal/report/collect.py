@@ -43,6 +43,7 @@ from ppmcal.report.sources import (
     read_columns,
 )
 from ppmcal.report.truth import compare
+from ppmcal.wording.progress import stage
 
 COMPARE_WORDS = frozenset({"name", "unit", "status"})
 """Columns of compare.csv that are words; the others are numbers."""
@@ -57,6 +58,7 @@ KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.cs
 """Files by which a folder is recognised as a command's output."""
 
 
+@stage("reading the results")
 def collect(dirs: Sequence[Path]) -> ReportData:
     """Return what the folders hold.
 

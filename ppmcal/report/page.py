@@ -42,10 +42,12 @@ from ppmcal.report.validation import lead as validation_lead
 from ppmcal.report.validation import validation_section
 from ppmcal.report.verdict import verdicts
 from ppmcal.wording import gathered
+from ppmcal.wording.progress import stage
 
 MOST_LOOKED_AT = 60
 
 
+@stage("drawing the page")
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
     verdict = verdicts(data)
