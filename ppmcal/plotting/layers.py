@@ -112,7 +112,7 @@ class Marks:
     x: ArrayLike
     y: ArrayLike
     kind: str
-    marker: Literal["o", "x", "D"]
+    marker: Literal["o", "x", "D", "s"]
     size: float = 6.4
     points: Points = NO_POINTS
 

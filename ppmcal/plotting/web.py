@@ -41,7 +41,7 @@ from ppmcal.plotting.web_values import TOOLS, Spec, lines, number, numbers, safe
 
 PIXELS = 1.3
 """Height of a plot on a page, pixels per point of the drawing."""
-SYMBOLS = {"o": "circle", "x": "x-thin", "D": "diamond"}
+SYMBOLS = {"o": "circle", "x": "x-thin", "D": "diamond", "s": "square"}
 FORMAT = ".4~g"
 
 

@@ -34,8 +34,16 @@ from ppmcal.report.records import (
     ResidualRows,
     Simulated,
 )
-from ppmcal.report.sources import digest, is_command_number, is_number_column, read_columns
+from ppmcal.report.sources import (
+    digest,
+    is_command_number,
+    is_kinematics_number,
+    is_number_column,
+    is_shown_of_kinematics,
+    read_columns,
+)
 from ppmcal.report.truth import compare
+from ppmcal.wording.progress import stage
 
 COMPARE_WORDS = frozenset({"name", "unit", "status"})
 """Columns of compare.csv that are words; the others are numbers."""
@@ -50,6 +58,7 @@ KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.cs
 """Files by which a folder is recognised as a command's output."""
 
 
+@stage("reading the results")
 def collect(dirs: Sequence[Path]) -> ReportData:
     """Return what the folders hold.
 
@@ -112,7 +121,8 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
             has("residuals.csv") and not diagnosed):
         found = _with_parameters(_record(IdentificationRecord, folder),
                                  lambda: table("parameters.csv"))
-        out.append(("identified", Identified(name, found, table("residuals.csv"))))
+        out.append(("identified", Identified(name, found, table("residuals.csv"),
+                                             diagnosed=diagnosed)))
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),
@@ -124,7 +134,8 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     if has("kinematics.csv", "kinematics.json"):
         out.append(("kinematics", ResidualRows(
             name, "kinematics", _record(KinematicsRecord, folder),
-            table("kinematics.csv", ("status", "reason"), is_command_number))))
+            read_columns(folder / "kinematics.csv", wanted=is_shown_of_kinematics,
+                         numeric=is_kinematics_number) if has("kinematics.csv") else None)))
     designs = designed(folder)
     out += [("designed", d) for d in designs]
     held = {file for d in designs for file in d.rows}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shlex
 import shutil
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from ppmcal.cli import COMMANDS, cli
+from ppmcal.cli.common import WIDTH
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 SLOW = {"demo", "tolerances", "workspace", "batch", "plan", "diagnose", "stiffness"}
@@ -45,6 +47,11 @@ def run(line: str) -> None:
     result = CliRunner().invoke(cli, shlex.split(line)[1:])
     # 1: done, and something needs a look
     assert result.exit_code in (0, 1), f"{line}\n{result.output}\n{result.exception!r}"
+    if not line.startswith("ppmcal schema"):    # JSON, for programs
+        wide = [shown for shown in result.stdout.splitlines() if len(shown) > WIDTH]
+        assert not wide, f"{line}\n" + "\n".join(wide)
+        # a column too narrow for its numbers or words goes on in the next line
+        assert not re.search(r"^ {8,}(?:ied|ed|d|ifie?d?|nt|t) *$", result.stdout, re.M), line
 
 
 def _write_log(folder: Path) -> None:
