@@ -80,7 +80,7 @@ class Dots:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Polyline:
     """A line through points (N,); ``name``: what it is."""
 
     x: ArrayLike
@@ -254,7 +254,7 @@ class WordsAt:
                       textcoords="offset points", ha="right", size=LETTERS, color=SOFT)
 
 
-Layer: TypeAlias = (Strokes | Dots | Curve | Zero | Marks | Intervals | Band | Between | Histogram
+Layer: TypeAlias = (Strokes | Dots | Polyline | Zero | Marks | Intervals | Band | Between | Histogram
                     | Starts | Arrows | WordsAt)
 
 

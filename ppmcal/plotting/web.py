@@ -22,13 +22,13 @@ from ppmcal.plotting.layers import (
     Arrows,
     Band,
     Between,
-    Curve,
     Dots,
     Histogram,
     Intervals,
     Layer,
     Marks,
     Points,
+    Polyline,
     Starts,
     Strokes,
     WordsAt,
@@ -247,7 +247,7 @@ def _(layer: Strokes, pane: Pane, parts: Parts) -> None:
 
 
 @add.register
-def _(layer: Curve, pane: Pane, parts: Parts) -> None:
+def _(layer: Polyline, pane: Pane, parts: Parts) -> None:
     at, up, seen = _inside(pane, layer.x, layer.y)
     (x_name, y_name), (x_unit, y_unit) = pane.plot.names, pane.plot.units
     name = f"<b>{safe(layer.name)}</b><br>" if layer.name else ""

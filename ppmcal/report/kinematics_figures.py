@@ -12,7 +12,7 @@ from ppmcal.io.rotations import EULER
 from ppmcal.kinematics.path_rates import accelerations, rates, without_turns
 from ppmcal.linalg import Array, Ints
 from ppmcal.plotting.canvas import Drawing
-from ppmcal.plotting.layers import Curve, Dots, Layer, Marks, Strokes, Zero
+from ppmcal.plotting.layers import Dots, Layer, Marks, Polyline, Strokes, Zero
 from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.kinematics_motion import GONE, Motion, motion_of
@@ -92,7 +92,7 @@ def _view(motion: Motion, a: str, b: str) -> Drawing:
     whose = "tool point" if motion.record.tool is not None else "platform"
     first = np.flatnonzero(np.isfinite(x) & np.isfinite(y))[:1]
     bad = motion.flagged(SINGULAR)[rows], motion.flagged(("limits",))[rows]
-    layers: list[Layer] = [Curve(x, y)]
+    layers: list[Layer] = [Polyline(x, y)]
     if rows.size <= FEW:
         layers.append(Dots(x, y, "after"))
     layers += [Marks(x[mine], y[mine], kind, "x" if kind == "out" else "o", 5.0)
@@ -177,7 +177,7 @@ def _over(motion: Motion, values: Array, title: str, label: str, note: str = "",
         x, y = np.insert(x, jump, np.nan), np.insert(y, jump, np.nan)
     finite, up = values[np.isfinite(values)], axis or span(values)
     stripes, told = _foot(motion, up)
-    drawn: list[Layer] = [*stripes, *layers, Curve(x, y)]
+    drawn: list[Layer] = [*stripes, *layers, Polyline(x, y)]
     if rows.size <= FEW:
         drawn.append(Dots(x, y, "after"))
     said = (f"From {sig(float(finite.min()), 4)} to {sig(float(finite.max()), 4)} in "

@@ -9,7 +9,7 @@ from ppmcal.io.results.diagnosis_wording import learned_name
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.linalg import Array
 from ppmcal.plotting.canvas import Drawing
-from ppmcal.plotting.layers import Between, Curve, Marks, Zero
+from ppmcal.plotting.layers import Between, Marks, Polyline, Zero
 from ppmcal.plotting.plot import Plot, span
 from ppmcal.report.diagnosis_format import INPUTS, finer
 from ppmcal.report.format import number, sig, with_label
@@ -42,7 +42,7 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
     ends = factor * np.quantile(rows[1], [1.0 - SHOWN, SHOWN])
     up = span(np.concatenate([ends, factor * (curve[1] - half), factor * (curve[1] + half)]))
     other = _columns(entry.x, entry.other) if entry.by_ends else None
-    both = [] if other is None else [Curve(
+    both = [] if other is None else [Polyline(
         other[0], factor * other[1],
         f"learned, {entry.by} = {sig(entry.by_ends[0], 4)} {entry.by_unit}")]
     at = "" if other is None else f" Two lines: {entry.by} = " + " and ".join(
@@ -55,7 +55,7 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
          with_label(f"error of {what}", unit)),
         [Zero(), Marks(rows[0], factor * rows[1], "before", "o", 3.0),
          Between(curve[0], factor * (curve[1] - half), factor * (curve[1] + half)),
-         Curve(curve[0], factor * curve[1], "learned"), *both], (entry.input_unit, unit)).drawing(
+         Polyline(curve[0], factor * curve[1], "learned"), *both], (entry.input_unit, unit)).drawing(
         f"Learned: {name}",
         "Line: what was learned, with its 95 % band; rings: what single rows say of it, all else "
         f"taken out. It is a shape, not a cause; nothing is known beyond the ends.{at}",

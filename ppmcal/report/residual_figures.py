@@ -13,12 +13,12 @@ from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
 from ppmcal.plotting.layers import (
     Arrows,
     Band,
-    Curve,
     Dots,
     Histogram,
     Layer,
     Marks,
     Points,
+    Polyline,
     Starts,
     Strokes,
     WordsAt,
@@ -88,7 +88,7 @@ def histogram(values: Array) -> Drawing | None:
     return Plot(
         Axis(-5.0, 5.0), Axis(0.0, 1.08 * max(float(density.max()), 0.42)),
         ("residual / sigma", "density"),
-        [Histogram(edges, density), Curve(curve, normal, "what pure noise gives")]).drawing(
+        [Histogram(edges, density), Polyline(curve, normal, "what pure noise gives")]).drawing(
         "Residuals over their stated noise, after",
         f"{count(values.size, 'value')}, rms {sig(rms)}; line: what pure noise gives "
         f"(rms 1).{far}", f"Histogram of {values.size} values with the standard normal curve; "
@@ -288,7 +288,7 @@ def truth_figures(c: ComparedMachines) -> list[Drawing]:
                        for r, w in zip(rows, two.tolist(), strict=True)])
         out.append(Plot(
             x, y, (with_label("true error", unit), with_label("found", unit)),
-            [Curve(ends, ends, "found = true"),
+            [Polyline(ends, ends, "found = true"),
              Strokes(true, found - two, found + two, "after", 1.0),
              Dots(true, found, "after", points=said)], (unit, unit)).drawing(
             "Error found against the true one" + (f", in {unit}" if unit else ""),

@@ -16,11 +16,11 @@ from ppmcal.plotting.canvas import WIDTH, Drawing, broken, fitted, sheet, width
 from ppmcal.plotting.layers import (
     Arrows,
     Band,
-    Curve,
     Dots,
     Histogram,
     Intervals,
     Marks,
+    Polyline,
     Starts,
     Strokes,
     WordsAt,
@@ -54,7 +54,7 @@ def everything(n=5):
     t = np.linspace(0.5, 9.5, n)
     v = np.sin(t)
     return picture(
-        Band(-0.5, 0.5), Zero(), Zero(upright=True), Dots(t, v, "after"), Curve(t, v),
+        Band(-0.5, 0.5), Zero(), Zero(upright=True), Dots(t, v, "after"), Polyline(t, v),
         Strokes(t, v - 0.1, v + 0.1, "before"), Strokes(v, t, t + 1.0, "before", flat=True),
         Marks(t, v, "out", "x"), Marks(t, v, "out", "D"), Intervals(t, v, 0.1 + 0.0 * v, "before"),
         Histogram(t, np.abs(v[1:])), Starts([(2.0, "tuesday")]),
@@ -176,7 +176,7 @@ def test_thousands_of_dots_are_small():
 @pytest.mark.parametrize("log", [False, True])
 def test_no_numbers_break_a_drawing(values, log):
     v = np.array(values, dtype=float)
-    drawn = picture(Dots(v, v, "after"), Curve(v, v), Marks(v, v, "before", "o"),
+    drawn = picture(Dots(v, v, "after"), Polyline(v, v), Marks(v, v, "before", "o"),
                     Strokes(v, -v, v, "out"), Intervals(v, v, v, "before"), Zero(),
                     x=span(v), y=span(v, log=log)).svg()
     assert not re.search(r"nan|inf\b", drawn)

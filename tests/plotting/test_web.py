@@ -15,12 +15,12 @@ from ppmcal.plotting.layers import (
     Arrows,
     Band,
     Between,
-    Curve,
     Dots,
     Histogram,
     Intervals,
     Marks,
     Points,
+    Polyline,
     Starts,
     Strokes,
     WordsAt,
@@ -52,7 +52,7 @@ def every():
     said = Points([f"leg{i}" for i in range(N)], [f"0:run:{i}" for i in range(N)])
     return plot(
         Band(-0.5, 0.5), Zero(), Zero(upright=True), Dots(T, V, "after", points=said),
-        Curve(T, V, "curve"), Strokes(T, V - 0.1, V + 0.1, "before", alpha=0.4),
+        Polyline(T, V, "curve"), Strokes(T, V - 0.1, V + 0.1, "before", alpha=0.4),
         Marks(T, V, "out", "x", points=said), Intervals(T, V, 0.1 + 0.0 * V, "before"),
         Histogram(T, np.abs(V[1:])), Between(T, V - 0.2, V + 0.2), Starts([(2.0, "tuesday")]),
         Arrows(T, V, 9.0 * V, 9.0 * V, "after", np.abs(V), "mm", said), WordsAt(20.0, 14.0, "2 mm"))
@@ -112,7 +112,7 @@ def test_names_are_words_whatever_they_hold():
     rows = rows_plot(Axis(0.0, 1.0), EVIL, [Marks(V, row_y(N), "out", "D", points=said)],
                      [(EVIL, True)] * N)
     shown = [plot(Dots(T, V, "after", points=said), Starts([(1.0, EVIL)]), WordsAt(1.0, 1.0, EVIL),
-                  Curve(T, V, EVIL), names=(EVIL, EVIL)), rows.drawing(EVIL, EVIL, EVIL), chart]
+                  Polyline(T, V, EVIL), names=(EVIL, EVIL)), rows.drawing(EVIL, EVIL, EVIL), chart]
     for drawing in shown:
         found = spec(drawing)
         text = script_json([{k: v for k, v in found.items() if k != "rows"}, told(drawing)])
