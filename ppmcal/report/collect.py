@@ -34,7 +34,14 @@ from ppmcal.report.records import (
     ResidualRows,
     Simulated,
 )
-from ppmcal.report.sources import digest, is_command_number, is_number_column, read_columns
+from ppmcal.report.sources import (
+    digest,
+    is_command_number,
+    is_kinematics_number,
+    is_number_column,
+    is_shown_of_kinematics,
+    read_columns,
+)
 from ppmcal.report.truth import compare
 
 COMPARE_WORDS = frozenset({"name", "unit", "status"})
@@ -125,7 +132,8 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     if has("kinematics.csv", "kinematics.json"):
         out.append(("kinematics", ResidualRows(
             name, "kinematics", _record(KinematicsRecord, folder),
-            table("kinematics.csv", ("status", "reason"), is_command_number))))
+            read_columns(folder / "kinematics.csv", wanted=is_shown_of_kinematics,
+                         numeric=is_kinematics_number) if has("kinematics.csv") else None)))
     designs = designed(folder)
     out += [("designed", d) for d in designs]
     held = {file for d in designs for file in d.rows}

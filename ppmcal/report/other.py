@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.io.results.commands import accepted_sentence
-from ppmcal.io.results.kinematics import solved_sentence
+from ppmcal.io.results.kinematics import KinematicsRecord, modes_sentence, solved_sentence
 from ppmcal.report.format import count, sig, to_sigma, whole
 from ppmcal.report.headlines import finding_text, other_machine
 from ppmcal.report.html import (
@@ -23,6 +23,7 @@ from ppmcal.report.html import (
     table,
     words,
 )
+from ppmcal.report.kinematics_figures import kinematics_figures
 from ppmcal.report.records import Columns, ComparedMachines, Other, ResidualRows, Simulated
 from ppmcal.report.residual_figures import command_figure, truth_figures
 from ppmcal.report.residuals import predicted
@@ -31,6 +32,8 @@ from ppmcal.wording import sentence
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
+CHAPTERS = {"path": "Path", "pose": "Pose", "joints": "Joints", "rates": "Rates",
+            "singularity": "Distance to singularity"}
 
 
 def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Section:
@@ -113,9 +116,17 @@ def kinematics_section(rows: ResidualRows) -> Section:
     """Return how many rows were solved, and those that were not."""
     size = rows.table.size if rows.table is not None else 0
     done = size - len(rows.flagged)
-    text = f"{solved_sentence(done, size)}." if size else ""
+    text, parts = f"{solved_sentence(done, size)}." if size else "", []
+    if isinstance(rows.record, KinematicsRecord):
+        modes = rows.record.modes
+        if modes is not None:
+            text = (f"{count(sum(modes.counts), 'pose')} in {count(len(modes.counts), 'row')} of "
+                    f"joint values. {modes_sentence(modes)} The machine's own is drawn.")
+        drawn = {} if rows.table is None else kinematics_figures(rows.record, rows.table)
+        parts = [Section(CHAPTERS[name], figures(drawings), count(len(drawings), "picture"),
+                         folded=name in ("pose", "rates")) for name, drawings in drawn.items()]
     return Section("Kinematics", paragraph(text) + scalars(rows.record.entries()), rows.folder,
-                   parts=filled([refused(rows)]))
+                   parts=filled([*parts, refused(rows)]))
 
 
 def other_section(other: Other) -> Section:

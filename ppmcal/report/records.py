@@ -106,7 +106,8 @@ class ResidualRows:
                      if (s.strip().lower() not in FINE if s.strip() else bool(r.strip())))
 
 
-FINE = frozenset({"ok", "done", "good", "solved", "corrected", "compensated", "1", "true"})
+FINE = frozenset({"ok", "done", "good", "solved", "corrected", "compensated", "1", "true",
+                  "other mode"})
 """Words by which a row's status says that there is nothing to look at."""
 
 
