@@ -17,7 +17,7 @@ from ppmcal.io.sidecar import sidecar_path
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.tables import with_joints
-from ppmcal.linalg import Array, Ints, finite_rows
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
@@ -66,7 +66,8 @@ def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = P
     nothing = PlacedRows((), np.zeros((0, len(mechanism.actuators))), np.zeros((0, 8)), ())
     table = one.residuals
     if table is None or not table.size:
-        return replace(nothing, notes=("There is no residuals.csv, so no measured rows are drawn.",))
+        return replace(nothing, notes=(
+            "There is no residuals.csv, so no measured rows are drawn.",))
     rows, thinned = _chosen(table, most)
     names = np.array(table.words("dataset"), dtype=object)
     plain = replace(mechanism, effects=())
@@ -139,7 +140,9 @@ def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
     """Return some rows of one data set."""
     number = np.nan_to_num(table.number("row")[rows], nan=-1.0).astype(int)
     at = np.clip(np.searchsorted(data.rows, number), 0, max(len(data) - 1, 0))
-    known = (data.rows[at] == number) if len(data) else np.zeros(len(rows), dtype=bool)
+    known: Bools = np.zeros(len(rows), dtype=bool)
+    if len(data):
+        known = np.asarray(data.rows[at] == number)
     rows, at = rows[known], at[known]
     model = Model(plain)
     pose = _poses(model, data.q[at])
@@ -154,7 +157,7 @@ def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
         along = _lines(model, data, at, pose, after, point)
     errors = [_in_base(table, rows, stage, registration, along) for stage, registration in
               zip(STAGES, (before, after), strict=True)]
-    notes = (f"{counted(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no pose of "
+    notes: tuple[str, ...] = (f"{counted(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no pose of "
              "this machine or no joint values.",) if lost else ()
     if data.kind == "distance":
         notes += (f"Errors of {entry.name} are along the measured distance.",)
@@ -236,7 +239,7 @@ def _residual(table: Columns, rows: Ints, stage: str,
 
 def _norm(values: Array) -> Array:
     seen = np.isfinite(values)
-    size = np.sqrt(np.sum(np.where(seen, values, 0.0)**2, axis=1))
+    size: Array = np.sqrt(np.sum(np.where(seen, values, 0.0)**2, axis=1))
     return np.where(seen.any(axis=1), size, np.nan)
 
 

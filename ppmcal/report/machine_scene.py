@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup
 
-from ppmcal.io.output import json_text
 from ppmcal.io.results.scene import Scene, SceneFrame
 from ppmcal.report.html import template_macro, template_text
 from ppmcal.wording import counted, number
@@ -49,13 +48,19 @@ def machine_scripts(library: bool = True) -> Markup:
     return Markup("".join(f"<script>{text}</script>\n" for text in texts))
 
 
+def page_scripts(sections: Sequence[str]) -> Markup:
+    """Return the scripts that the drawings among some sections need, nothing without any."""
+    drawn = any('<div class="machine"' in section for section in sections)
+    return machine_scripts() if drawn else Markup("")
+
+
 def script_json(content: object) -> str:
-    r"""Return JSON that may stand in a script element, whatever its texts are.
+    r"""Return plain data as JSON that may stand in a script element, whatever its texts are.
 
     >>> script_json({"name": "</script>"})
     '{"name":"\\u003c/script\\u003e"}'
     """
-    text = json.dumps(json.loads(json_text(content)), separators=(",", ":"), ensure_ascii=True)
+    text = json.dumps(content, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
@@ -113,7 +118,7 @@ def _notes(scene: Scene) -> list[str]:
 def _content(scene: Scene) -> dict[str, Any]:
     """Return what the page holds of a scene: as many digits as are seen, nothing empty."""
     digits = DIGITS + math.ceil(math.log10(max(scene.magnification, 1.0)))
-    content = scene.model_dump(mode="json")
+    content = scene.model_dump()
     for key in ("machines", "measured", "effects"):
         content[key] = _short(content[key], min(digits, 15))
     return content

@@ -36,6 +36,8 @@ __all__ = ["MeasuredPose", "PlacedLimb", "Point", "Scene", "SceneEffect", "Scene
 FORMAT = "ppmcal/scene/1"
 SHOWN_PART = 0.05
 """Magnified, the largest difference is about this part of the reach."""
+SHOWN_ROOM = 0.15
+"""Magnified, the largest error is at most this part of the room that the rows take."""
 
 
 @dataclass(frozen=True)
@@ -128,8 +130,9 @@ class Scene(Part):
             actuators=mechanism.actuators, joint_units=tuple(u for _, u in mechanism.joint_units),
             still=() if sweep.lost else tuple(POSE_COORDINATES[c] for c in sweep.still),
             machines=tuple(drawn), about_home=about, magnification=_of_machines(reach, drawn),
-            error_magnification=_magnification(reach, [m.error for m in measured]),
-            error_magnification_before=_magnification(reach, [m.error_before for m in measured]),
+            error_magnification=_of_errors(reach, measured, [m.error for m in measured]),
+            error_magnification_before=_of_errors(reach, measured,
+                                                  [m.error_before for m in measured]),
             measured=rows, value=value, value_unit=value_unit, turn_unit=units.name("angle"),
             effects=tuple(effects), notes=(*notes, *_own_notes(mechanism, effects)))
 
@@ -196,12 +199,26 @@ def _of_machines(reach: float, drawn: Sequence[SceneMachine]) -> float:
     return _magnification(reach, (a - b).tolist()) if a.shape == b.shape else 1.0
 
 
-def _magnification(reach: float, differences: Sequence[Sequence[float] | None]) -> float:
+def _of_errors(reach: float, measured: Sequence[MeasuredPose],
+               errors: Sequence[Point | None]) -> float:
+    """Return by how much errors are magnified, judged by the rows that were used.
+
+    The longest is as long as a part of the reach, or, where the rows lie close together, of the
+    room that they take.
+    """
+    own = [e for e, m in zip(errors, measured, strict=True) if m.used and e]
+    room = float(np.ptp([m.point for m in measured], axis=0).max(initial=0.0)) if measured else 0.0
+    size = min(SHOWN_PART * reach, SHOWN_ROOM * room) if room > 0.0 else SHOWN_PART * reach
+    return _magnification(reach, own or [e for e in errors if e], size)
+
+
+def _magnification(reach: float, differences: Sequence[Sequence[float]],
+                   size: float | None = None) -> float:
     """Return 1, 2 or 5 times a power of ten, by which the largest difference can be seen."""
-    largest = max([math.hypot(*d) for d in differences if d], default=0.0)
+    largest = max([math.hypot(*d) for d in differences], default=0.0)
     if not largest > 1e-300:
         return 1.0
-    wanted = SHOWN_PART * reach / largest
+    wanted = (SHOWN_PART * reach if size is None else size) / largest
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(1.0, float(power * max(s for s in (1.0, 2.0, 5.0) if s * power <= wanted)))
 

@@ -103,8 +103,8 @@ def _other_branches(model: Model) -> tuple[tuple[Point, ...], ...]:
             q[i + 1, limb.actuator] = to_joint(model, i, np.array([u]))[0]
     limbs = skeleton(model, np.repeat(pose, len(q), axis=0), q)
     out = []
-    for i, limb in enumerate(limbs):
-        own, other = limb.polyline[0], limb.polyline[i + 1]
+    for i, placed in enumerate(limbs):
+        own, other = placed.polyline[0], placed.polyline[i + 1]
         # of a strut the other root is the same line, counted backwards
         same = np.allclose(own, other, rtol=0.0, atol=GAP * mechanism.reach)
         out.append(() if same else tuple(_point(p / f) for p in other))

@@ -59,7 +59,7 @@ def _singular(model: Model, pose: Array, q: Array, out: list[list[SceneMark]]) -
         out[n].append(SceneMark(kind="stretched", limbs=(i,), text=(
             f"{limb.name} {how}: near a dead point, where its joint no longer moves the platform "
             f"(transmission {number(value[n, i], 2)}, 1 at best)")))
-    for n in np.flatnonzero(whole < SINGULAR):
+    for n in np.flatnonzero(whole < SINGULAR).tolist():
         if not any(m.kind in ("stretched", "gap") for m in out[n]):
             out[n].append(SceneMark(kind="singular", text=(
                 "near a singularity: the drives do not hold the platform (smallest singular value "

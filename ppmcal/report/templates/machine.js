@@ -23,11 +23,17 @@
 
     // where all of it is, so that the view stands still while the machine moves
     bounds() {
-      const low = [Infinity, Infinity, Infinity], high = low.map((v) => -v), reach = this.scene.reach;
-      const see = (p) => p && p.forEach((v, k) => {
-        low[k] = Math.min(low[k], v);
-        high[k] = Math.max(high[k], v);
+      const reach = this.scene.reach, box = () => ({ low: [Infinity, Infinity, Infinity],
+        high: [-Infinity, -Infinity, -Infinity] });
+      const within = (b) => (p) => p && p.forEach((v, k) => {
+        b.low[k] = Math.min(b.low[k], v);
+        b.high[k] = Math.max(b.high[k], v);
       });
+      const padded = ({ low, high }, part, least) => {
+        const pad = part * Math.max(...high.map((v, k) => v - low[k]), least);
+        return low.map((v, k) => [v - pad, high[k] + pad]);
+      };
+      const all = box(), rows = box(), see = within(all);
       this.first.frames.forEach((frame, n) => {
         [[0, 0, 0], frame.origin, ...frame.axes.map((a) => M.sum(frame.origin, a, 0.12 * reach))]
           .forEach(see);
@@ -38,20 +44,21 @@
             travel.forEach((u) => see(M.sum(limb.drive, limb.drive_axis, u)));
         });
       });
-      (this.scene.measured || []).forEach((m) => see(m.point));
-      const pad = 0.06 * Math.max(...high.map((v, k) => v - low[k]), reach / 2);
-      this.range = low.map((v, k) => [v - pad, high[k] + pad]);
+      (this.scene.measured || []).forEach((m) => { see(m.point); within(rows)(m.point); });
+      this.whole = padded(all, 0.06, reach / 2);
+      this.rows = this.scene.measured && padded(rows, 0.2, reach / 50);
     }
 
     layout(c) {
-      const { flat, colour } = c, span = this.range.map(([a, b]) => b - a);
+      const range = this.closer ? this.rows : this.whole, span = range.map(([a, b]) => b - a);
+      const { flat, colour } = c;
       const valued = (this.scene.measured || []).length > 0;
-      const axis = (k) => ({ title: { text: `${"xyz"[k]} [${M.safe(c.L)}]` }, range: this.range[k],
+      const axis = (k) => ({ title: { text: `${"xyz"[k]} [${M.safe(c.L)}]` }, range: range[k],
         gridcolor: colour("grid"), zerolinecolor: colour("line"), color: colour("soft"),
         tickfont: { size: c.narrow ? 10 : 12 },
         ...(!flat && { showbackground: false, showspikes: false, nticks: c.narrow ? 4 : 7 }) });
       const top = valued ? 62 : flat ? 30 : 0;
-      const out = { paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "kept",
+      const out = { paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: this.closer ? "rows" : "all",
         font: { color: colour("ink"), size: c.narrow ? 11 : 13, family: "system-ui, sans-serif" },
         margin: flat ? { l: 56, r: 12, t: top, b: 44 } : { l: 0, r: 0, t: top, b: 0 },
         hovermode: "closest", hoverlabel: { bgcolor: colour("card"), bordercolor: colour("line"),
@@ -78,11 +85,18 @@
       this.find("home").addEventListener("click", () => go(this.home));
       this.root.querySelectorAll("[data-stage]").forEach((button) => button.addEventListener(
         "click", () => { this.stage = button.dataset.stage; this.draw(); }));
-      const bar = this.find("views");
-      bar.hidden = this.scene.flat;
-      bar.addEventListener("click", (event) => {
-        const view = event.target.dataset.view;
-        if (view && this.alive) Plotly.relayout(this.box, { "scene.camera": camera(view) });
+      const closer = this.find("closer");
+      if (closer) closer.addEventListener("click", () => {
+        this.closer = !this.closer;
+        closer.setAttribute("aria-pressed", String(this.closer));
+        this.draw();
+      });
+      this.root.querySelectorAll("[data-view]").forEach((button) => {
+        button.hidden = this.scene.flat;
+        button.addEventListener("click", () => {
+          this.camera = camera(button.dataset.view);
+          if (this.alive) Plotly.relayout(this.box, { "scene.camera": this.camera });
+        });
       });
       document.addEventListener("ppmcal-select", (event) => {
         const keys = (event.detail && event.detail.keys) || [];

@@ -1,7 +1,7 @@
 "use strict";
 // the machine at one pose: limbs, joints, drives, bodies, what is lit and what needs a look
 ((M) => {
-  const symbols = { R: "circle", P: "square", U: "diamond", S: "circle-open", "": "x" };
+  const symbols = { R: "circle", P: "square", U: "diamond", S: "circle-open", "": "square-open" };
   const words = { R: "revolute R", P: "prismatic P", U: "universal U", S: "ball S", "": "joint" };
   const { safe, sum, size, middle } = M;
   const made = (pieces) => pieces.filter((p) => p.points.length).map((p) => p.trace());
@@ -80,7 +80,7 @@
       const ink = c.colour(joint.driven ? "drive" : "bar");
       const rim = c.flat && joint.kind !== "S" ? c.colour("card") : ink;
       const pieces = c.pieces((words[joint.kind] || safe(joint.kind)) + (joint.driven ? ", driven" : ""), {
-        mode: "markers", marker: { symbol: symbols[joint.kind] || "x", size: c.flat ? 12 : 6,
+        mode: "markers", marker: { symbol: symbols[joint.kind] || "square-open", size: c.flat ? 12 : 6,
           color: ink, line: { color: rim, width: c.flat ? 1.5 : 1 } } });
       points.forEach((p, i) => pieces.add([p], texts[i]));
       return pieces.trace();
@@ -140,7 +140,7 @@
     const labels = [];
     machine.limbs.forEach((limb, i) => {
       const own = (c.scene.effects || []).filter((e) => (e.limbs || []).includes(i) &&
-        e.limbs.length < machine.limbs.length).map((e) => safe(e.name));
+        e.limbs.length < machine.limbs.length).map((e) => safe(e.name.split(" on ")[0]));
       names.add([frame.limbs[i].base], `<b>${safe(limb.name)}</b> on the base<br>${c.place(frame.limbs[i].base)}`);
       labels.push(safe(limb.name) + (own.length ? `: <b>${own.join(", ")}</b>` : ""), "");
     });
@@ -155,7 +155,7 @@
     return made((c.scene.effects || []).map((effect, n) => {
       const all = (effect.limbs || []).length === machine.limbs.length;
       const lit = c.pieces("lit: " + safe(effect.name), { ...c.line(c.colour(`lit${n % 3 + 1}`,
-        c.flat ? 0.45 : 1), c.flat ? 13 : 9), opacity: c.flat ? 1 : 0.45,
+        c.flat ? 0.5 : 1), c.flat ? 14 : 16), opacity: c.flat ? 1 : 0.5,
       visible: all && local ? "legendonly" : true });
       (effect.limbs || []).forEach((i) => lit.add(lineOf(frame.limbs[i]),
         `<b>${safe(machine.limbs[i].name)}</b>: ${safe(effect.text)}`));

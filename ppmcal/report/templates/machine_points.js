@@ -32,8 +32,12 @@
       size: c.flat ? 9 : 4.5, color: valued ? colours : c.colour("z"),
       line: { color: c.colour("card"), width: c.flat ? 1 : 0 },
       ...(valued && { colorscale: scale, cmin: 0, cmax: Math.max(...values) || 1, colorbar: bar }) } });
-    const out = c.pieces("left out of the fit", { mode: "markers", marker: { symbol: "x",
-      size: c.flat ? 10 : 5, color: c.colour("out") } });
+    const out = c.pieces("left out of the fit", { mode: "markers", marker: {
+      symbol: c.flat ? "x" : "square-open", size: c.flat ? 10 : 6, color: c.colour("out"),
+      line: { color: c.colour("out"), width: 1 } } });
+    const low = [0, 1, 2].map((k) => Math.min(...shown.map((m) => m.point[k])));
+    const room = Math.max(...low.map((v, k) => Math.max(...shown.map((m) => m.point[k])) - v));
+    const longest = Math.min(0.2 * c.reach, 0.25 * room || c.reach);
     const factor = stage === "before" ? S.error_magnification_before : S.error_magnification;
     const errors = c.pieces(`errors ${stage} the fit, \u00d7 ${M.digits(factor)}`,
       c.line(c.colour("soft"), 1.3));
@@ -45,7 +49,7 @@
         colours.push(value === undefined ? 0 : value, 0);
       }
       // what was left out may be a thousand times as far off: its arrow would cover all others
-      if (arrows && error && size(error) > 0 && factor * size(error) < 0.2 * c.reach)
+      if (arrows && error && size(error) > 0 && factor * size(error) < longest)
         M.arrow(c, errors, m.point, error, hover[i], factor * size(error), m.key);
     });
     const lit = c.pieces("chosen", { mode: "markers", marker: { symbol: "circle-open",
