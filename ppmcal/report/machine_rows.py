@@ -157,8 +157,10 @@ def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
         along = _lines(model, data, at, pose, after, point)
     errors = [_in_base(table, rows, stage, registration, along) for stage, registration in
               zip(STAGES, (before, after), strict=True)]
-    notes: tuple[str, ...] = (f"{counted(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no pose of "
-             "this machine or no joint values.",) if lost else ()
+    notes: tuple[str, ...] = ()
+    if lost:
+        notes = (f"{counted(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no "
+                 "pose of this machine or no joint values.",)
     if data.kind == "distance":
         notes += (f"Errors of {entry.name} are along the measured distance.",)
     return PlacedRows(_points(table, rows, plain, (entry.name, index), point, errors),
@@ -202,21 +204,15 @@ def _registration(entry: RegistrationEntry | None, mechanism: Mechanism) -> Regi
 def _in_base(table: Columns, rows: Ints, stage: str, registration: Registration,
              along: Array | None) -> Array:
     """Return residuals as vectors in base axes (R, 3), file units; nan where nothing is known."""
+    if along is not None:
+        value = table.number(f"{stage}_distance")[rows]
+        return np.asarray(value[:, None] * along)
     vector = _residual(table, rows, stage, ("x", "y", "z"))
-    seen = np.isfinite(vector).any(axis=1)
-    for column, place in (("height", 2), ("distance", 0)):
-        value = table.number(f"{stage}_{column}")[rows]
-        mine = np.isfinite(value)
-        if column == "distance":
-            if along is not None:
-                vector[mine] = value[mine, None] * along[mine]
-                return np.where(mine[:, None], vector, np.nan)
-            continue
-        vector[mine, place] = value[mine]
-        seen |= mine
-    vector = np.where(np.isfinite(vector), vector, 0.0)
-    turned = vector @ cga.rotation_matrix(registration.frame)
-    return np.where(seen[:, None], turned, np.nan)
+    height = table.number(f"{stage}_height")[rows]
+    vector[:, 2] = np.where(np.isfinite(height), height, vector[:, 2])
+    seen = np.isfinite(vector)
+    turned = np.where(seen, vector, 0.0) @ cga.rotation_matrix(registration.frame)
+    return np.where(np.any(seen, axis=1)[:, None], turned, np.nan)
 
 
 def _lines(model: Model, data: Dataset, at: Ints, pose: Array, registration: Registration,

@@ -2,8 +2,6 @@
 
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from functools import cache
 
@@ -22,7 +20,6 @@ from ppmcal.report.drawing import drawing_page
 
 CONFIGS = sorted(p.stem for p in (ROOT / "configs").glob("*.yaml"))
 LARGEST = 5_000_000
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 EVIL = "</script><img src=x onerror=alert(1)> & \u2028 'leg'"
 
 
@@ -35,10 +32,15 @@ def scene_of(name):
     return Scene.of(config(name) if name in CONFIGS else plain(name))
 
 
+def scenes_in(page):
+    """Return the scenes that a page holds."""
+    return [json.loads(text) for text in re.findall(
+        r'<script type="application/json" class="scene">(.*?)</script>', page, re.S)]
+
+
 def scene_in(page):
     """Return the scene that a page holds."""
-    return json.loads(re.search(r'<script type="application/json" id="scene">(.*?)</script>', page,
-                                re.S)[1])
+    return scenes_in(page)[0]
 
 
 @pytest.mark.parametrize("name", [*CONFIGS, *KINDS])
@@ -100,7 +102,8 @@ def test_measured_poses_and_errors_are_in_the_scene():
     scene = Scene.of(config("3-RPR"), [found], "error", "mm")
     held = scene_in(drawing_page(scene))
     assert held["measured"][0]["error"] == [0.1, 0.0, 0.0] and held["value"] == "error"
-    assert held["magnification"] * 0.1 <= 0.05 * held["reach"]
+    assert held["error_magnification"] * 0.1 <= 0.05 * held["reach"]
+    assert held["magnification"] == 1.0
 
 
 def test_names_cannot_break_the_page():
@@ -157,27 +160,3 @@ def test_the_record_of_check_draws_too(tmp_path):
     (tmp_path / "b.html").write_text("not a drawing")
     with pytest.raises(BadInput, match="is no drawing"):
         result.draw(tmp_path / "b.html")
-
-
-# --- in a browser -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["6-UPS", "3-RRR-1", "delta-linear", "3-RPS"])
-def test_a_browser_draws_it(name, tmp_path):
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip("no headless Chromium here: install chromium to see the pages drawn")
-    machine = config(name)
-    evil = replace(machine, limbs=(replace(machine.limbs[0], name=EVIL), *machine.limbs[1:]))
-    page = tmp_path / "machine.html"
-    page.write_text(drawing_page(Scene.of(evil)), encoding="utf-8")
-    done = subprocess.run(
-        [browser, "--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
-         "--enable-unsafe-swiftshader", "--virtual-time-budget=8000",
-         f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr", "--dump-dom",
-         page.as_uri()], capture_output=True, text=True, timeout=120, check=False)
-    drawn = re.search(r'data-drawn="(\d+)"', done.stdout)
-    assert drawn and int(drawn[1]) >= 8, done.stderr[-2000:]
-    assert not re.findall(r"CONSOLE[^\n]*(?:Uncaught|Refused|rror:)[^\n]*", done.stderr)
-    assert '<img src="x"' not in done.stdout
-    assert len(re.findall(r"<tr>", done.stdout)) >= 2 + len(machine.actuators)

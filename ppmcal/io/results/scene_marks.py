@@ -38,7 +38,8 @@ def pose_marks(model: Model, pose: Array, q: Array, limbs: Sequence[LimbSkeleton
     for i, limb in enumerate(limbs):
         for n in np.flatnonzero(limb.gap > gap):
             out[n].append(SceneMark(
-                kind="gap", limbs=(i,), points=(_point((limb.ends[0][n] + limb.ends[1][n]) / 2 / f),),
+                kind="gap", limbs=(i,),
+                points=(_point((limb.ends[0][n] + limb.ends[1][n]) / 2 / f),),
                 text=f"{limb.name} does not close: {number(limb.gap[n] / f)} {unit} are missing"))
     _singular(model, pose, q, out)
     _beyond_travel(model, q, limbs, out)
@@ -73,10 +74,11 @@ def _beyond_travel(model: Model, q: Array, limbs: Sequence[LimbSkeleton],
     for n, a in np.argwhere((q < low) | (q > high)).tolist():
         factor, unit = mechanism.joint_units[a]
         ends = " to ".join(number(v / factor) for v in mechanism.limits[a])
+        own = tuple(i for i, limb in enumerate(mechanism.limbs) if limb.actuator == a)
         out[n].append(SceneMark(
-            kind="travel", limbs=tuple(i for i, b in enumerate(mechanism.limbs) if b.actuator == a),
-            text=f"{mechanism.actuators[a]} is outside of its travel: {number(q[n, a] / factor)} of "
-                 f"{ends} {unit}".rstrip()))
+            kind="travel", limbs=own,
+            text=f"{mechanism.actuators[a]} is outside of its travel: {number(q[n, a] / factor)} "
+                 f"of {ends} {unit}".rstrip()))
 
 
 def _too_near(model: Model, limbs: Sequence[LimbSkeleton], out: list[list[SceneMark]]) -> None:
