@@ -89,7 +89,7 @@ def _moved(frame: SceneFrame) -> str:
 def look(scene: Scene) -> list[str]:
     """Return what needs a look, in words: at home, and how often at the other poses."""
     frames = scene.machines[0].frames
-    out = [f"At home {mark.text}." for mark in frames[0].marks]
+    out = [f"At home {mark.text}." for mark in frames[0].marks if mark.kind != "shared"]
     at_home = {(mark.kind, mark.limbs) for mark in frames[0].marks}
     elsewhere: dict[tuple[str, tuple[int, ...]], list[tuple[str, str]]] = {}
     for frame in frames[1:]:
@@ -105,6 +105,10 @@ def look(scene: Scene) -> list[str]:
 
 def _notes(scene: Scene) -> list[str]:
     out = list(scene.notes)
+    shared = [m.text for m in scene.machines[0].frames[0].marks if m.kind == "shared"]
+    if shared:
+        out.append(f"Joints in one place: {', '.join(shared)}. Right where they are one joint; "
+                   "else a point of theirs is wrong.")
     if len(scene.machines) > 1:
         out.append(f"Over the {scene.machines[0].name} machine: {scene.machines[1].name}, at the "
                    f"same joint values, their differences drawn {number(scene.magnification, 6)} "

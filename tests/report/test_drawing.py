@@ -17,6 +17,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io import read_mechanism
 from ppmcal.io.results.scene import MeasuredPose, Scene
 from ppmcal.report.drawing import drawing_page
+from ppmcal.report.machine_scene import look
 
 CONFIGS = sorted(p.stem for p in (ROOT / "configs").glob("*.yaml"))
 LARGEST = 5_000_000
@@ -81,6 +82,56 @@ def test_a_wrong_sign_is_another_drawing():
     right = middle(lambda i, limb: limb)
     other = middle(lambda i, limb: limb | ({"elbow": -1} if i == 0 else {}))
     assert np.linalg.norm(np.subtract(right, other)) > 100.0
+
+
+def marked(text):
+    scene = Scene.of(read_text(text))
+    return {m.kind for m in scene.machines[0].frames[0].marks}, look(scene)
+
+
+def test_what_needs_a_look_is_marked_and_said():
+    text = (ROOT / "configs/3-RRR-1.yaml").read_text()
+    assert marked(text) == (set(), [])
+    kinds, said = marked(text.replace("distal: 220", "distal: 30.1"))
+    assert kinds == {"stretched"} and "leg1 is stretched out or folded" in said[0]
+    kinds, said = marked(text.replace("limits: {leg1: [-80, 40]", "limits: {leg1: [0, 40]"))
+    assert kinds == {"travel"} and "leg1 is outside of its travel: -25.38 of 0 to 40 deg" in said[0]
+    kinds, said = marked(text.replace("distal: 220", "distal: 20", 1))
+    assert kinds == {"gap"} and "leg1 does not close: 10 mm are missing" in said[0]
+    kinds, said = marked(swapped((ROOT / "configs/3-RPR.yaml").read_text()))
+    assert "links" in kinds and any("links of leg1 and leg2 cross" in t for t in said)
+
+
+def swapped(text):
+    """Return the file with the base points of the first two legs exchanged, and no limits."""
+    file = yaml.safe_load(text)
+    one, two = file["limbs"][:2]
+    one["base"], two["base"] = two["base"], one["base"]
+    return yaml.safe_dump({k: v for k, v in file.items() if k != "limits"})
+
+
+def test_joints_in_one_place_are_said_but_no_alarm():
+    machine = config("6-UPS")
+    slots = {p.name: p for p in machine.parameters}
+    g = machine.values.copy()
+    for c in ("radius", "angle", "z"):
+        g[machine.names.index(f"leg1.platform.point.{c}")] = slots[
+            f"leg2.platform.point.{c}"].value
+    page = drawing_page(Scene.of(replace(machine.with_values(g), parameters=tuple(
+        replace(p, nominal=p.value) for p in machine.with_values(g).parameters))))
+    assert "Joints in one place: leg1 and leg2." in page and 'class="m-look"' not in page
+
+
+def test_the_other_branch_of_a_limb_is_another_line():
+    machine = scene_of("3-RRR-1").machines[0]
+    for limb, placed, other in zip(machine.limbs, machine.frames[0].limbs, machine.other,
+                                   strict=True):
+        assert limb.kind == "(R)RR" and len(other) == 3
+        np.testing.assert_allclose([other[0], other[2]], [placed.base, placed.platform], atol=1e-6)
+        bars = np.linalg.norm(np.diff(other, axis=0), axis=1)
+        np.testing.assert_allclose(bars, 220.0, atol=1e-6)
+        assert np.linalg.norm(np.subtract(other[1], placed.joints[1])) > 10.0
+    assert scene_of("6-UPS").machines[0].other == ((),) * 6
 
 
 def test_present_values_lie_over_the_nominal_ones_and_are_magnified():

@@ -88,18 +88,18 @@ def _too_near(model: Model, limbs: Sequence[LimbSkeleton], out: list[list[SceneM
     for found in interferences(limbs, THICKNESS * mechanism.reach,
                                [limb.actuator for limb in mechanism.limbs]):
         names = " and ".join(limbs[i].name for i in found.limbs)
-        for n in np.flatnonzero(np.isfinite(found.distance)):
+        for n in np.flatnonzero(np.isfinite(found.distance)).tolist():
             if found.fixed and n:
                 continue
-            apart = found.distance[n] / f
-            text = (f"joints of {names} are in one place" if found.joints and
-                    found.distance[n] < 1e-9 * mechanism.reach else
-                    f"{'joints' if found.joints else 'links'} of {names} are {number(apart, 2)} "
-                    f"{unit} apart")
-            if not found.joints and mechanism.motion == "planar":
+            kind, text = ("joints" if found.joints else "links"), (
+                f"{'joints' if found.joints else 'links'} of {names} are "
+                f"{number(found.distance[n] / f, 2)} {unit} apart")
+            if found.fixed and found.joints and found.distance[n] < 1e-9 * mechanism.reach:
+                kind, text = "shared", names
+            elif not found.joints and mechanism.motion == "planar":
                 text = f"links of {names} cross, unless they lie in layers"
-            out[n].append(SceneMark(kind="joints" if found.joints else "links", limbs=found.limbs,
-                                    text=text, points=(_point(found.place[n] / f),)))
+            out[n].append(SceneMark(kind=kind, limbs=found.limbs, text=text,
+                                    points=(_point(found.place[n] / f),)))
 
 
 def _point(vector: Array) -> Point:

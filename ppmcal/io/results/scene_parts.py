@@ -58,7 +58,8 @@ class PlacedLimb(Part):
 class SceneMark(Part):
     """What needs a look at one pose: limbs, words, and the places where it is.
 
-    ``kind``: ``gap``, ``stretched``, ``singular``, ``travel``, ``joints``, ``links``.
+    ``kind``: ``gap``, ``stretched``, ``singular``, ``travel``, ``joints``, ``links``; ``shared`` of
+    two joints that are one by design, or by a mistake: its text is their limbs.
     """
 
     kind: Text

@@ -166,13 +166,16 @@
     }));
   };
 
+  // joints that are one by design need no look
+  M.marks = (frame) => (frame.marks || []).filter((mark) => mark.kind !== "shared");
+
   // what needs a look: limbs in red, the gap of one that is open, places where two meet
   M.markTraces = (c, machine, frame) => {
     const limbs = c.pieces("needs a look", c.line(c.colour("out"), 2.5, "dash"));
     const gaps = c.pieces("does not close", c.line(c.colour("out"), 6));
     const places = c.pieces("too near, or open", { mode: "markers", marker: { symbol: "circle-open",
       size: c.flat ? 22 : 12, color: c.colour("out"), line: { color: c.colour("out"), width: 3 } } });
-    (frame.marks || []).forEach((mark) => {
+    M.marks(frame).forEach((mark) => {
       if (mark.kind !== "gap") (mark.limbs || []).forEach((i) =>
         limbs.add(lineOf(frame.limbs[i]), safe(mark.text)));
       else mark.limbs.forEach((i) => gaps.add(frame.limbs[i].gap, safe(mark.text)));
