@@ -65,7 +65,8 @@ def chapters(data: ReportData) -> list[Section]:
         name = ": ".join(filter(None, [f"Calibration of {one.name}", days])) if several else (
             "Calibration")
         found = identified_section(one, n, name, part("tiles", _tiles(one)))
-        drawn = Section("The machine", machine_section(one, n, data.diagnosed, len(data.identified)))
+        drawn = Section("The machine", machine_section(one, n, data.diagnosed,
+                                                       len(data.identified)))
         out.append(replace(found, parts=filled([drawn, *found.parts])))
     out += [validation_section(v) for v in data.validated]
     out += [compensation_section(r, units_of(r, data)) for r in data.compensated]

@@ -79,7 +79,7 @@ def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
     """
     css = "".join(template_text(f"page{name}.css") for name in ("", "_tables", "_end"))
     shown = placed(chapters)
-    machines = page_scripts([c.html for c in shown])
+    machines = page_scripts([s.body for c in chapters for s in (c, *c.parts)])
     css += machine_css() if machines else ""
     return whole_page("page.html", title=title, chapters=shown, version=__version__,
                       css=Markup(css), script=Markup(template_text("page.js")), machines=machines,

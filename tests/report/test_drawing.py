@@ -102,6 +102,20 @@ def test_what_needs_a_look_is_marked_and_said():
     assert "links" in kinds and any("links of leg1 and leg2 cross" in t for t in said)
 
 
+def test_a_home_q_that_does_not_close_is_drawn_open():
+    text = (ROOT / "configs/3-RPR.yaml").read_text()
+    q = dict(zip(("leg1", "leg2", "leg3"), Scene.of(read_text(text)).machines[0].frames[0].q,
+                 strict=True))
+    file = yaml.safe_load(text)
+    file["home"]["q"] = q | {"leg2": q["leg2"] + 20.0}
+    scene = Scene.of(read_text(yaml.safe_dump(file)))
+    home = scene.machines[0].frames[0]
+    assert [m.limbs for m in home.marks if m.kind == "gap"] == [(1,)]
+    assert "leg2 does not close: 20 mm" in look(scene)[0]
+    assert home.limbs[1].gap is not None and home.limbs[0].gap is None
+    assert len(scene.machines[0].frames) > 5
+
+
 def turned(text):
     """Return the file with its platform turned so far that legs cross, and no limits."""
     file = yaml.safe_load(text)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ppmcal.calibration.check import home_gaps
 from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames
 from ppmcal.io.results.scene_machine import MachineStand, machine_frames, unit_of
 from ppmcal.io.results.scene_parts import (
@@ -156,7 +157,7 @@ def _stand(first: Mechanism, sweep: PoseSweep, poses: ScenePoses | None
            ) -> tuple[MachineStand, Array]:
     """Return where the drawn machine stands, and the place of each of ``poses`` there, or -1."""
     labels = ["home", *(_label(first, sweep, n) for n in range(1, len(sweep.pose)))]
-    pose, keys, q = pose_motor(sweep.pose), [""] * len(labels), sweep.q
+    pose, keys, q = pose_motor(sweep.pose), [""] * len(labels), _with_given_home(first, sweep.q)
     if poses is None or not len(poses.q):
         return MachineStand(tuple(labels), tuple(keys), pose, q), np.full(
             0 if poses is None else len(poses.q), -1)
@@ -167,6 +168,15 @@ def _stand(first: Mechanism, sweep: PoseSweep, poses: ScenePoses | None
     return MachineStand(
         (*labels, *(poses.labels[n] for n in rows)), (*keys, *(poses.keys[n] for n in rows)),
         np.concatenate([pose, found[good]]), np.concatenate([q, poses.q[good]])), place
+
+
+def _with_given_home(first: Mechanism, q: Array) -> Array:
+    """Return the joint values with the file's own at home for limbs that do not close there."""
+    out = np.array(q)
+    for limb, gap in zip(first.limbs, home_gaps(first), strict=False):
+        if gap.open:
+            out[0, limb.actuator] = first.home_q[limb.actuator]
+    return out
 
 
 def _other_stand(plain: Mechanism, stand: MachineStand) -> MachineStand:

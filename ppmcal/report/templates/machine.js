@@ -211,6 +211,15 @@
   all.forEach((view) => { view.words(M.context(view.scene, view.root), view.first.frames[
     view.scene.order[+view.slider.value]], view.scene.order[+view.slider.value]); near.observe(view.root); });
 
+  // a chapter that folds beside it changes its width, and so does the list of contents
+  const sizes = new ResizeObserver((entries) => entries.forEach((entry) => {
+    const view = all.find((v) => v.box === entry.target), width = entry.contentRect.width;
+    if (view.alive && view.root.dataset.drawn && view.width && Math.abs(view.width - width) > 1)
+      Plotly.Plots.resize(view.box);
+    view.width = width;
+  }));
+  all.forEach((view) => sizes.observe(view.box));
+
   // another theme, or paper, has other colours
   const again = () => alive().forEach((view) => view.draw());
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
