@@ -16,7 +16,7 @@ from ppmcal.wording import counted, number
 LIBRARY = "vendor/plotly-gl3d.min.js"
 """Draws in 2D and 3D; a page holds one copy."""
 SCRIPTS = ("machine_core.js", "machine_limbs.js", "machine_points.js", "machine.js")
-DIGITS = 6
+DIGITS = 7
 """Digits that are drawn; more where differences are magnified."""
 
 

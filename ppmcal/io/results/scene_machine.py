@@ -157,7 +157,8 @@ def _placed(mechanism: Mechanism, limb: LimbSkeleton, n: int) -> PlacedLimb:
         drive_axis=None if drive is None else _point(drive.axis[n]),
         zero=None if drive is None else _point(drive.zero[n] / f),
         u=None if drive is None else float(drive.u[n]) / own,
-        gap=(_point(limb.ends[0][n] / f), _point(limb.ends[1][n] / f)) if open_ else None)
+        gap=float(limb.gap[n] / f), gap_ends=None if not open_ else (
+            _point(limb.ends[0][n] / f), _point(limb.ends[1][n] / f)))
 
 
 def _point(vector: Array) -> Point:

@@ -40,8 +40,8 @@ class PlacedLimb(Part):
 
     ``links`` hold start and end; ``drive`` is the centre of the driven
     joint, ``drive_axis`` the direction in which or about which it grows, ``zero`` where the next
-    piece ends at u = 0; ``u`` is the joint coordinate, in units of length or angle; ``gap``: the
-    ends between which the limb does not close, null where it does.
+    piece ends at u = 0; ``u`` is the joint coordinate, in units of length or angle; ``gap`` by how
+    much the limb does not close, between ``gap_ends``, null where it does.
     """
 
     base: Point
@@ -52,7 +52,8 @@ class PlacedLimb(Part):
     drive_axis: Point | None = None
     zero: Point | None = None
     u: Finite | None = None
-    gap: tuple[Point, Point] | None = None
+    gap: Finite = 0.0
+    gap_ends: tuple[Point, Point] | None = None
 
 
 class SceneMark(Part):

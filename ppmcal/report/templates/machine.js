@@ -125,6 +125,7 @@
       const c = M.context(this.scene, this.root), home = this.first.frames[0];
       this.root.dataset.frame = n;
       this.words(c, frame, n);
+      this.box.style.backgroundColor = c.colour("card");
       if (!this.alive) return Promise.resolve();
       const stage = this.stage === "none" ? "after" : this.stage, at = [c, this.first, frame];
       const traces = [...M.effectTraces(...at), ...M.bodyTraces(...at, home), ...M.driveTraces(...at),
@@ -224,10 +225,12 @@
   const again = () => alive().forEach((view) => view.draw());
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
   new MutationObserver(again).observe(document.documentElement, { attributes: true });
-  const paper = (on) => () => {
-    all.forEach((view) => { view.root.classList.toggle("m-paper", on); if (on) view.start(); });
-    again();
-  };
+  const paper = (on) => () => all.forEach((view) => {
+    // a drawing in 3D comes a moment later than paper waits: it stays as it is on the screen
+    if (view.scene.flat) view.root.classList.toggle("m-paper", on);
+    if (on) view.start();
+    if (view.scene.flat) view.draw();
+  });
   window.addEventListener("beforeprint", paper(true));
   window.addEventListener("afterprint", paper(false));
 })(window.PpmcalMachine = window.PpmcalMachine || {});

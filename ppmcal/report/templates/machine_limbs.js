@@ -178,7 +178,7 @@
     M.marks(frame).forEach((mark) => {
       if (mark.kind !== "gap") (mark.limbs || []).forEach((i) =>
         limbs.add(lineOf(frame.limbs[i]), safe(mark.text)));
-      else mark.limbs.forEach((i) => gaps.add(frame.limbs[i].gap, safe(mark.text)));
+      else mark.limbs.forEach((i) => gaps.add(frame.limbs[i].gap_ends, safe(mark.text)));
       (mark.points || []).forEach((p) => places.add([p], safe(mark.text)));
     });
     return made([limbs, gaps, places]);
