@@ -117,7 +117,7 @@
       ["platform", frame.origin, frame.axes]];
     return bodies.flatMap(([name, origin, axes]) => axes.slice(0, c.flat ? 2 : 3).map((axis, k) => {
       const letter = "xyz"[k], pieces = c.pieces(name + " axes", { mode: "lines+text",
-        text: ["", letter], textposition: "top center", legendgroup: name, showlegend: k === 0,
+        text: [k ? "" : name, letter], textposition: ["bottom center", "top center"], legendgroup: name, showlegend: k === 0,
         textfont: { color: c.colour(letter), size: 13 }, ...c.line(c.colour(letter), 2) });
       return pieces.add([origin, sum(origin, axis, 0.12 * c.reach)],
         [`<b>${name} origin</b><br>${c.place(origin)}`, `${name} ${letter}`]).trace();
