@@ -254,8 +254,8 @@ class WordsAt:
                       textcoords="offset points", ha="right", size=LETTERS, color=SOFT)
 
 
-Layer: TypeAlias = (Strokes | Dots | Polyline | Zero | Marks | Intervals | Band | Between | Histogram
-                    | Starts | Arrows | WordsAt)
+Layer: TypeAlias = (Strokes | Dots | Polyline | Zero | Marks | Intervals | Band | Between
+                    | Histogram | Starts | Arrows | WordsAt)
 
 
 def _put(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:

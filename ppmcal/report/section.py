@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.report.html import part, plot_scripts, template_text, whole_page
+from ppmcal.report.machine_scene import machine_css, page_scripts
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,13 @@ def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
         **values: ``lead`` (sentences), ``verdicts``, ``look`` (what needs a look), ``folders``.
     """
     names = ("page", "page_tables", "plots", "page_end")
-    places = placed(chapters)
-    return whole_page("page.html", title=title, chapters=places, version=__version__,
-                      css=Markup("".join(template_text(f"{name}.css") for name in names)),
-                      script=Markup(template_text("page.js")),
-                      plots=plot_scripts([c.html for c in places]),
+    shown = placed(chapters)
+    bodies = [c.html for c in shown]
+    plots = plot_scripts(bodies)
+    machines = page_scripts(bodies, library=not plots)
+    css = "".join(template_text(f"{name}.css") for name in names)
+    css += machine_css() if machines else ""
+    return whole_page("page.html", title=title, chapters=shown, version=__version__,
+                      css=Markup(css), script=Markup(template_text("page.js")), plots=plots,
+                      machines=machines,
                       **{"verdicts": (), "lead": (), **values})
