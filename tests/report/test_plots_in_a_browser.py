@@ -187,8 +187,11 @@ def test_dark_is_dark_and_follows_a_change(browser, html):
     ground, words = colours(page, X)
     assert ground < 80 < 150 < words
     page.media(dark=False)
-    page.pause(0.6)
-    ground, words = colours(page, X)
+    for _ in range(100):  # it is drawn anew when the machine finds time
+        ground, words = colours(page, X)
+        if words < 80:
+            break
+        page.pause(0.1)
     assert words < 80 < 200 < ground
     page.close()
 
