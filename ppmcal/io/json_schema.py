@@ -35,6 +35,8 @@ NAMED = "Name of the limb; parameters begin with it."
 AXES = {"x": "Along x.", "y": "Along y.", "z": "Along z.",
         "radius": "Distance from the z axis, in place of x and y.",
         "angle": "Angle from x towards y, beside `radius`."}
+TWIST = {c: f"Shift along {c}." if c in "xyz" else f"Small turn about {c[1]}."
+         for c in JOINT_COMPONENTS}
 SPRINGS = {"bar": "N per unit of length along the limb's contact line; .inf: rigid.",
            "drive": "Of the drive: N per unit of length, N m per unit of angle; .inf: rigid."}
 
@@ -213,7 +215,8 @@ def _group(kind: LimbKind, group: str, specs: Any) -> Schema:
     if group.startswith("joint"):
         return {"type": "object", "additionalProperties": False,
                 "description": f"Error of the frame of {group}, in its own axes.",
-                "properties": {s.name.rpartition(".")[2]: SLOT for s in specs}}
+                "properties": {c: {**SLOT, "description": TWIST[c]} for c in
+                               (s.name.rpartition(".")[2] for s in specs)}}
     if len(specs) > 1:
         return {**POINT, "description": f"{group}: [x, y, z], {{x, y, z}} or {{radius, angle, z}}."}
     spec: SlotSpec = specs[0]
