@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 
-.PHONY: demo test test-all lint bench study schemas docs screenshots strangers-path clean
+.PHONY: demo test test-all lint bench study schemas docs docs-output screenshots strangers-path clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -45,6 +45,15 @@ docs: $(VENV)/.docs
 	@$(BIN)/zensical build --clean --strict
 	@$(BIN)/python docs/generators/links.py build/site
 	@echo "The guides: build/site/index.html"
+
+screenshots: $(VENV)/.run
+	@$(BIN)/python docs/screenshots.py
+
+docs-output: $(VENV)/.test
+	@$(BIN)/python docs/refresh.py
+
+strangers-path: $(VENV)/.run
+	@$(BIN)/python docs/strangers_path.py
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts= -s
