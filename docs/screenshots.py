@@ -1,4 +1,4 @@
-"""Pictures of the report and of the machine drawing, for docs/images: ``python docs/screenshots.py``.
+"""Pictures of the report and of the machine drawing, for docs/images.
 
 Runs the demo in a scratch folder and opens what it wrote in a headless Chromium. Pictures have a
 palette of 128 colours and must stay below 300 kB.
@@ -13,9 +13,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from PIL import Image
-
 from generators.paths import DOCS, ROOT
+from PIL import Image
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 LARGEST = 300_000
@@ -46,7 +45,7 @@ def browser() -> str:
     """
     found = next((p for p in map(shutil.which, BROWSERS) if p), None)
     if found is None:
-        raise SystemExit(f"Screenshots need a Chromium: none of {', '.join(BROWSERS)} is installed.")
+        raise SystemExit(f"A Chromium is needed: none of {', '.join(BROWSERS)} is installed.")
     return found
 
 
@@ -57,8 +56,9 @@ def take(shot: Shot, folder: Path, target: Path) -> None:
     # a window narrower than 500 px is widened by Chromium: a frame of that width is not
     narrow = shot.width < 500
     page = folder / "frame.html"
-    page.write_text(f'<body style="margin:0"><iframe src="{pages[0].as_uri()}" style="border:0;width:'
-                    f'{shot.width}px;height:{shot.height}px"></iframe>', encoding="utf-8")
+    size = f"border:0;width:{shot.width}px;height:{shot.height}px"
+    page.write_text(f'<body style="margin:0"><iframe src="{pages[0].as_uri()}" style="{size}">'
+                    "</iframe>", encoding="utf-8")
     subprocess.run(
         [browser(), "--headless=new", "--no-sandbox", "--hide-scrollbars", "--disable-gpu",
          "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--allow-file-access-from-files",
@@ -69,10 +69,10 @@ def take(shot: Shot, folder: Path, target: Path) -> None:
     with Image.open(raw) as picture:
         small = picture.convert("RGB").crop((0, 0, shot.width, shot.height))
         small.quantize(128, dither=Image.Dither.NONE).save(target, optimize=True)
-    size = target.stat().st_size
-    if size > LARGEST:
-        raise SystemExit(f"{target.name} has {size} bytes, more than {LARGEST}.")
-    print(f"{target.name}: {size // 1000} kB")
+    used = target.stat().st_size
+    if used > LARGEST:
+        raise SystemExit(f"{target.name} has {used} bytes, more than {LARGEST}.")
+    print(f"{target.name}: {used // 1000} kB")
 
 
 def main() -> None:

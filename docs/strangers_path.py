@@ -1,4 +1,4 @@
-"""Write docs/strangers-path.md: the stranger's way, then each mistake with its answer and the time."""
+"""Write docs/strangers-path.md: the stranger's way, then each mistake with answer and time."""
 
 from __future__ import annotations
 

@@ -12,10 +12,14 @@ EXIT_CODES = """## Exit codes
 | code | means | what to do |
 |---|---|---|
 | 0 | done | |
-| 1 | done, and something needs a look: rows left out, a failed noise check | read the lines that begin with `!`, or the key `findings` of the JSON file |
+| 1 | done, and something needs a look, such as rows left out | read the lines that begin with `!` |
 | 2 | bad input: nothing was written | one message names file, place and mend |
-| 3 | no result: singular, not converged, measurements that are not of this machine as the files are read, corrections worse than none | the message says which, and what would help |
+| 3 | no result, and nothing written but what says why | the message has what would help |
 | 130 | stopped with Ctrl-C | |
+
+No result (3) is: singular, not converged, measurements that are not of this machine as the files are
+read, corrections that are worse than none. What needs a look (1) also stands under `findings` in the
+JSON file.
 """
 INTRODUCTION = """# Commands
 

@@ -172,7 +172,7 @@ def _machine(machine: Mechanism) -> Figure:
     for limb in limbs:
         _limb_lines(axes, limb, motion, INK, 1.6)
     _outline(axes, platform, motion, BLUE, "#dbe9ff")
-    for i, limb in enumerate(limbs):
+    for i in range(len(limbs)):
         _label(axes, _flat(base[i], motion), f"A{i + 1}", INK, (6, -11))
         _label(axes, _flat(platform[i], motion), f"B{i + 1}", BLUE, (6, 4))
         _label(axes, _flat((base[i] + platform[i]) / 2, motion), machine.limbs[i].name, SOFT)
@@ -198,16 +198,16 @@ def _frames() -> Figure:
                                            np.array([-0.45, -0.12, 0.0]) * reach)
     origin, centre = cga.translation(frame), cga.translation(machine.home)
     turn = cga.rotation_matrix(machine.home)
-    point = centre + turn @ (np.array([0.16, 0.1, 0.0]) * reach)
+    point = centre + turn @ (np.array([0.3, 0.12, 0.0]) * reach)
     _triad(axes, origin, cga.rotation_matrix(frame), 0.13 * reach, "planar",
            "measuring frame\n(of the instrument)", (-30, -30))
     _triad(axes, np.zeros(3), np.eye(3), 0.13 * reach, "planar", "base frame", (2, -16))
-    _triad(axes, centre, turn, 0.13 * reach, "planar", "platform frame", (-40, -14))
+    _triad(axes, centre, turn, 0.13 * reach, "planar", "platform frame", (2, -18))
     axes.plot(*point[:2], "*", ms=13, color=RED, zorder=4)
     _label(axes, point[:2], "target: the measured point", RED, (9, 2))
     for start, end, text, away in ((origin, np.zeros(3), "frame", (-10, 8)),
-                                   (np.zeros(3), centre, "pose", (4, -14)),
-                                   (centre, point, "target", (-14, 10))):
+                                   (np.zeros(3), centre, "pose", (-26, 8)),
+                                   (centre, point, "target", (-8, 9))):
         axes.annotate("", xy=tuple(end[:2]), xytext=tuple(start[:2]), arrowprops={
             "arrowstyle": "-|>", "color": INK, "lw": 1.6, "linestyle": "--", "shrinkA": 3,
             "shrinkB": 5})

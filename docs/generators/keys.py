@@ -18,12 +18,12 @@ Schema = Mapping[str, Any]
 FILE_NAMES = {"mechanism": "Mechanism file", "dataset": "Sidecar of measurements",
               "scenario": "Scenario file", "batch": "Manifest of a batch"}
 LEADS = {
-    "mechanism": "The machine as it was drawn, or as it was identified. `ppmcal init` writes one to "
+    "mechanism": "The machine as it was drawn, or as identified. `ppmcal init` writes one to "
     "start from, `ppmcal check` reads it. Everything is in the units that `units` declares. "
     "`limbs` have keys by their kind: see [limb kinds](limbs.md); `effects` have parameters by "
     "theirs: see [effects](../effects.md#kind-by-kind).",
-    "dataset": "The YAML file beside a CSV of the same stem: what its numbers are. Its columns stand "
-    "in [data as they come](../data.md#columns).",
+    "dataset": "The YAML file beside a CSV of the same stem: what its numbers are. Its columns "
+    "stand in [data as they come](../data.md#columns).",
     "scenario": "What `ppmcal simulate` measures: poses, errors, effects, instrument, noise.",
     "batch": "What `ppmcal batch` runs; [Many machines](../batch.md) explains it.",
 }
@@ -56,20 +56,20 @@ def key_page(name: str) -> str:
     found = list(parts(name))
     whole = {key: EXAMPLES[name][""][key] for key in WHOLE[name].split()}
     lines = [f"# {FILE_NAMES[name]}\n", LEADS[name] + "\n",
-             f"`ppmcal schema {name}` prints the JSON Schema, for editors. A key that is not listed "
-             "is refused, with the nearest one that is.\n",
+             f"`ppmcal schema {name}` prints the JSON Schema, for editors. A key that is not "
+             "listed is refused, with the nearest one that is.\n",
              fenced(yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=88))]
     for title, part in found:
         if title:
             lines += [f"## {title}\n", plain(part.get("description", "").replace("``", "")) + "\n"]
         needed = part.get("required", schema.get("then", {}).get("required", ())
                           if not title else ())
-        rows = [(code(key), _kind(one, dict(found)), unit_of(title, key, one, schema),
-                 "needed" if key in needed else _default(one, schema),
-                 code(shortened(_text(example(name, title, key)))),
-                 plain(description(one, schema)))
+        rows = [(code(key), plain(description(one, schema)),
+                 ", ".join(w for w in (_kind(one, dict(found)), unit_of(title, key)) if w),
+                 "needed" if key in needed else _default(one),
+                 code(shortened(_text(example(name, title, key)))))
                 for key, one in part["properties"].items()]
-        lines.append(table(["key", "type", "unit", "default", "example", "meaning"], rows))
+        lines.append(table(["key", "meaning", "type, unit", "default", "example"], rows))
     return "\n".join(lines)
 
 
@@ -126,7 +126,7 @@ def description(one: Schema, schema: Schema) -> str:
     return str(one.get("description") or resolved(one, schema).get("description", ""))
 
 
-def unit_of(part: str, key: str, one: Schema, schema: Schema) -> str:
+def unit_of(part: str, key: str) -> str:
     """Return the unit of a number, as far as its name tells; empty for a bare one."""
     if part == "Sigma" and key == "actuator":
         return "the joint's"
@@ -161,7 +161,7 @@ def _kind(one: Schema, known: Mapping[str, Schema]) -> str:
         str(one.get("type", "")), str(one.get("type", "")))
 
 
-def _default(one: Schema, schema: Schema) -> str:
+def _default(one: Schema) -> str:
     if "default" not in one:
         return ""
     default = one["default"]

@@ -29,8 +29,8 @@ d(φ) = (cos φ, sin φ), n(φ) = (−sin φ, cos φ), α = `base.angle`, σ = `
 ψ = the platform's rotation + `platform.angle`. The drawings show one limb of a machine that ppmcal
 ships: in grey where it goes when its joint value grows.
 
-A limb's slots stand under its name: `leg1.base.point.x`, `leg1.length`. Lengths and angles are in the
-units of the file. Besides its slots each joint of a limb has a frame error, `joint1: {x, y, z, rx,
+A limb's slots stand under its name: `leg1.base.point.x`, `leg1.length`. Lengths and angles are in
+the units of the file. Besides its slots each joint of a limb has a frame error, `joint1: {x, y, z, rx,
 ry, rz}`, 0 unless the file says otherwise.
 """
 EFFECTS = """## Kind by kind

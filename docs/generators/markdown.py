@@ -8,7 +8,9 @@ from collections.abc import Iterable, Sequence
 
 def cell(text: object) -> str:
     """Return text that may stand in a table's cell."""
-    return str(text).replace("|", "\\|").replace("\n", " ").strip()
+    parts = str(text).replace("\n", " ").strip().split("`")
+    # bars in code are no borders
+    return "`".join(p if i % 2 else p.replace("|", "\\|") for i, p in enumerate(parts))
 
 
 def code(text: object) -> str:

@@ -22,7 +22,8 @@ def with_formulas(text: str) -> str:
 
 def _converted(text: str) -> str:
     text = BLOCK.sub(lambda m: f'<div class="formula">{_math(m[1], "block")}</div>', text)
-    return INLINE.sub(lambda m: _math(m[1], "inline"), text)
+    # a line that began with <math> would be a block of its own
+    return INLINE.sub(lambda m: f"<span>{_math(m[1], 'inline')}</span>", text)
 
 
 def _math(tex: str, display: str) -> str:

@@ -131,7 +131,8 @@ MISTAKES = (
             _text("mine.yaml", "z: 310", "z: -310"), IDENTIFY, 3,
             "mirror image of the machine .home", "correct the mechanism file"),
     Mistake("A second header", "Two files were put together with their headers.",
-            _header_again, IDENTIFY, 2, "row 31, column q_leg1", "header stands again.*take the line out"),
+            _header_again, IDENTIFY, 2, "row 31, column q_leg1",
+            "header stands again.*take the line out"),
     Mistake("Too few poses", "Six poses, for a quick try.",
             _rows(lambda rows: rows[:6]), IDENTIFY, 0, "36 numbers for 51 unknowns",
             r"poses more .* would do, see next\.csv", lines=-11),
@@ -144,8 +145,8 @@ MISTAKES = (
     Mistake("Euler angles", "The tracker wrote angles about x, y, z, not a rotation vector.",
             _rows(_euler), IDENTIFY, 3, "euler-xyz", "rotation: euler-xyz"),
     Mistake("A tab in the YAML", "An editor put a tab in front of `home`'s pose.",
-            _text("mine.yaml", "home: {pose", "home:\n\t{pose"), CHECK, 2, "mine.yaml:.*a tab stands",
-            "spaces"),
+            _text("mine.yaml", "home: {pose", "home:\n\t{pose"), CHECK, 2,
+            "mine.yaml:.*a tab stands", "spaces"),
 )
 
 
@@ -174,5 +175,6 @@ def sections(run: Run, scratch: Path) -> str:
         shown = (["...", *lines[mistake.lines:]] if mistake.lines < 0
                  else lines[:mistake.lines] + ["..."] * (len(lines) > mistake.lines))
         out.append(f"### {i}. {mistake.title}\n\n{mistake.story} Exit code {ran.code}, "
-                   f"{seconds:.0f} s.\n\n```text\n$ {mistake.line}\n" + "\n".join(shown) + "\n```\n")
+                   f"{seconds:.0f} s.\n\n```text\n$ {mistake.line}\n"
+                   + "\n".join(shown) + "\n```\n")
     return "\n".join(out)

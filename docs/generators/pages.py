@@ -3,8 +3,8 @@
 A page shows files as blocks with a title (```` ```yaml title="mine.yaml" ````), and commands in two
 ways. Lines of a plain block that begin with a command are commands; ``#`` begins a remark. In a
 ``console`` block lines behind ``$`` are commands, and what follows is what they print: ``make
-docs-output`` writes it anew. A line ``...`` stands for the rest of it; ``... 12`` in its first line asks
-for twelve lines of it. A remark ``# exit code 2``
+docs-output`` writes it anew. A line ``...`` stands for the rest of it; ``... 12`` in its
+first line asks for twelve lines of it. A remark ``# exit code 2``
 says how a command ends; without one it ends with 0 or 1.
 """
 

@@ -1,4 +1,4 @@
-"""A day at the machine, without ppmcal: the real machine is not as drawn, and a tracker looks on."""
+"""A day at the machine, without ppmcal: it is not quite as drawn, and a tracker looks on."""
 
 import csv
 

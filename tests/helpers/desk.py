@@ -40,6 +40,8 @@ def lay_desk(folder: Path) -> None:
     """Put the files there, and what commands make of them."""
     for source, name in COPIES.items():
         shutil.copy(SAMPLES / source, folder / name)
+    with (folder / "mine.yaml").open("a", encoding="utf-8") as file:
+        file.write("stiffness: {bar: 5e4, drive: 2e5}\n")
     (folder / "fleet.yaml").write_text(
         "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n"
         "  - {machine: hexapod-07, date: 2026-03-14, data: run1.csv}\n", encoding="utf-8")
