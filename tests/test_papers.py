@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import machines
+from helpers.commands import ppmcal
 from helpers.machines import Array
+from helpers.paths import ROOT
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +20,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
 from ppmcal.kinematics.inverse import home_state, inverse
 from ppmcal.kinematics.partial_pose import inverse_partial
+from ppmcal.kinematics.path_rates import rates
 from ppmcal.kinematics.tables import pose_vector, velocity_table
 from ppmcal.model.mechanism import Mechanism
 
@@ -250,6 +255,51 @@ def test_two_regular_hexagons_are_singular() -> None:
     found = check(mechanism)
     assert found.singular_value < 1e-9
     assert any("singularity at home" in text for text in found.findings)
+
+
+def by_command(folder: Path, machine: str, *options: str) -> tuple[dict[str, Array], Array]:
+    """Run the shipped path of a shipped machine; return its columns and the joints (N, k), mm."""
+    ppmcal("kinematics", "inverse", ROOT / "configs" / f"{machine}.yaml",
+           ROOT / "sample_data" / "paths" / f"{machine}-helix.csv", *options, cwd=folder, expect=0)
+    with (folder / "kinematics" / "kinematics.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    columns = {k: np.array([float(r[k]) for r in rows]) for k in rows[0]
+               if k not in ("status", "reason")}
+    return columns, np.stack([v for k, v in columns.items() if k.startswith("q_")], axis=-1)
+
+
+def test_the_helix_of_the_tripod_through_files(tmp_path: Path) -> None:
+    """[IK] section 3.2: H on the helix, legs by eq. 29-31, the turn by eq. 27, and back."""
+    columns, q = by_command(tmp_path, "3-RPS", "--tool", "0,0,17", "--rotation", "euler-xyz")
+    theta = 2.0 * np.pi * columns["time"] / 6.0
+    alpha, beta, z = on_helix(theta)
+    np.testing.assert_allclose(q, 1e3 * closed_form_legs(alpha, beta, z), rtol=0, atol=2e-5)
+    found = [np.radians(columns[f"euler_{i}"]) for i in (1, 2, 3)]
+    np.testing.assert_allclose(np.stack(found), [alpha, beta, parasitic(alpha, beta)[0]], rtol=0,
+                               atol=1e-6)
+    assert np.ptp(q) > 30.0
+    ppmcal("kinematics", "forward", ROOT / "configs" / "3-RPS.yaml", "kinematics/kinematics.csv",
+           "--tool", "0,0,17", "--method", "intersection", "--out", "back", cwd=tmp_path, expect=0)
+    with (tmp_path / "back" / "kinematics.csv").open(newline="") as file:
+        back = [[float(r[c]) for c in "xyz"] for r in csv.DictReader(file)]
+    np.testing.assert_allclose(back, np.stack([columns[c] for c in "xyz"], axis=-1), rtol=0,
+                               atol=1e-9)
+
+
+def test_the_helix_of_the_stewart_platform_through_files(tmp_path: Path) -> None:
+    """[IK] section 3.4: legs by eq. 43-48, and their rates over time."""
+    columns, q = by_command(tmp_path, "6-UPS")
+    theta = 2.0 * np.pi * columns["time"] / 6.0
+    level = np.zeros_like(theta)
+    np.testing.assert_allclose(q, 1e3 * stewart_legs(level, level, level, helix(
+        theta, 0.200, 0.050, 2.0)), rtol=0, atol=2e-5)
+    fine = np.array([-1e-4, 0.0, 1e-4])
+    slope = [np.diff(stewart_legs(*np.zeros((3, 3)), helix(t + fine, 0.200, 0.050, 2.0))[::2],
+                     axis=0)[0] / 2e-4 for t in theta]
+    exact = 1e3 * 2.0 * np.pi / 6.0 * np.array(slope)
+    for i in range(6):
+        rate = rates(columns["time"], q[:, i])
+        assert np.abs(rate - exact[:, i])[1:-1].max() < 0.01 * np.abs(exact).max()
 
 
 # --- [LIN] section 4.1: Linapod -----------------------------------------------------

@@ -17,14 +17,22 @@ from ppmcal.api.inputs import (
     refuse_unrecorded,
     source_of,
 )
-from ppmcal.api.result import Result
+from ppmcal.api.result import Progress, Result, silent
 from ppmcal.calibration.observation import stretched
+from ppmcal.design.every_mode import every_mode
 from ppmcal.design.intersection import forward_by_intersection
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import read_joints, read_poses, twists
 from ppmcal.io.grid import read_point
 from ppmcal.io.poses import Given
-from ppmcal.io.results.kinematics import PoseFormat, kinematics_files, solved_sentence
+from ppmcal.io.results.kinematics import (
+    KinematicsFiles,
+    ModeColumns,
+    PoseFormat,
+    kinematics_files,
+    modes_sentence,
+    solved_sentence,
+)
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
@@ -37,7 +45,7 @@ from ppmcal.kinematics.tables import (
     tool_poses,
     velocity_table,
 )
-from ppmcal.linalg import Array, finite_rows
+from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
 
@@ -53,7 +61,10 @@ class KinematicsResult(Result):
         mechanism: the machine; which: ``inverse``, ``forward`` or ``velocity``.
         table: joint values, poses, rates, conditioning, status and reason of each row, SI.
         form: tool point, measured poses and convention of rotations in the files.
-        given: header and columns of the table as it was given.
+        given: header and columns of the table as it was given; with all assembly modes, repeated
+            for each of them.
+        modes: which assembly mode each row is, where all of them were asked for.
+        pictures: whether pictures are among the files.
     """
 
     COMMAND: ClassVar[str] = "kinematics"
@@ -64,6 +75,8 @@ class KinematicsResult(Result):
     table: KinematicsTable
     form: PoseFormat
     given: tuple[tuple[str, ...], tuple[Any, ...]]
+    modes: ModeColumns | None = None
+    pictures: bool = False
 
     @property
     def q(self) -> Array:
@@ -77,34 +90,48 @@ class KinematicsResult(Result):
 
     @property
     def failed(self) -> list[tuple[int, str, str]]:
-        """Rows (from 1) that are not ok, each with status and reason."""
-        pairs = zip(self.table.status, self.table.reason, strict=True)
+        """Rows (from 1) that are not ok, each with status and reason.
+
+        With all assembly modes, rows of joint values at which the machine's own one is not ok.
+        """
+        pairs = (zip(self.table.status, self.table.reason, strict=True) if self.modes is None
+                 else self.modes.status)
         return [(n + 1, s, r) for n, (s, r) in enumerate(pairs) if s != "ok"]
 
+    @property
+    def asked(self) -> int:
+        """How many rows the table has."""
+        return len(self.table.status if self.modes is None else self.modes.status)
+
     @cached_property
-    def _made(self) -> tuple[dict[str, str], int]:
+    def _made(self) -> KinematicsFiles:
         header, columns = self.given
         return kinematics_files(self.mechanism, self.table, header, list(columns), self.which,
-                                self.provenance, self.form)
+                                self.provenance, self.form, self.modes)
 
     @property
     def gimbal_lock(self) -> int:
         """How many rows have only two of their three Euler angles determined."""
-        return self._made[1]
+        return self._made.locked
 
     def files(self) -> Mapping[str, str | bytes]:
-        """Return kinematics.csv and kinematics.json."""
-        return dict(self._made[0])
+        """Return kinematics.csv, kinematics.json and, where wanted, pictures."""
+        if not self.pictures:
+            return self._made.texts()
+        from ppmcal.report.figure_files import kinematics_pictures
+
+        return {**self._made.texts(), **kinematics_pictures(
+            self._made.record, self._made.columns, self.mechanism.name)}
 
     def headline(self) -> str:
         """Return how many rows are ok."""
-        total = len(self.table.status)
+        more = "" if self.modes is None else f" {modes_sentence(self.modes)}"
         return (f"{self.mechanism.name}: {self.which} kinematics, "
-                f"{solved_sentence(total - len(self.failed), total)}.")
+                f"{solved_sentence(self.asked - len(self.failed), self.asked)}.{more}")
 
 
 def inverse(mechanism: Machine, poses: Any, *, tool: str | Sequence[float] | None = None,
-            rotation: str = "rotvec") -> KinematicsResult:
+            rotation: str = "rotvec", pictures: bool = False) -> KinematicsResult:
     """Return the joint values of platform poses.
 
     Args:
@@ -113,16 +140,19 @@ def inverse(mechanism: Machine, poses: Any, *, tool: str | Sequence[float] | Non
             coordinates, in the mechanism file's units.
         tool: point whose poses they are, in platform axes  [default: the platform's origin].
         rotation: ``rotvec``, ``quat``, or ``euler-xyz`` and the like.
+        pictures: whether :meth:`Result.save` writes pictures too.
 
     Raises:
         BadInput: anything wrong in the table, or an option that does not go with the machine.
     """
-    return kinematics("inverse", mechanism, poses, tool=tool, rotation=rotation)
+    return kinematics("inverse", mechanism, poses, tool=tool, rotation=rotation,
+                      pictures=pictures)
 
 
 def forward(mechanism: Machine, joints: Any, *, tool: str | Sequence[float] | None = None,
-            rotation: str = "rotvec", method: str = "newton", dataset: str | None = None
-            ) -> KinematicsResult:
+            rotation: str = "rotvec", method: str = "newton", dataset: str | None = None,
+            all_modes: bool = False, seed: int = 0, pictures: bool = False,
+            progress: Progress = silent) -> KinematicsResult:
     """Return the platform poses of joint values.
 
     Args:
@@ -130,19 +160,24 @@ def forward(mechanism: Machine, joints: Any, *, tool: str | Sequence[float] | No
         joints: path of a CSV with columns ``q_<actuator>``, data frame, mapping, or array (N, k).
         tool: point whose poses are wanted, in platform axes.
         rotation: as for :func:`ppmcal.inverse`.
-        method: ``newton`` on the closure, or ``intersection`` of the limbs' circles and lines
-            for planar machines ([PPM]).
+        method: ``newton`` on the closure, or ``intersection`` of the limbs' spheres, circles,
+            planes and lines ([PPM]): planar machines, deltas of three parallelograms, tripods.
         dataset: the poses as this instrument of the model's file would measure them.
+        all_modes: every assembly mode of each row, the machine's own one marked.
+        seed: of the search for modes, where there is no closed form.
+        pictures: whether :meth:`Result.save` writes pictures too.
+        progress: called with a line of text now and then.
 
     Raises:
         BadInput: anything wrong in the table, or an option that does not go with the machine.
     """
     return kinematics("forward", mechanism, joints, tool=tool, rotation=rotation, method=method,
-                      dataset=dataset)
+                      dataset=dataset, all_modes=all_modes, seed=seed, pictures=pictures,
+                      progress=progress)
 
 
 def velocity(mechanism: Machine, moves: Any, *, tool: str | Sequence[float] | None = None,
-             rotation: str = "rotvec") -> KinematicsResult:
+             rotation: str = "rotvec", pictures: bool = False) -> KinematicsResult:
     """Return the joint rates of poses with velocities ``vx, vy, vz, wx, wy, wz``.
 
     Velocities are those of the tool point, and the angular velocity in base axes, in the
@@ -151,12 +186,15 @@ def velocity(mechanism: Machine, moves: Any, *, tool: str | Sequence[float] | No
     Raises:
         BadInput: anything wrong in the table, no velocity columns.
     """
-    return kinematics("velocity", mechanism, moves, tool=tool, rotation=rotation)
+    return kinematics("velocity", mechanism, moves, tool=tool, rotation=rotation,
+                      pictures=pictures)
 
 
 def kinematics(which: str, mechanism: Machine, table: Any, *,
                tool: str | Sequence[float] | None = None, rotation: str = "rotvec",
-               method: str = "newton", dataset: str | None = None) -> KinematicsResult:
+               method: str = "newton", dataset: str | None = None, all_modes: bool = False,
+               seed: int = 0, pictures: bool = False, progress: Progress = silent
+               ) -> KinematicsResult:
     """Return the kinematics of every row of a table.
 
     Rows are a path in their order: singularities crossed and assembly modes changed on the
@@ -170,29 +208,60 @@ def kinematics(which: str, mechanism: Machine, table: Any, *,
         rotation: ``rotvec``, ``quat``, or ``euler-xyz`` and the like.
         method: forward: ``newton`` or ``intersection``.
         dataset: forward: the pose as this instrument would measure it.
+        all_modes: forward: every assembly mode of each row.
+        seed: forward: of the search for modes, where there is no closed form.
+        pictures: whether pictures are among the files.
+        progress: called with a line of text now and then.
 
     Raises:
         BadInput: anything wrong in the table, or options that do not go together.
     """
     if which not in WHICH:
         raise unknown("kinematics", which, WHICH)
-    if which != "forward" and (dataset is not None or method != "newton"):
-        option = "--dataset" if dataset is not None else "--method"
-        raise BadInput(f"{option} goes with forward", "", "Leave it out")
-    if dataset is not None and tool is not None:
-        raise BadInput("--tool and --dataset do not go together: the instrument measures its own "
-                       "target", "", "Leave one of them out")
+    _refuse_options(which, tool, method, dataset, all_modes)
     machine = load(mechanism)
-    point, convention = _point(tool, machine), check_convention(rotation, machine)
-    found, rows, given = _solved(which, machine, table, (point, convention), method)
+    asked = _point(tool, machine), check_convention(rotation, machine)
+    found, rows, given = _solved(which, machine, table, asked, method)
+    modes, used = None, None
+    if all_modes:
+        every = every_mode(Model(machine), found, method, seed, progress)
+        modes = ModeColumns(every.row + 1, every.mode, every.own,
+                            tuple(zip(found.status, found.reason, strict=True)), every.method,
+                            every.complete)
+        found, given = every.table, _repeated(given, every.row)
+        used = seed if every.method == "search" else None
     pose = None
     if dataset is not None:
         pose = _as_measured(machine, dataset, found, rows)
-    elif point is not None:
-        pose = tool_poses(Model(machine), found.pose, point)
-    form = PoseFormat(point, pose, convention, method if which == "forward" else "")
-    source = source_of("kinematics", [*machine.inputs, *files_of(table)], None)
-    return KinematicsResult(source, (), machine, which, found, form, given)
+    elif asked[0] is not None:
+        pose = tool_poses(Model(machine), found.pose, asked[0])
+    form = PoseFormat(asked[0], pose, asked[1], method if which == "forward" else "")
+    source = source_of("kinematics", [*machine.inputs, *files_of(table)], used)
+    return KinematicsResult(source, (), machine, which, found, form, given, modes, pictures)
+
+
+def _refuse_options(which: str, tool: object, method: str, dataset: str | None, all_modes: bool
+                    ) -> None:
+    """Refuse options that do not go together (BadInput)."""
+    for option, given in (("--dataset", dataset is not None), ("--method", method != "newton"),
+                          ("--all", all_modes)):
+        if given and which != "forward":
+            why = (": every limb's inverse kinematics is in closed form"
+                   if option == "--method" else "")
+            raise BadInput(f"{option} goes with forward{why}", "", "Leave it out")
+    if dataset is not None and tool is not None:
+        raise BadInput("--tool and --dataset do not go together: the instrument measures its own "
+                       "target", "", "Leave one of them out")
+    if dataset is not None and all_modes:
+        raise BadInput("--all and --dataset do not go together: the instrument sees one pose a row",
+                       "", "Leave one of them out")
+
+
+def _repeated(given: Given, row: Ints) -> Given:
+    """Return the columns of a table with each row as often as it is in ``row`` (M,)."""
+    header, columns = given
+    return header, tuple(tuple(c[n] for n in row) if isinstance(c, tuple) else
+                         np.asarray(c)[row] for c in columns)
 
 
 def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | None:

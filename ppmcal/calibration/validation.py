@@ -15,7 +15,7 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
 from ppmcal.kinematics.forward import moved
-from ppmcal.kinematics.partial_pose import carried_back
+from ppmcal.kinematics.registration import carried_back
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration

@@ -16,13 +16,16 @@ from ppmcal.cli.common import (
     leave,
     out_option,
     quiet_option,
+    seed_option,
 )
 from ppmcal.wording import counted
 
 
 @click.command("kinematics", epilog=examples(
     "ppmcal kinematics inverse mine.yaml poses.csv --tool 0,0,10",
-    "ppmcal kinematics forward mine.yaml joints.csv --rotation quat"))
+    "ppmcal kinematics forward mine.yaml joints.csv --rotation quat",
+    "ppmcal kinematics forward mine.yaml joints.csv --all",
+    "ppmcal kinematics inverse mine.yaml poses.csv --pictures"))
 @click.argument("which", type=click.Choice(["inverse", "forward", "velocity"]))
 @click.argument("mech", type=MODEL)
 @click.argument("table", type=FILE)
@@ -37,19 +40,29 @@ from ppmcal.wording import counted
               "the like: fixed axes in small letters, moving axes in capitals, any of the 24 "
               "orders (euler_1, euler_2, euler_3, in the order of the letters).")
 @click.option("--method", type=click.Choice(["newton", "intersection"]), default="newton",
-              show_default=True, help="forward: newton on the closure; or, for planar machines, "
-              "the intersection of the limbs' circles and lines, as in the PPM paper.")
+              show_default=True, help="forward: newton on the closure; or the intersection of "
+              "the limbs' spheres, circles, planes and lines, as in the PPM paper: of planar "
+              "machines, deltas of three parallelograms and 3-RPS.")
 @click.option("--dataset", metavar="NAME", default=None,
               help="forward: the pose as this instrument of the model file would measure it.")
+@click.option("--all", "all_modes", is_flag=True,
+              help="forward: every assembly mode of each row, a line for each; the column own "
+              "marks the machine's own, that of home and the branches.")
+@click.option("--pictures", is_flag=True,
+              help="Write the path, pose, joints with their limits, rates and the distance to "
+              "singularity as PNG, over a column time or t (s), else by row.")
+@seed_option
 @quiet_option
 @json_option
 def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, rotation: str,
-            method: str, dataset: str | None, quiet: bool, as_json: bool) -> None:
+            method: str, dataset: str | None, all_modes: bool, pictures: bool, seed: int | None,
+            quiet: bool, as_json: bool) -> None:
     r"""Kinematics of every row of TABLE (poses, joints, or poses with velocities).
 
     Rows are a path in their order: singularities crossed and assembly modes changed on the
     way are marked. Velocities vx, vy, vz, wx, wy, wz are those of the tool point and the
-    angular velocity in base axes. Writes kinematics.csv and kinematics.json.
+    angular velocity in base axes. Writes kinematics.csv and kinematics.json, and pictures if
+    they are asked for.
 
     \b
     ppmcal kinematics inverse 6-UPS.yaml poses.csv
@@ -57,24 +70,30 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     ppmcal kinematics inverse 6-UPS.yaml poses.csv --rotation euler-ZYX
     ppmcal kinematics forward 6-UPS.yaml joints.csv --rotation quat
     ppmcal kinematics forward 3-RPR.yaml joints.csv --method intersection
+    ppmcal kinematics forward 3-RPR.yaml joints.csv --all
+    ppmcal kinematics inverse 6-UPS.yaml path.csv --pictures
     ppmcal kinematics velocity 3-RPR.yaml moves.csv --tool 30,-15
     """
     from ppmcal.api.kinematics import kinematics
     from ppmcal.io.results.kinematics import LOCKED
 
     console = Console(quiet, as_json)
-    result = kinematics(which, mech, table, tool=tool, rotation=rotation, method=method,
-                        dataset=dataset)
-    written, failed = result.save(out), result.failed
+    with console.progress("Kinematics") as show:
+        result = kinematics(which, mech, table, tool=tool, rotation=rotation, method=method,
+                            dataset=dataset, all_modes=all_modes, seed=seed or 0,
+                            pictures=pictures, progress=show)
+        show("writing")
+        written, failed = result.save(out), result.failed
     console.say(result.headline())
     if result.gimbal_lock:
         console.say(f"{counted(result.gimbal_lock, 'row')}: {LOCKED}.")
     console.warn_rows(result.mechanism.findings,
                       [f"row {n}: {s}: {r}" for n, s, r in failed])
     finish(out, [p.name for p in written], console)
-    rows = len(result.table.status)
-    console.summary({"format": "ppmcal/kinematics/1", "rows": rows, "not_ok": len(failed),
-                     "gimbal_lock": result.gimbal_lock, "provenance": result.provenance})
-    if failed and all(s in ("not converged", "singular") for s in result.table.status):
+    lines = {"modes": len(result.table.status)} if all_modes else {}
+    console.summary({"format": "ppmcal/kinematics/1", "rows": result.asked, "not_ok": len(failed),
+                     **lines, "gimbal_lock": result.gimbal_lock, "provenance": result.provenance})
+    if failed and len(failed) == result.asked and all(s in ("not converged", "singular")
+                                           for _, s, _ in failed):
         raise click.exceptions.Exit(3)
     leave(bool(failed))

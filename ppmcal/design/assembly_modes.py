@@ -78,7 +78,7 @@ def assembly_modes(model: Model, q: Array, seed: int = 0) -> Modes:
         found, method = point_pair(closure), "search" if closure.turning else "point pair"
     else:
         found, method = search(closure, seed), "search"
-    return _judged(model, closure, found, method)
+    return judged(model, closure, found, method)
 
 
 def _limb_of(closure: Closure, row: int) -> str:
@@ -88,7 +88,7 @@ def _limb_of(closure: Closure, row: int) -> str:
     return limbs[row]
 
 
-def _judged(model: Model, closure: Closure, found: FoundModes, method: str) -> Modes:
+def judged(model: Model, closure: Closure, found: FoundModes, method: str) -> Modes:
     """Order the modes, and say which one is home's and which are singular."""
     mechanism = model.mechanism
     motors, sharp, complete = found.motors, found.sharp, method != "search"

@@ -1,4 +1,7 @@
-"""Forward kinematics of planar machines by intersection of the limbs' bodies ([PPM] section 3.2).
+"""Forward kinematics by intersection of the limbs' bodies ([PPM] section 3.2).
+
+Planar machines of any limbs here; deltas of three parallelograms and tripods, for whose platforms
+other bodies meet, in :mod:`ppmcal.design.intersection_spatial`.
 
 [PPM] starts from limbs whose joint values are all known, passive ones too: the end points B_i
 follow, spheres of radius b_i about them meet in a point pair, its middle is the platform's centre,
@@ -28,6 +31,7 @@ import numpy as np
 from ppmcal import algebra as cga
 from ppmcal.design.assembly_modes_planar import rotations, weights
 from ppmcal.design.assembly_modes_spatial import apart
+from ppmcal.design.intersection_spatial import is_tripod, translational_poses, tripod_ends
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.forward import CONTRACTION, SMALLEST_STEP, Forward, moved
@@ -44,30 +48,37 @@ ON_A_LINE = 1e-9
 PLANE_OF_MOTION = cga.plane(np.array([0.0, 0.0, 1.0]), 0.0)
 
 
-def require_planar(mechanism: Mechanism) -> None:
-    """Refuse a machine for which there is no intersection.
+def require_meet(mechanism: Mechanism) -> None:
+    """Refuse a machine whose limbs' bodies do not meet in closed form.
 
     Raises:
-        BadInput: it is not planar, or has effects.
+        BadInput: a spatial machine other than a tripod, universal joints with an offset, effects.
     """
-    if mechanism.motion != "planar":
-        raise BadInput(f"the intersection is for planar machines, this one is {mechanism.motion}",
-                       f"{mechanism.source} with --method intersection",
-                       "Use --method newton; planar machines of any limbs can be intersected")
+    place = f"{mechanism.source} with --method intersection"
+    if mechanism.motion == "spatial" and not is_tripod(mechanism):
+        raise BadInput("the limbs' bodies have no meet in closed form: this machine is spatial, "
+                       "its platform turns, and only three limbs on a circle each (3-R(P)S) leave "
+                       "an equation in one unknown", place, "Use --method newton; planar machines, "
+                       "deltas of three parallelograms and tripods can be intersected")
+    offset = [limb.name for limb, values in zip(mechanism.limbs, Model(mechanism).limb_values,
+                                                strict=True) if limb.kind.turns(values)]
+    if offset:
+        raise BadInput(f"the limbs' bodies have no meet in closed form: the axes of a universal "
+                       f"joint of {', '.join(offset)} do not meet, so its surface is no sphere",
+                       place, "Use --method newton")
     if mechanism.effects:
         kinds = ", ".join(dict.fromkeys(e.kind.name for e in mechanism.effects))
         raise BadInput(f"the intersection is of the geometry alone, and the file has effects "
-                       f"({kinds})", f"{mechanism.source} with --method intersection",
-                       "Use --method newton, or take the effects out")
+                       f"({kinds})", place, "Use --method newton, or take the effects out")
 
 
 def forward_by_intersection(model: Model, q: Array) -> Forward:
     """Return the poses at joint values ``q`` (N, k), SI, in home's assembly mode.
 
     Raises:
-        BadInput: the machine is not planar, or has effects.
+        BadInput: as :func:`require_meet`.
     """
-    require_planar(model.mechanism)
+    require_meet(model.mechanism)
     q = np.atleast_2d(np.asarray(q, dtype=float))
     pose, progress = np.full((len(q), 8), np.nan), np.zeros(len(q))
     reason = [""] * len(q)
@@ -114,7 +125,7 @@ def _next_mode(closure: Closure, pose: Array) -> Array | None:
 
 
 def intersections(closure: Closure) -> Array:
-    """Return motors (n, 8) of all poses in which a planar machine's bodies meet, each once.
+    """Return motors (n, 8) of all poses in which a machine's bodies meet, each once.
 
     ``closure`` has one row of joint values.
 
@@ -122,8 +133,23 @@ def intersections(closure: Closure) -> Array:
         NoResult: infinitely many poses close, or the end points are on one line.
     """
     mechanism = closure.model.mechanism
+    if mechanism.motion == "translational":
+        return _closed(closure, translational_poses(closure))
+    if mechanism.motion == "spatial":
+        _refuse_line(closure, cga.coordinates(closure.moving[:1])[:, ::2])
+        return _closed(closure, intersection_pose(*tripod_ends(closure)))
     phi = rotations(closure, weights(closure) != 0.0)
-    starts = _centres(closure, phi) if len(phi) else np.zeros((0, 8))
+    starts = _closed(closure, _centres(closure, phi) if len(phi) else np.zeros((0, 8)))
+    if not len(starts):
+        return starts
+    ends, local = limb_ends(closure, starts)
+    _refuse_line(closure, local)
+    return intersection_pose(ends, local)
+
+
+def _closed(closure: Closure, starts: Array) -> Array:
+    """Return those motors (n, 8) at which every limb closes, each once."""
+    mechanism = closure.model.mechanism
     starts = starts[finite_rows(starts)]
     with np.errstate(over="ignore", invalid="ignore"):
         gap = np.abs(closure.misclosure(starts)).max(axis=1, initial=0.0)
@@ -132,15 +158,17 @@ def intersections(closure: Closure) -> Array:
     for pose in starts:
         if not kept or apart(mechanism, np.array(kept), pose).min() > SAME:
             kept.append(pose)
-    if not kept:
-        return np.zeros((0, 8))
-    ends, local = limb_ends(closure, np.array(kept))
+    return np.array(kept).reshape(-1, 8)
+
+
+def _refuse_line(closure: Closure, local: Array) -> None:
+    """Refuse end points (n, 3, 3) on one line (NoResult)."""
     edges = local[:, 1:] - local[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
     if np.any(area < ON_A_LINE * np.max(np.sum(edges**2, axis=-1), axis=1)):
         raise NoResult("the limbs' end points on the platform are on one line: spheres about them "
-                       "meet in no point pair", mechanism.source, "Use --method newton")
-    return intersection_pose(ends, local)
+                       "meet in no point pair", closure.model.mechanism.source,
+                       "Use --method newton")
 
 
 def _centres(closure: Closure, phi: Array) -> Array:

@@ -181,7 +181,8 @@ def solve_blocks(matrix: Array, right: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(matrix, right), dtype=float)
     except np.linalg.LinAlgError:
-        bad = ~(np.abs(np.linalg.det(matrix)) > 0.0)
+        with np.errstate(invalid="ignore"):
+            bad = ~(np.abs(np.linalg.det(matrix)) > 0.0)
         safe = np.where(bad[:, None, None], np.eye(matrix.shape[-1]), matrix)
         out = np.linalg.solve(safe, right)
         out[bad] = np.nan

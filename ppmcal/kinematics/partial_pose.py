@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,10 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import beyond, shifted
 from ppmcal.kinematics.equilibrium import ROUNDS, SETTLED, platform_pose, row_known
 from ppmcal.kinematics.forward import moved
-from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_blocks, solve_rows
-from ppmcal.kinematics.registration import measured_pose
-from ppmcal.kinematics.rotations import euler_rates, from_euler, to_euler
+from ppmcal.kinematics.inverse import Inverse, home_state, inverse, solve_rows
+from ppmcal.kinematics.open_angles import solve_open_angles
+from ppmcal.kinematics.registration import carried_back, measured_pose
+from ppmcal.kinematics.rotations import euler_like, from_euler
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
@@ -78,6 +79,31 @@ def inverse_partial(model: Model, coordinates: Array, rows: Environment | None =
     """
     coordinates = np.atleast_2d(np.asarray(coordinates, dtype=float))
     convention = convention or PoseConvention()
+    if convention.euler:
+        return _inverse_of_angles(model, coordinates, rows, convention)
+    return _inverse_rows(model, coordinates, rows, convention)
+
+
+def _inverse_of_angles(model: Model, coordinates: Array, rows: Environment | None,
+                       convention: PoseConvention) -> Inverse:
+    """Solve rows that name all three angles as rotations, which gimbal lock does not touch."""
+    whole = finite_rows(coordinates[:, 3:])
+    out = Inverse(np.full((len(whole), len(model.mechanism.actuators)), np.nan),
+                  np.full((len(whole), 8), np.nan), ())
+    reason = np.full(len(whole), "", dtype=object)
+    for mine, own in ((whole, PoseConvention(convention.tool)), (~whole, convention)):
+        if mine.any():
+            asked = coordinates[mine]
+            if own.euler == "":
+                asked[:, 3:] = from_euler(asked[:, 3:], convention.euler)
+            part = _inverse_rows(model.take(mine), asked, rows and rows.take(mine), own)
+            out.q[mine], out.pose[mine], reason[mine] = part.q, part.pose, part.reason
+    return replace(out, reason=tuple(reason.tolist()))
+
+
+def _inverse_rows(model: Model, coordinates: Array, rows: Environment | None,
+                  convention: PoseConvention) -> Inverse:
+    """Solve rows of one convention; the joint values make up for the effects."""
     found = _inverse_named(model, convention, coordinates)
     if not model.mechanism.effects:
         return found
@@ -128,7 +154,8 @@ def _missed(mechanism: Mechanism, convention: PoseConvention, wanted: Array, rea
 
 def _miss_of_euler(wanted: Array, vector: Array, euler: str) -> Array:
     """Return wanted coordinates (N, 6) less those of poses (N, 6), angles by the shorter way."""
-    miss = wanted - np.concatenate([vector[:, :3], to_euler(vector[:, 3:], euler)[0]], axis=1)
+    angles = euler_like(vector[:, 3:], wanted[:, 3:], euler)[0]
+    miss = wanted - np.concatenate([vector[:, :3], angles], axis=1)
     miss[:, 3:] -= 2.0 * np.pi * np.round(miss[:, 3:] / (2.0 * np.pi))
     return np.asarray(np.nan_to_num(miss), dtype=float)
 
@@ -182,8 +209,9 @@ def wanted_poses(model: Model, registration: Registration, wanted: Array, euler:
         out[whole] = pose_vector(carried_back(mechanism, registration, given))
     part = np.flatnonzero((open_.sum(axis=1) == short) & (short > 0))
     if part.size:
-        out[part], _, solved = solve_named(model.take(part), registration, wanted[part],
-                                           open_[part], euler)
+        own, named = model.take(part), (registration, wanted[part], open_[part])
+        out[part], _, solved = (solve_open_angles(own, *named, euler) if euler
+                                else solve_named(own, *named))
         for n in part[~solved]:
             failed[n] = failed[n] or ("the open coordinates could not be solved for: "
                                       "no such pose near home")
@@ -203,22 +231,8 @@ def _within_reason(mechanism: Mechanism, registration: Registration, wanted: Arr
     return np.where(far[:, None], np.where(np.isnan(wanted), np.nan, 0.0), wanted)
 
 
-def carried_back(mechanism: Mechanism, registration: Registration, wanted: Array) -> Array:
-    """frame^-1 o wanted o target^-1; in a translational machine the rotation stays."""
-    filled = np.where(np.isnan(wanted), 0.0, wanted)
-    filled[..., :3] /= registration.scale
-    body = cga.motor_from_rotation_vector(registration.target_rotation, registration.target)
-    back = cga.reverse(registration.frame)
-    if mechanism.motion == "translational":
-        turn = mechanism.home_pose[3:]
-        own = cga.motor_from_rotation_vector(turn, np.zeros(3))
-        at = cga.move_point(back, filled[:, :3]) - cga.move_point(own, registration.target)
-        return cga.motor_from_rotation_vector(np.broadcast_to(turn, at.shape), at)
-    return cga.compose(cga.compose(back, pose_motor(filled)), cga.reverse(body))
-
-
-def solve_named(model: Model, registration: Registration, wanted: Array, open_: NDArray[np.bool_],
-                euler: str = "") -> tuple[Array, Array, NDArray[np.bool_]]:
+def solve_named(model: Model, registration: Registration, wanted: Array, open_: NDArray[np.bool_]
+                ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Newton on platform pose and joints: closure and named measured coordinates.
 
     Args:
@@ -226,7 +240,6 @@ def solve_named(model: Model, registration: Registration, wanted: Array, open_: 
         registration: one, or one for each row.
         wanted: measured poses (N, 6).
         open_: coordinates that are not named (N, 6), as many in every row.
-        euler: convention of the wanted rotations, empty for rotation vectors.
 
     Returns:
         platform poses (N, 6), joint values (N, k), and which rows are solved (N,).
@@ -248,11 +261,8 @@ def solve_named(model: Model, registration: Registration, wanted: Array, open_: 
         by_pose = np.zeros((n, 6, 6))
         by_pose[:, :3, :3] = frame
         by_pose[:, :3, 3:] = -frame @ cross_matrix(arm)
-        turning, away = _turning(measured, euler), measured - np.nan_to_num(wanted)
-        if euler:
-            away = -_miss_of_euler(wanted, measured, euler)
-        by_pose[:, 3:, 3:] = turning @ frame
-        miss = np.take_along_axis(away, pick, axis=1)
+        by_pose[:, 3:, 3:] = np.linalg.inv(left_jacobian(measured[:, 3:])) @ frame
+        miss = np.take_along_axis(measured - np.nan_to_num(wanted), pick, axis=1)
         rows = np.take_along_axis(by_pose[..., mechanism.dof], pick[..., None], axis=1)
         c = closure.misclosure(pose)
         top = np.concatenate([closure.pose_matrix(pose, lines),
@@ -269,13 +279,6 @@ def solve_named(model: Model, registration: Registration, wanted: Array, open_: 
         move[:, mechanism.dof] = step[:, :len(mechanism.dof)]
         pose, q = moved(pose, move), q + step[:, len(mechanism.dof):]
     return pose_vector(pose), q, solved
-
-
-def _turning(measured: Array, euler: str) -> Array:
-    """Return d(rotation coordinates)/d(turn) (N, 3, 3) at measured poses (N, 6)."""
-    if not euler:
-        return np.asarray(np.linalg.inv(left_jacobian(measured[:, 3:])), dtype=float)
-    return solve_blocks(euler_rates(to_euler(measured[:, 3:], euler)[0], euler), np.eye(3)[None])
 
 
 def named_only(mechanism: Mechanism, asked: Array) -> Array:

@@ -10,6 +10,7 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 from ppmcal.model.effects import Shift
 from ppmcal.model.limbs.chain import cross_matrix, left_jacobian
+from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 
 
@@ -108,3 +109,20 @@ def measured_pose(registration: Registration, pose: Array) -> Array:
     point, turn = predict(registration, pose)
     return np.concatenate([registration.scale * point, cga.rotation_vector(
         cga.motor_from_matrix(turn, np.zeros(3)))], axis=-1)
+
+
+def carried_back(mechanism: Mechanism, registration: Registration, wanted: Array) -> Array:
+    """Return platform motors (n, 8) of measured poses (n, 6): frame^-1 o wanted o target^-1.
+
+    Open coordinates count as 0; in a translational machine the rotation stays.
+    """
+    filled = np.where(np.isnan(wanted), 0.0, wanted)
+    filled[..., :3] /= registration.scale
+    body = cga.motor_from_rotation_vector(registration.target_rotation, registration.target)
+    back = cga.reverse(registration.frame)
+    if mechanism.motion == "translational":
+        turn = mechanism.home_pose[3:]
+        own = cga.motor_from_rotation_vector(turn, np.zeros(3))
+        at = cga.move_point(back, filled[:, :3]) - cga.move_point(own, registration.target)
+        return cga.motor_from_rotation_vector(np.broadcast_to(turn, at.shape), at)
+    return cga.compose(cga.compose(back, _motor(filled)), cga.reverse(body))

@@ -57,6 +57,52 @@ def to_euler(vector: Array, convention: str) -> tuple[Array, Bools]:
     return out, locked
 
 
+def euler_like(vector: Array, named: Array, convention: str) -> tuple[Array, Bools]:
+    """Return Euler angles (N, 3), rad, of rotation vectors (N, 3), such as were named before.
+
+    Every rotation has two sets of angles, in gimbal lock any number: those are taken that meet
+    ``named`` (N, 3), nan where an angle is not. Without any they are as of :func:`to_euler`.
+
+    Returns:
+        the angles, and rows in gimbal lock whose first and third angle nobody named (N,).
+    """
+    own, locked = to_euler(vector, convention)
+    order = convention.removeprefix("euler-")
+    twin = own + np.pi
+    twin[:, 1] = -own[:, 1] if order[0] == order[2] else np.pi - own[:, 1]
+    sets = [own, twin]
+    total, first, third = own[:, 0], named[:, 0], named[:, 2]
+    for pair in ((first, total - first), (first, first - total), (total - third, third),
+                 (total + third, third)):
+        here = locked & np.isfinite(pair[0]) & np.isfinite(pair[1])
+        sets.append(np.where(here[:, None], np.stack([pair[0], own[:, 1], pair[1]], axis=1),
+                             np.nan))
+    best, least = own.copy(), np.full(len(own), np.inf)
+    for angles in sets:
+        away = np.nansum(np.abs(_within_half_a_turn(angles - named)), axis=1)
+        away = np.where(_turned_by(vector, from_euler(angles, convention)) < 10.0 * GIMBAL, away,
+                        np.inf)
+        nearer = away < least - GIMBAL
+        best[nearer], least[nearer] = _within_half_a_turn(angles[nearer]), away[nearer]
+    return best, locked & np.isnan(first) & np.isnan(third)
+
+
+def _within_half_a_turn(angles: Array) -> Array:
+    return np.asarray(angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi)), dtype=float)
+
+
+def _turned_by(one: Array, other: Array) -> Array:
+    """Return the angle between rotation vectors (N, 3), rad; inf where one is nan."""
+    from scipy.spatial.transform import Rotation
+
+    out = np.full(len(one), np.inf)
+    good = finite_rows(one) & finite_rows(other)
+    if good.any():
+        turns = Rotation.from_rotvec(one[good]).inv() * Rotation.from_rotvec(other[good])
+        out[good] = turns.magnitude()
+    return out
+
+
 def euler_rates(angles: Array, convention: str) -> Array:
     """Return E (N, 3, 3) of Euler angles (N, 3), rad: angular velocity = E times their rates."""
     from scipy.spatial.transform import Rotation

@@ -8,16 +8,15 @@ from html import escape
 from urllib.parse import quote
 
 import numpy as np
-from markupsafe import Markup
 
-from ppmcal import __version__
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
 from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes
 from ppmcal.report.batch_changes import changes, effect_changes
 from ppmcal.report.batch_common import common_effects, common_parameters, common_sentences
 from ppmcal.report.format import count, listed, typeset
-from ppmcal.report.html import Cell, amount, figures, page, paragraph, table, words
+from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
+from ppmcal.report.section import Section, filled, page
 from ppmcal.units import LENGTHS
 
 PLOTTED, NAMES, ROW = 40, 150.0, 15.0
@@ -33,30 +32,27 @@ def batch_page(records: Sequence[CampaignRecord]) -> str:
     for r in records:
         if not r.failed:
             designs.setdefault(r.design, []).append(r)
-    sections = []
-    for name, some in designs.items():
-        if len(designs) > 1:
-            sections.append(f"<h2>{escape(name)}</h2>")
-        sections += _design(some)
-    sections += [_failed(failed), changes([r for r in records if r.command == "compare"]),
-                 _campaigns(own)]
+    several = len(designs) > 1
+    chapters = [c for name, some in designs.items() for c in
+                ([Section(name or "Machines", parts=_design(some))] if several else _design(some))]
+    chapters += filled([_failed(failed), changes([r for r in records if r.command == "compare"]),
+                        _campaigns(own)])
     machines = len({r.machine for r in own})
     lead = [f"{count(len(own), 'campaign')} of {count(machines, 'machine')}: "
             f"{sum(r.exit_code == 0 for r in own)} done without findings, "
             f"{sum(r.exit_code == 1 for r in own)} to look at, {len(failed)} failed."]
     common = [s for some in designs.values() for s in common_sentences(some)]
-    return page(title=f"Batch: {count(machines, 'machine')}", lead=[*lead, *common], tiles=[],
-                look=_look(records, failed), version=__version__, folders=count(
-                    len(own), "campaign"),
-                sections=[Markup(s) for s in sections if s])
+    return page(title=f"Batch: {count(machines, 'machine')}", lead=[*lead, *common],
+                look=_look(records, failed), folders=count(len(own), "campaign"),
+                chapters=chapters)
 
 
-def _design(records: Sequence[CampaignRecord]) -> list[str]:
+def _design(records: Sequence[CampaignRecord]) -> tuple[Section, ...]:
     """Return the sections about the machines of one design."""
     latest = [r for r in last_of_each(records) if r.command != "compare"]
     ranked = ranking(latest)
-    return [_ranking(ranked, latest), common_effects(records), common_parameters(records),
-            effect_changes(records)]
+    return filled([_ranking(ranked, latest), common_effects(records), common_parameters(records),
+                   effect_changes(records)])
 
 
 def last_of_each(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:
@@ -92,10 +88,11 @@ def ranking(records: Sequence[CampaignRecord]) -> list[CampaignRecord]:
     return sorted(best.values(), key=lambda r: -_si(left(r)))
 
 
-def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]) -> str:
+def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]
+             ) -> Section | None:
     """Return the table and picture of machines, worst first."""
     if not ranked:
-        return ""
+        return None
     rows = []
     for i, r in enumerate(ranked, 1):
         q = left(r)
@@ -114,9 +111,9 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord])
     note = ("Ranked by what is left: the rms error on poses that the fit has not seen, else on its "
             "own; of each machine the latest fit.")
     used = [i for i in range(len(heads)) if any(row[i].html not in ("", "–") for row in rows)]
-    return ("<h2>Machines, worst first</h2>" + paragraph(note, "note")
-            + table("", [heads[i] for i in used], [[row[i] for i in used] for row in rows],
-                    sort=True) + figures([_picture(ranked)]))
+    return Section("Machines, worst first", paragraph(note, "note") + table(
+        "", [heads[i] for i in used], [[row[i] for i in used] for row in rows], sort=True)
+        + figures([_picture(ranked)]))
 
 
 def _amount(q: CampaignQuantity | None) -> Cell:
@@ -180,22 +177,23 @@ def _draw(canvas: Canvas, names: Sequence[str], values: np.ndarray, axis: str) -
          TOP + ROW * len(names) + BOTTOM, y_ticks=False)
 
 
-def _failed(failed: Sequence[CampaignRecord]) -> str:
+def _failed(failed: Sequence[CampaignRecord]) -> Section | None:
     """Return who failed, with message and the command to try alone."""
     rows = [[words(r.campaign), amount(r.exit_code, str(r.exit_code)), words(r.message, "wrap"),
              Cell(f"<code>{escape(r.typed)}</code>", kind="wrap")] for r in failed]
-    return ("<h2>Failed</h2>" + table("", ["campaign", "exit code", "message", "alone"], rows)
-            + paragraph("The command alone does the same from the manifest's folder.", "note")
-            ) if rows else ""
+    note = "The command alone does the same from the manifest's folder."
+    return Section("Failed", table("", ["campaign", "exit code", "message", "alone"], rows)
+                   + paragraph(note, "note")) if rows else None
 
 
-def _campaigns(records: Sequence[CampaignRecord]) -> str:
+def _campaigns(records: Sequence[CampaignRecord]) -> Section:
     """Return all campaigns, folded away."""
     rows = [[_link(r, r.campaign), words(r.date), amount(r.exit_code, str(r.exit_code)),
              words(r.verdict), words(typeset(r.message), "wrap")] for r in records]
-    return (f"<details><summary>All {count(len(rows), 'campaign')}</summary>"
-            + table("", ["campaign", "date", "exit code", "verdict", "result"], rows, sort=True)
-            + "</details>")
+    return Section("All campaigns", "", parts=(Section(
+        count(len(rows), "campaign"), table(
+            "", ["campaign", "date", "exit code", "verdict", "result"], rows, sort=True),
+        folded=True),))
 
 
 def _look(records: Sequence[CampaignRecord], failed: Sequence[CampaignRecord]) -> list[str]:

@@ -8,12 +8,13 @@ from collections.abc import Iterator, Sequence
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
 from ppmcal.report.format import listed, sig, to_sigma, typeset
 from ppmcal.report.html import paragraph, table, words
+from ppmcal.report.section import Section
 
 Z95, APART = 1.96, 3.0
 """The 95 % interval; sizes differ from so many standard deviations of the difference on."""
 
 
-def changes(compared: Sequence[CampaignRecord]) -> str:
+def changes(compared: Sequence[CampaignRecord]) -> Section | None:
     """Return what has changed of each machine's geometry, the changed ones first."""
     rows = []
     for r in sorted(compared, key=lambda r: (r.verdict != "changed", r.machine)):
@@ -24,9 +25,9 @@ def changes(compared: Sequence[CampaignRecord]) -> str:
                      words(r.verdict, "warn" if r.exit_code else ""), words(what, "wrap")])
     note = ("The last two identifications of each machine; what `ppmcal compare` says of them is "
             "in the folder of the later date.")
-    return ("<h2>Geometry since last time</h2>"
-            + table("", ["machine", "date", "geometry", "likeliest changes"], rows)
-            + paragraph(note, "note")) if rows else ""
+    return Section("Geometry since last time",
+                   table("", ["machine", "date", "geometry", "likeliest changes"], rows)
+                   + paragraph(note, "note")) if rows else None
 
 
 def _change(q: CampaignQuantity) -> str:
@@ -36,7 +37,7 @@ def _change(q: CampaignQuantity) -> str:
     return f"{name} {to_sigma(q.value, q.sigma)}{half} {q.unit}".rstrip() + instead
 
 
-def effect_changes(records: Sequence[CampaignRecord]) -> str:
+def effect_changes(records: Sequence[CampaignRecord]) -> Section | None:
     """Return which effects came, went or changed between each machine's last two diagnoses."""
     own: dict[tuple[str, str], list[CampaignRecord]] = {}
     for r in sorted(records, key=lambda r: r.date):
@@ -47,8 +48,8 @@ def effect_changes(records: Sequence[CampaignRecord]) -> str:
             for *_, old, new in (o for o in own.values() if len(o) > 1)
             for found in [list(differences(old, new))]]
     rows.sort(key=lambda row: "soft" in row[3].kind)
-    return ("<h2>Effects since last time</h2>"
-            + table("", ["machine", "earlier", "now", "what is new"], rows)) if rows else ""
+    return Section("Effects since last time", table(
+        "", ["machine", "earlier", "now", "what is new"], rows)) if rows else None
 
 
 def differences(old: CampaignRecord, new: CampaignRecord) -> Iterator[str]:

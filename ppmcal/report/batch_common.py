@@ -21,6 +21,7 @@ from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
 from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, plot, span, strokes, zero
 from ppmcal.report.format import count, listed, probability, sig
 from ppmcal.report.html import amount, dotted, figures, paragraph, table, words
+from ppmcal.report.section import Section
 
 MOST = 0.5
 SHOWN, NAMES, ROW = 30, 150.0, 15.0
@@ -103,7 +104,7 @@ def common_sentences(records: Sequence[CampaignRecord]) -> list[str]:
     return out
 
 
-def common_effects(records: Sequence[CampaignRecord]) -> str:
+def common_effects(records: Sequence[CampaignRecord]) -> Section | None:
     """Return the table of effects by how many machines have them."""
     rows = []
     for e in shared_effects(records):
@@ -116,8 +117,8 @@ def common_effects(records: Sequence[CampaignRecord]) -> str:
             "95 % interval of the share lies above one half. One that all share may also be of an "
             "instrument that measured them all.")
     heads = ["effect", "machines", "share, 95 %", "whose", "size over machines", "which"]
-    return ("<h2>Effects that machines have in common</h2>" + table("", heads, rows, sort=True)
-            + paragraph(note, "note")) if rows else ""
+    return Section("Effects that machines have in common", table("", heads, rows, sort=True)
+                   + paragraph(note, "note")) if rows else None
 
 
 def _size(name: str, unit: str, values: Array) -> str:
@@ -125,11 +126,11 @@ def _size(name: str, unit: str, values: Array) -> str:
     return f"{name} {sig(float(np.mean(values)))}{spread} {unit}".strip()
 
 
-def common_parameters(records: Sequence[CampaignRecord]) -> str:
+def common_parameters(records: Sequence[CampaignRecord]) -> Section | None:
     """Return the parameters that are off nominal alike on all machines."""
     found = shared_parameters(records)
     if not found:
-        return ""
+        return None
     heads = ["parameter", "machines", "mean error", "95 %", "unit", "spread of units", "chance",
              "whose"]
     rows = [[dotted(name), amount(f.machines, str(f.machines)), amount(f.mean),
@@ -139,14 +140,15 @@ def common_parameters(records: Sequence[CampaignRecord]) -> str:
             for name, unit, _, f in found]
     sure = sum(f.of_design for *_, f in found)
     first = rows[:max(sure, 8)]
-    out = "<h2>Parameters that are off alike</h2>" + table("", heads, first, sort=True)
+    out = table("", heads, first, sort=True)
     if len(rows) > len(first):
         out += (f"<details><summary>{count(len(rows) - len(first), 'further parameter')}"
                 "</summary>" + table("", heads, rows[len(first):], sort=True) + "</details>")
     note = ("Chance: that machines drawn around nominal have such a mean, over all parameters; "
             f"below {CERTAIN:g} nominal is off by design (drawing, or controller settings that all "
             "share). Parameters that act alike stand in for each other.")
-    return out + paragraph(note, "note") + figures([_picture(found)])
+    return Section("Parameters that are off alike",
+                   out + paragraph(note, "note") + figures([_picture(found)]))
 
 
 def _picture(found: Sequence[tuple[str, str, float | None, CommonError]]) -> Drawing | None:

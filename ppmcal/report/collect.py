@@ -34,7 +34,14 @@ from ppmcal.report.records import (
     ResidualRows,
     Simulated,
 )
-from ppmcal.report.sources import digest, is_command_number, is_number_column, read_columns
+from ppmcal.report.sources import (
+    digest,
+    is_command_number,
+    is_kinematics_number,
+    is_number_column,
+    is_shown_of_kinematics,
+    read_columns,
+)
 from ppmcal.report.truth import compare
 
 COMPARE_WORDS = frozenset({"name", "unit", "status"})
@@ -116,7 +123,7 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),
-                                           table("effects.csv"), rest)))
+                                           table("effects.csv"), rest, table("next.csv"))))
     if has("commands.csv", "commands.json"):
         out.append(("compensated", ResidualRows(
             name, "commands", _record(CommandsRecord, folder),
@@ -124,7 +131,8 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     if has("kinematics.csv", "kinematics.json"):
         out.append(("kinematics", ResidualRows(
             name, "kinematics", _record(KinematicsRecord, folder),
-            table("kinematics.csv", ("status", "reason"), is_command_number))))
+            read_columns(folder / "kinematics.csv", wanted=is_shown_of_kinematics,
+                         numeric=is_kinematics_number) if has("kinematics.csv") else None)))
     designs = designed(folder)
     out += [("designed", d) for d in designs]
     held = {file for d in designs for file in d.rows}

@@ -21,6 +21,7 @@ from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, str
 from ppmcal.report.format import count, listed, number, probability, sig, to_sigma, typeset
 from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, words
 from ppmcal.report.records import ComparedCalibrations
+from ppmcal.report.section import Section
 
 Z95 = 1.96
 SHOWN, PLOTTED = 12, 40
@@ -30,13 +31,12 @@ STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
 
 
-def comparison_section(one: ComparedCalibrations) -> str:
+def comparison_section(one: ComparedCalibrations) -> Section:
     """Return everything about one comparison."""
     r = one.record
-    return "".join([
-        "<h2>Comparison of two calibrations</h2>", paragraph(f"From {one.folder}.", "note"),
+    return Section("Comparison of two calibrations", "".join([
         paragraph(verdict(r), "big"), paragraph(typeset(platform_sentence(r))), _changes(r),
-        figures([differences(r.parameters)]), _likeliest(r.parameters)])
+        figures([differences(r.parameters)]), _likeliest(r.parameters)]), one.folder)
 
 
 def verdict(r: ComparisonRecord) -> str:

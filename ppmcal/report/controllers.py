@@ -11,20 +11,20 @@ from ppmcal.plotting.style import SMALLEST
 from ppmcal.report.format import count, number, sig
 from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, figures, paragraph, table, words
 from ppmcal.report.records import ControllerExport
+from ppmcal.report.section import Section, filled
 
 STAGES = (("before", "old"), ("after", "new"))
 ERRORS = (("rms", "rms"), ("max", "at most"))
 """Keys, and their names in a sentence."""
 
 
-def export_section(one: ControllerExport) -> str:
+def export_section(one: ControllerExport) -> Section:
     """Return everything about one export."""
     r = one.record
-    out = [f"<h2>Export: {words(r.called).html}</h2>", paragraph(f"From {one.folder}.", "note"),
-           paragraph(_said(r), "big"),
-           _numbers(r), _gain(r), _not_expressed(r)]
     notes = [sentence(n) for n in (*r.notes, *r.advice)]
-    return "".join([*out, "<h3>Notes</h3>" + bullets(notes) if notes else ""])
+    return Section(f"Export: {r.called}", paragraph(_said(r), "big") + _numbers(r), one.folder,
+                   parts=filled([_gain(r), _not_expressed(r),
+                                 Section("Notes", bullets(notes)) if notes else None]))
 
 
 def sentence(text: str) -> str:
@@ -56,7 +56,7 @@ def _numbers(r: ExportRecord) -> str:
     return table(caption, ["parameter", "old", "new", "change", "unit"], rows[:MAX_ROWS], sort=True)
 
 
-def _gain(r: ExportRecord) -> str:
+def _gain(r: ExportRecord) -> Section | None:
     """Return the errors predicted with the old numbers and with the new ones."""
     rows = []
     for kind in ("position", "rotation"):
@@ -67,11 +67,11 @@ def _gain(r: ExportRecord) -> str:
                 rows.append([words(f"{kind}, {name}"), words(part.unit),
                              *(amount(v, fixed(v, DECIMALS.get(part.unit, 4))) for v in values)])
     if not rows:
-        return ""
+        return None
     over = f", over {r.over.rstrip('.')}" if r.over else ""
-    return ("<h3>Error predicted with the old and with the new numbers</h3>"
-            + paragraph(f"The machine driven through the controller's arithmetic{over}, if the "
-                        "model is exact.", "note") + paragraph(r.predicted.sentence())
+    return Section("Error predicted with the old and with the new numbers", paragraph(
+        f"The machine driven through the controller's arithmetic{over}, if the model is exact.",
+        "note") + paragraph(r.predicted.sentence())
             + table("", ["error", "unit", "rms", "max"], rows)
             + figures([_bars(r, k) for k in ("position", "rotation")]))
 
@@ -94,15 +94,15 @@ def _bars(r: ExportRecord, kind: str) -> Drawing | None:
         key=(("before", "old"), ("after", "new")))
 
 
-def _not_expressed(r: ExportRecord) -> str:
+def _not_expressed(r: ExportRecord) -> Section | None:
     """Return what the controller cannot express, and what that alone costs."""
     if not r.not_expressed:
-        return ""
+        return None
     rows = [[words(entry.what, "wrap"), words(", ".join(entry.parameters), "wrap"),
              words((entry.cost and entry.cost.words()) or "not known", "wrap")]
             for entry in r.not_expressed]
-    return (f"<h3>{count(len(rows), 'thing')} that {words(r.called).html} cannot express</h3>"
-            + table("Cost: the error that it alone leaves", ["what", "parameters", "cost"], rows))
+    return Section(f"{count(len(rows), 'thing')} that {r.called} cannot express", table(
+        "Cost: the error that it alone leaves", ["what", "parameters", "cost"], rows))
 
 
 def _errors(r: ExportRecord, stage: str, kind: str) -> CommandErrors | RotationErrors:

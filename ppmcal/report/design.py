@@ -14,6 +14,7 @@ from ppmcal.report.headlines import attention
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
 from ppmcal.report.other import scalars
 from ppmcal.report.records import Designed, Picture, ReportData
+from ppmcal.report.section import Section, filled
 
 TITLES = {"sensitivity": "Sensitivity", "tolerances": "Tolerances", "stiffness": "Stiffness",
           "workspace": "Workspace and singularities", "plan": "Measuring plan"}
@@ -26,17 +27,17 @@ WIDE = 40
 """Cells with more letters may break."""
 
 
-def design_section(one: Designed) -> str:
+def design_section(one: Designed) -> Section:
     """Return everything about one design: what it says, its tables, pictures and findings."""
     r = one.record
-    name = f' <span class="soft">of {escape(r.name)}</span>' if r.name else ""
-    out = [f"<h2>{escape(title(one))}{name}</h2>", paragraph(_source(one), "note")]
+    out = [paragraph(_source(one), "note")]
     out += [paragraph(s, "big" if i == 0 else "") for i, s in enumerate(r.said)]
     out.append(bullets(r.findings))
     if not r.said:
         out.append(scalars({k: v for k, v in r.entries().items() if k != "name"}))
-    out += [_table(one, t) for t in r.tables]
-    return "".join([*out, _pictures(one)])
+    of = f" of {r.name}" if r.name else ""
+    return Section(f"{title(one)}{of}", "".join(out), parts=filled(
+        [Section("Pictures", _pictures(one)), *(_table(one, t) for t in r.tables)]))
 
 
 def title(one: Designed) -> str:
@@ -54,7 +55,7 @@ def _source(one: Designed) -> str:
     return f"From {one.folder}" + (f": {held}." if held else ".")
 
 
-def _table(one: Designed, shown: ShownTable) -> str:
+def _table(one: Designed, shown: ShownTable) -> Section:
     """Return one table: its first rows, heads with units, and its note."""
     rows = shown.rows
     heads = [_head(c, one.record.units) for c in shown.columns]
@@ -63,10 +64,9 @@ def _table(one: Designed, shown: ShownTable) -> str:
     more = (f"The first {SHOWN} of {count(len(rows), 'row')}; {one.kind}.json has them all."
             if len(rows) > SHOWN else "")
     note = " ".join(t for t in (_sentence(shown.note), more) if t)
-    html = table(shown.title, heads, body, sort=True) if heads else ""
-    if not html:
-        html = paragraph(f"{shown.title or 'A table'}: no rows.", "note")
-    return html + paragraph(note, "note")
+    html = table("", heads, body, sort=True) if heads else ""
+    return Section(shown.title or "Table", (html or paragraph("No rows.", "note"))
+                   + paragraph(note, "note"), count(len(rows), "row"))
 
 
 def _head(column: str, units: Mapping[str, str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_parts import DiagnosedEffect
 from ppmcal.io.results.diagnosis_wording import (
@@ -21,28 +23,32 @@ from ppmcal.io.results.diagnosis_wording import (
     tried_sets,
     worst_block,
 )
+from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.diagnosis_figures import pictures
 from ppmcal.report.diagnosis_format import amounts, in_unit, odds_to
-from ppmcal.report.format import number, probability, sig
+from ppmcal.report.diagnosis_tables import ladder, next_poses, tried
+from ppmcal.report.format import count, number, probability, sig
 from ppmcal.report.html import Cell, amount, bullets, dotted, figures, paragraph, table, words
 from ppmcal.report.records import Diagnosed
 from ppmcal.report.residual_figures import residual_figures
+from ppmcal.report.section import Section, filled
 from ppmcal.report.validation import days
 from ppmcal.wording import where
 
 
-def diagnosis_section(d: Diagnosed) -> str:
-    """Return everything about one diagnosis."""
+def diagnosis_section(d: Diagnosed) -> Section:
+    """Return the chapter about one diagnosis: the gap, what closes it, and what was refused."""
     r = d.record
-    out = ["<h2>Diagnosis</h2>", _lead(r), _days(r), _effects(r), _suspects(r),
-           _remainder(r), _learned(r), _pictures(r), _swallowed(r), _places(r), _untestable(r),
-           _next(r), _findings(r)]
-    return "".join(out) + figures(residual_figures(d.residuals, r.units))
-
-
-def _pictures(r: DiagnosisRecord) -> str:
-    """Return the pictures, in columns."""
-    return figures([p for some in pictures(r).values() for p in some], "diagnosis")
+    drawn = pictures(r)
+    shown = [p for name in ("inputs", "actuators", "terms") for p in drawn.get(name, ())]
+    body = (_lead(r) + '<div class="story">' + figures(drawn.get("gap", []))
+            + f"<div>{ladder(r)}{_remainder(r)}{_learned(r)}</div></div>{_effects(r)}")
+    return Section("The missing effect", body, d.folder, parts=filled([
+        Section("What the residuals follow, before and after", figures(shown)),
+        Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
+        _days(r), _next(d), _refused(d, drawn.get("ranking", [])), _swallowed(r), _places(r),
+        Section("Residuals", figures(residual_figures(d.residuals, r.units)), folded=True),
+        Section("Findings", bullets(r.findings) if r.findings else "")]))
 
 
 def _lead(r: DiagnosisRecord) -> str:
@@ -55,10 +61,9 @@ def _lead(r: DiagnosisRecord) -> str:
     return text + paragraph(" ".join(f for f in facts if f))
 
 
-def _days(r: DiagnosisRecord) -> str:
+def _days(r: DiagnosisRecord) -> Section:
     """Return how each session is predicted from the others."""
-    head = "<h3>Each session, predicted by a fit of the others</h3>" if r.validation else ""
-    return head + days(r.validation)
+    return Section("Each session, predicted by a fit of the others", days(r.validation))
 
 
 def _effects(r: DiagnosisRecord) -> str:
@@ -95,6 +100,14 @@ def _rivals(r: DiagnosisRecord, e: DiagnosedEffect) -> str:
                      for n, o in zip(names, odds, strict=False)) or "nothing else"
 
 
+def _refused(d: Diagnosed, ranking: Sequence[Drawing]) -> Section:
+    """Return what was tried and not named, and what could not be tried."""
+    r = d.record
+    size = count(d.effects.size, "hypothesis", "hypotheses") if d.effects is not None else ""
+    return Section("What was tried and refused", figures(ranking) + _suspects(r)
+                   + tried(d.effects) + _untestable(r), size, folded=True)
+
+
 def _suspects(r: DiagnosisRecord) -> str:
     """Return what may be there but cannot be named."""
     lines = []
@@ -128,28 +141,30 @@ def _learned(r: DiagnosisRecord) -> str:
     return bullets([*learned(r), learned_gap(r)]) if r.learned else ""
 
 
-def _swallowed(r: DiagnosisRecord) -> str:
+def _swallowed(r: DiagnosisRecord) -> Section | None:
     """Return the parameters that had moved to imitate an effect."""
     rows = [[dotted(s.name), *(amount(v, in_unit(v, s.unit))
                                for v in (s.before, s.after, s.tolerance))] for s in r.swallowed]
     if not rows:
-        return ""
-    return ("<h3>Geometry that had imitated the effect</h3>"
-            + paragraph(f"{imitated(r)} Their errors from nominal:", "note")
-            + table("", ["parameter", "error without effects", "error with effects", "tolerance"],
-                    rows, sort=True))
+        return None
+    return Section(
+        "Geometry that had imitated the effect",
+        paragraph(f"{imitated(r)} Their errors from nominal:", "note")
+        + table("", ["parameter", "error without effects", "error with effects", "tolerance"],
+                rows, sort=True), count(len(rows), "parameter"), folded=True)
 
 
-def _places(r: DiagnosisRecord) -> str:
+def _places(r: DiagnosisRecord) -> Section | None:
     """Return where residuals exceed what noise gives there."""
     rows = [[words(p.by), words(p.value), amount(p.rms_ratio), amount(p.rms_ratio_after),
              amount(p.p_value, probability(p.p_value) or "–")] for p in r.localised]
     if not rows:
-        return ""
+        return None
     body = table("rms of the residuals of that group over what noise gives in it; p: how often "
                  "noise alone gives more before",
                  ["by", "group", "before", "after", "chance of noise alone"], rows, sort=True)
-    return f"<details><summary>Where the residuals are, group by group</summary>{body}</details>"
+    return Section("Where the residuals are, group by group", body, count(len(rows), "group"),
+                   folded=True)
 
 
 def _untestable(r: DiagnosisRecord) -> str:
@@ -160,11 +175,9 @@ def _untestable(r: DiagnosisRecord) -> str:
                  ["effect", "columns missing"], rows)
 
 
-def _next(r: DiagnosisRecord) -> str:
-    """Return what to measure next."""
-    text = next_step(r)
-    return "<h3>Measure next</h3>" + paragraph(text[:1].upper() + text[1:]) if text else ""
-
-
-def _findings(r: DiagnosisRecord) -> str:
-    return "<h3>Findings</h3>" + bullets(r.findings) if r.findings else ""
+def _next(d: Diagnosed) -> Section | None:
+    """Return what to measure next, and the poses for it."""
+    text = next_step(d.record)
+    if not text:
+        return None
+    return Section("Measure next", paragraph(text[:1].upper() + text[1:]) + next_poses(d.next))

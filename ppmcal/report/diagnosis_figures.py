@@ -51,7 +51,7 @@ def gap(record: DiagnosisRecord) -> Drawing | None:
     if not steps and None in ends:
         return None
     high = 1.25 * max([*(v for _, v in steps), *(e for e in ends if e is not None), 1.6])
-    rows = [_gap_row(_step_name(record, step), value,
+    rows = [_gap_row(step_name(record, step), value,
                      "after" if n > 0 and step.what == "effect" else "before")
             for n, (step, value) in enumerate(steps)]
     if None not in ends:
@@ -65,7 +65,7 @@ def gap(record: DiagnosisRecord) -> Drawing | None:
         "How the gap closes",
         "Upper bars: the rows that effects were searched in; each bar adds one thing to the "
         "model. The upright line is the noise alone: where nothing is missing, bars end there.",
-        "; ".join(f"{_step_name(record, s)}: {sig(v)} times the noise" for s, v in steps) + ".",
+        "; ".join(f"{step_name(record, s)}: {sig(v)} times the noise" for s, v in steps) + ".",
         f"{gap_closed(record)} {worst_block(record)}".strip())
 
 
@@ -78,7 +78,8 @@ def times(ratio: float) -> str:
     return f"{sig(ratio, 3 if float(f'{ratio:.2f}') >= 1.0 else 2)} ×"
 
 
-def _step_name(record: DiagnosisRecord, step: PlottedStep) -> str:
+def step_name(record: DiagnosisRecord, step: PlottedStep) -> str:
+    """Return what one step adds to the model."""
     if step.what == "start":
         return "machine as in its file, only frames fitted"
     if step.what == "geometry":

@@ -1,16 +1,20 @@
-"""The pictures of a diagnosis as files of their own."""
+"""The pictures of a diagnosis, of other measurements and of kinematics as files of their own."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_wording import headline
+from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.plotting.canvas import Drawing, sheet
 from ppmcal.plotting.style import png as to_png
 from ppmcal.plotting.svg import svg
 from ppmcal.report.diagnosis_figures import pictures
+from ppmcal.report.kinematics_figures import kinematics_figures
+from ppmcal.report.kinematics_motion import drawn_columns
 from ppmcal.report.validation import lead, picture
 
 PNG_SCALE = 2.5
@@ -35,6 +39,15 @@ def diagnosis_files(record: DiagnosisRecord, png: bool = False) -> dict[str, str
     days = [p for d in record.validation if (p := picture(d)) is not None]
     return _sheets({**pictures(record), **({"days": days} if days else {})},
                    f"{record.name or 'ppmcal'}: {headline(record)}", png)
+
+
+def kinematics_pictures(record: KinematicsRecord, columns: Mapping[str, Any], name: str
+                        ) -> dict[str, bytes]:
+    """Return file name -> PNG of a table of kinematics; ``columns``: of kinematics.csv (N,)."""
+    found = kinematics_figures(record, drawn_columns(columns))
+    head = f"{name}: {record.which} kinematics"
+    return {f"{key}.png": to_png(sheet(head, drawings), dpi=72.0 * PNG_SCALE)
+            for key, drawings in found.items()}
 
 
 def _sheets(found: Mapping[str, Sequence[Drawing]], title: str, png: bool

@@ -10,7 +10,6 @@ from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.report.format import exact, number, sig
@@ -54,12 +53,15 @@ def given(text: str) -> Cell:
 
 
 def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[Cell]],
-          sort: bool = False) -> str:
-    """Return a table; the first cell of each row is its header. ``heads`` are plain text."""
+          sort: bool = False, keys: Sequence[str] = ()) -> str:
+    """Return a table; the first cell of each row is its header.
+
+    ``heads`` are plain text; ``keys``: of the measured row that each line is about.
+    """
     if not rows:
         return ""
     numeric = [all("n" in r[i].kind.split() for r in rows) for i in range(len(heads))]
-    return part("table", caption, heads, rows, numeric, sort and len(rows) > 2)
+    return part("table", caption, heads, rows, numeric, sort and len(rows) > 2, keys)
 
 
 def definitions(pairs: Sequence[tuple[str, str]], code: str = "") -> str:
@@ -112,12 +114,6 @@ def part(name: str, *values: Any) -> str:
     return str(getattr(_environment().get_template("parts.html").module, name)(*values))
 
 
-def page(**values: Any) -> str:
-    """Return the whole page; text among ``values`` is escaped unless it is ``Markup``."""
-    return _environment().get_template("page.html").render(css=Markup(CSS), script=Markup(SCRIPT),
-                                                           **values)
-
-
 def whole_page(template: str, **values: Any) -> str:
     """Return a page of another template; text among ``values`` is escaped unless ``Markup``."""
     return _environment().get_template(template).render(**values)
@@ -126,7 +122,3 @@ def whole_page(template: str, **values: Any) -> str:
 def template_text(name: str) -> str:
     """Return the text of a file among the templates."""
     return (files("ppmcal.report") / "templates" / name).read_text("utf-8")
-
-
-CSS = template_text("page.css") + template_text("page_end.css")
-SCRIPT = template_text("page.js")

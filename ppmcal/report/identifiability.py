@@ -10,23 +10,27 @@ from ppmcal.io.results.identifiability import flat_sentences
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.report.format import exact, number, typeset
 from ppmcal.report.html import MAX_ROWS, amount, bullets, dotted, paragraph, table, words
+from ppmcal.report.rows import row_key
+from ppmcal.report.section import Section
 
 
-def identifiability_section(record: IdentificationRecord) -> str:
+def identifiability_section(record: IdentificationRecord) -> Section | None:
     """Return what these data cannot identify."""
     lines = [*record.identifiability.sentences(), *flat_sentences(record.flats),
              *record.gross_errors.unchecked_sentences(), *campaign_sentences(record.campaign)]
-    return "<h3>Identifiability</h3>" + bullets([typeset(t) for t in lines]) if lines else ""
+    return Section("Identifiability", bullets([typeset(t) for t in lines])) if lines else None
 
 
-def gross_error_section(found: GrossErrorSummary, units: Mapping[str, str]) -> str:
+def gross_error_section(found: GrossErrorSummary, units: Mapping[str, str], index: int
+                        ) -> Section | None:
     """Return what the rows left out said, and what they would have done to the parameters."""
     rows = [[words(r.dataset), amount(r.row, exact(r.row)), words(r.coordinate),
              amount(r.value, _digits(r.value)), amount(r.predicted, _digits(r.predicted)),
              words(r.unit), amount(r.times)] for r in found.rows]
     out = table(_first("What those rows say, and what all others say of them", len(rows)),
                 ["data set", "row", "number", "measured", "the others say", "unit",
-                 "times the noise"], rows[:MAX_ROWS], sort=True)
+                 "times the noise"], rows[:MAX_ROWS], sort=True,
+                keys=[row_key(index, r.dataset, r.row or 0) for r in found.rows[:MAX_ROWS]])
     body = [[dotted(name), amount(e.now, _digits(e.now)),
              amount(e.with_them, _digits(e.with_them)), words(units.get(name, ""))]
             for name, e in found.would_be.items()
@@ -34,9 +38,9 @@ def gross_error_section(found: GrossErrorSummary, units: Mapping[str, str]) -> s
     out += table(_first("What parameters would be with them", len(body)),
                  ["parameter", "now", "with them", "unit"], body[:MAX_ROWS], sort=True)
     if not out:
-        return ""
-    return "<h3>Gross errors</h3>" + paragraph(
-        "These rows were left out because the others contradict them.", "note") + out
+        return None
+    note = "These rows were left out because the others contradict them."
+    return Section("Gross errors", paragraph(note, "note") + out, folded=True)
 
 
 def _digits(value: float | None) -> str:

@@ -36,21 +36,31 @@ from ppmcal.report.identifiability import gross_error_section, identifiability_s
 from ppmcal.report.records import Identified
 from ppmcal.report.residual_figures import residual_figures
 from ppmcal.report.residuals import quantity_of, used
+from ppmcal.report.rows import row_key, rows_section
+from ppmcal.report.section import Section, filled
 
 STAGES = (("before", "before"), ("after", "after"), ("holdout", "held out"))
 COLUMNS = ("mean", "rms", "p95", "max")
 
 
-def identified_section(one: Identified) -> str:
-    """Return everything about one identification below the headline."""
+def identified_section(one: Identified, index: int, title: str, body: str = "") -> Section:
+    """Return the chapter about one identification.
+
+    Args:
+        one: the identification.
+        index: its place on the page, from 0.
+        title: of the chapter.
+        body: ready HTML before its parts.
+    """
     r = one.record
     units = {p.name: p.unit for p in r.parameters}
-    return "".join([accuracy(one), parameters(r), redundant(r), correlations(r),
-                    identifiability_section(r), plots(one), excluded(one),
-                    gross_error_section(r.gross_errors, units)])
+    return Section(title, body, one.folder, parts=filled([
+        accuracy(one), plots(one), rows_section(one, index), excluded(one, index),
+        gross_error_section(r.gross_errors, units, index), parameters(r),
+        identifiability_section(r), redundant(r), correlations(r)]))
 
 
-def accuracy(one: Identified) -> str:
+def accuracy(one: Identified) -> Section | None:
     """Return the table of errors before, after and held out."""
     residual = one.record.residual
     kinds = list(dict.fromkeys(k for s, _ in STAGES for k in getattr(residual, s)))
@@ -62,14 +72,14 @@ def accuracy(one: Identified) -> str:
                 rows.append([words(f"{kind}, {name}"), words(part.unit),
                              *(amount(getattr(part, c)) for c in COLUMNS)])
     if not rows:
-        return ""
+        return None
     notes = [one.record.holdout_note]
     if "closure" in kinds:
         notes.append("Closure is the limb condition at the measured poses, as a length.")
     note = " ".join(n[0].upper() + n[1:].rstrip(".") + "." for n in notes if n)
-    return ("<h2>Error before and after</h2>" + '<div class="pair">'
-            + table("p95: 95 % of the rows are below it", ["error", "unit", *COLUMNS], rows)
-            + f"<div>{_fit_facts(one.record)}{paragraph(note, 'note')}</div></div>")
+    return Section("Error before and after", '<div class="pair">'
+                   + table("p95: 95 % of the rows are below it", ["error", "unit", *COLUMNS], rows)
+                   + f"<div>{_fit_facts(one.record)}{paragraph(note, 'note')}</div></div>")
 
 
 def _fit_facts(r: IdentificationRecord) -> str:
@@ -116,24 +126,25 @@ def _region(r: IdentificationRecord) -> str:
     return "; ".join(parts)
 
 
-def parameters(r: IdentificationRecord) -> str:
+def parameters(r: IdentificationRecord) -> Section | None:
     """Return the table of parameters; fixed ones follow in a table of their own."""
     if not r.parameters:
-        return ""
+        return None
     free = [p for p in r.parameters if p.status != "fixed"]
     fixed = [p for p in r.parameters if p.status == "fixed"]
     heads = ["parameter", "unit", "nominal", "value", "95 % interval", "error", "tolerance",
              "error against tolerance", "sigma by noise", "sigma, data only", "status"]
     note = ("Bars: error in tolerances, shaded: one to each side, ends: three; "
             "line: 95 % interval; red tip: beyond the end.")
-    out = ("<h2>Parameters</h2>" + paragraph(note, "note")
-           + table("", heads, [_row(p) for p in free], sort=True))
+    out = paragraph(note, "note") + table("", heads, [_row(p) for p in free], sort=True)
     if fixed:
         rows = [[dotted(p.name), amount(p.value, exact(p.value)), words(p.unit)] for p in fixed]
         name = f"{count(len(fixed), 'parameter')} held fixed"
         out += (f"<details><summary>{name}</summary>"
                 + table("", ["parameter", "value", "unit"], rows) + "</details>")
-    return out
+    far = sum((p.tolerances or 0.0) > 3.0 for p in free)
+    return Section("Parameters", out, f"{count(len(free), 'parameter')} identified"
+                   + f", {far} beyond 3 tolerances" * bool(far))
 
 
 def _row(p: ParameterEstimate) -> list[Cell]:
@@ -153,52 +164,56 @@ def _row(p: ParameterEstimate) -> list[Cell]:
                   "warn" if p.status == "redundant" or p.disagree else "")]
 
 
-def redundant(r: IdentificationRecord) -> str:
+def redundant(r: IdentificationRecord) -> Section | None:
     """Return the unidentifiable combinations, one line for each redundant quantity."""
     rows = [[dotted(c.name or "?"), words(typeset(combination(c)), "wrap")] for c in r.redundant]
     if not rows:
-        return ""
+        return None
     note = ("A change of the quantity and this change of the others act alike: only their "
             "combination can be identified, and predictions do not depend on how it is split; the "
             "prior splits it by the tolerances. Coefficients are in the file's units.")
-    return ("<h3>Unidentifiable combinations</h3>"
-            + table("", ["one unit of", "acts like"], rows) + paragraph(note, "note"))
+    return Section("Unidentifiable combinations", table("", ["one unit of", "acts like"], rows)
+                   + paragraph(note, "note"), count(len(rows), "combination"), folded=True)
 
 
-def correlations(r: IdentificationRecord) -> str:
+def correlations(r: IdentificationRecord) -> Section | None:
     """Return the strongest correlations."""
     found = sorted(((-abs(c.value), c) for c in r.correlations if c.value is not None),
                    key=lambda f: f[0])
     rows = [[dotted(c.a), dotted(c.b), amount(c.value)] for _, c in found[:12]]
+    if not rows:
+        return None
     more = f"the strongest 12 of {len(found)}" if len(found) > 12 else ""
-    return ("<h3>Strong correlations</h3>" + table(more, ["parameter", "with", "correlation"], rows)
-            if rows else "")
+    return Section("Strong correlations",
+                   table(more, ["parameter", "with", "correlation"], rows, sort=True),
+                   count(len(found), "pair"), folded=True)
 
 
-def plots(one: Identified) -> str:
+def plots(one: Identified) -> Section | None:
     """Return the residual plots."""
     drawings = residual_figures(one.residuals, one.record.units, one.positions)
     if not drawings or one.residuals is None:
-        return ""
+        return None
     keep = used(one.residuals)
     out = whole(int((~keep).sum()))
-    note = (count(one.residuals.size, "row")
-            + ("." if keep.all() else f", {out} of them left out of the fit."))
-    return ("<h2>Residuals</h2>" + paragraph(note, "note")
-            + figures(drawings))
+    note = count(one.residuals.size, "row") + (
+        "" if keep.all() else f", {out} of them left out of the fit")
+    return Section("Residuals", figures(drawings), note)
 
 
-def excluded(one: Identified) -> str:
+def excluded(one: Identified, index: int) -> Section | None:
     """Return the rows that the fit left out, with reasons."""
     entries = excluded_rows(one)
     if not entries:
-        return ""
+        return None
     rows = [[words(e.dataset), amount(e.row, exact(e.row)), words(e.reason, "wrap")]
             for e in entries[:MAX_ROWS]]
     more = (f"the first {MAX_ROWS} of {whole(len(entries))}; residuals.csv has them all"
             if len(entries) > MAX_ROWS else "")
-    return (f"<h3>{count(len(entries), 'row')} left out of the fit</h3>"
-            + table(more, ["data set", "row", "reason"], rows, sort=True))
+    keys = [row_key(index, e.dataset, e.row or 0) for e in entries[:MAX_ROWS]]
+    return Section(f"{count(len(entries), 'row')} left out of the fit",
+                   table(more, ["data set", "row", "reason"], rows, sort=True, keys=keys),
+                   folded=True)
 
 
 def excluded_rows(one: Identified) -> tuple[ExcludedRow, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.io.results.commands import accepted_sentence
-from ppmcal.io.results.kinematics import solved_sentence
+from ppmcal.io.results.kinematics import KinematicsRecord, modes_sentence, solved_sentence
 from ppmcal.report.format import count, sig, to_sigma, whole
 from ppmcal.report.headlines import finding_text
 from ppmcal.report.html import (
@@ -23,19 +23,23 @@ from ppmcal.report.html import (
     table,
     words,
 )
+from ppmcal.report.kinematics_figures import kinematics_figures
 from ppmcal.report.records import Columns, ComparedMachines, Other, ResidualRows, Simulated
 from ppmcal.report.residual_figures import command_figure, truth_figures
+from ppmcal.report.section import Section, filled
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
+CHAPTERS = {"path": "Path", "pose": "Pose", "joints": "Joints", "rates": "Rates",
+            "singularity": "Distance to singularity"}
 
 
-def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> str:
+def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Section:
     """Return summary, first rows and refused rows of a compensation."""
     t = rows.table
-    out = ["<h2>Compensation</h2>", paragraph(f"From {rows.folder}.", "note")]
+    out = []
     if t is None:
-        return "".join([*out, scalars(rows.record.entries())])
+        return Section("Compensation", scalars(rows.record.entries()), rows.folder)
     good = np.ones(t.size, dtype=bool)
     good[list(rows.flagged)] = False
     out.append(paragraph(f"{accepted_sentence(int(good.sum()), t.size)}."))
@@ -53,10 +57,11 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> str:
                      ["error", "unit", "mean", "rms", "max"], stats))
     out.append(figures([command_figure(rows, k, lengths.get(q, ""))
                         for k, q in (("position", "length"), ("rotation", "angle"))]))
-    return "".join([*out, _commands(t, np.flatnonzero(good)), refused(rows)])
+    return Section("Compensation", "".join(out), rows.folder,
+                   parts=filled([_commands(t, np.flatnonzero(good)), refused(rows)]))
 
 
-def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> str:
+def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> Section:
     """Return the first accepted rows: what was wanted, what to send, and by how much it differs."""
     sent = [h for h in t.header if h.startswith(("q_", "cmd_")) and not h.endswith("_nominal")]
     errors = [h for h in t.numbers if h.startswith(("error_", "sigma_"))]
@@ -82,42 +87,50 @@ def _commands(t: Columns, rows: Sequence[int] | np.ndarray[Any, Any]) -> str:
             if len(rows) > SHOWN else "rounded; commands.csv has all digits")
     plain = [h.removeprefix("error_").replace("_", " ") if h.startswith("error_")
              else h.replace("_", " ") for h in errors]
-    return (paragraph(f"Commands: {more}. Δ: change against the uncorrected command.", "note")
-            + table("", [*heads, *plain], body))
+    note = f"{more[:1].upper()}{more[1:]}. Δ: change against the uncorrected command."
+    return Section("Commands", paragraph(note, "note")
+                   + table("", [*heads, *plain], body, sort=True) if body else "")
 
 
-def refused(rows: ResidualRows) -> str:
+def refused(rows: ResidualRows) -> Section | None:
     """Return the rows that were refused or have a remark."""
     t = rows.table
     if t is None or not rows.flagged:
-        return ""
+        return None
     status, reason = t.words("status"), t.words("reason")
     body = [[amount(float(i + 1), f"{i + 1}"), words(status[i]), words(reason[i], "wrap")]
             for i in rows.flagged[:MAX_ROWS]]
     more = (f"the first {MAX_ROWS} of {whole(len(rows.flagged))}; {rows.kind}.csv has them all"
             if len(rows.flagged) > MAX_ROWS else "")
-    return (f"<h3>{count(len(rows.flagged), 'row')} refused or with a remark</h3>"
-            + table(more, ["row", "status", "reason"], body, sort=True))
+    return Section(f"{count(len(rows.flagged), 'row')} refused or with a remark",
+                   table(more, ["row", "status", "reason"], body, sort=True))
 
 
-def kinematics_section(rows: ResidualRows) -> str:
+def kinematics_section(rows: ResidualRows) -> Section:
     """Return how many rows were solved, and those that were not."""
     size = rows.table.size if rows.table is not None else 0
     done = size - len(rows.flagged)
-    text = f"{solved_sentence(done, size)}. " if size else ""
-    text += f"From {rows.folder}."
-    return "<h2>Kinematics</h2>" + paragraph(text) + scalars(rows.record.entries()) + refused(rows)
+    text, parts = f"{solved_sentence(done, size)}." if size else "", []
+    if isinstance(rows.record, KinematicsRecord):
+        modes = rows.record.modes
+        if modes is not None:
+            text = (f"{count(sum(modes.counts), 'pose')} in {count(len(modes.counts), 'row')} of "
+                    f"joint values. {modes_sentence(modes)} The machine's own is drawn.")
+        drawn = {} if rows.table is None else kinematics_figures(rows.record, rows.table)
+        parts = [Section(CHAPTERS[name], figures(drawings), count(len(drawings), "picture"),
+                         folded=name in ("pose", "rates")) for name, drawings in drawn.items()]
+    return Section("Kinematics", paragraph(text) + scalars(rows.record.entries()), rows.folder,
+                   parts=filled([*parts, refused(rows)]))
 
 
-def other_section(other: Other) -> str:
+def other_section(other: Other) -> Section:
     """Return findings, plain facts and the size of any other output."""
     findings = [finding_text(f) for f in other.record.findings or ()]
     clean = other.record.findings is not None and not findings
-    size = f"{count(other.table.size, 'row')} in its CSV. " if other.table is not None else ""
-    return (f"<h2>{other.kind.capitalize()}</h2>"
-            + paragraph(f"{size}From {other.folder}.", "note")
-            + paragraph("Nothing was found wrong." if clean else "")
-            + bullets(findings) + scalars(other.record.entries()))
+    size = f"{count(other.table.size, 'row')} in its CSV." if other.table is not None else ""
+    return Section(other.kind.capitalize(), paragraph(size, "note")
+                   + paragraph("Nothing was found wrong." if clean else "")
+                   + bullets(findings) + scalars(other.record.entries()), other.folder)
 
 
 def scalars(record: Mapping[str, Any]) -> str:
@@ -134,15 +147,15 @@ def scalars(record: Mapping[str, Any]) -> str:
     return table("", ["what", "value"], pairs)
 
 
-def simulation_section(s: Simulated, note: str = "") -> str:
+def simulation_section(s: Simulated, note: str = "") -> Section:
     """Return what was simulated; ``note`` is what to say of its truth."""
     rows = count(s.measurements.size, "measurement") if s.measurements is not None else "no CSV"
     seed = None if s.truth is None else s.truth.provenance.seed
     text = f"{rows} simulated in {s.folder}" + (f", seed {seed}." if seed is not None else ".")
-    return "<h2>Simulation</h2>" + paragraph(text) + paragraph(note)
+    return Section("Simulation", paragraph(text) + paragraph(note))
 
 
-def truth_section(c: ComparedMachines) -> str:
+def truth_section(c: ComparedMachines) -> Section:
     """Return the errors put in against those found."""
     body: list[list[Cell]] = []
     for r in c.rows:
@@ -160,10 +173,10 @@ def truth_section(c: ComparedMachines) -> str:
                 f"(about {sig(0.0455 * z.size, 2)} expected); rms of z {sig(_rms(z))}.")
     heads = ["parameter", "error true", "error found", "found − true", "sigma", "unit", "z",
              "status"]
-    return ("<h2>Simulated truth against identified</h2>" + paragraph(text)
-            + paragraph(c.note, "bad")
-            + table("z = (found − true) / sigma", heads, body, sort=True)
-            + figures(truth_figures(c)))
+    return Section("Simulated truth against identified", paragraph(text)
+                   + paragraph(c.note, "bad") + figures(truth_figures(c))
+                   + table("z = (found − true) / sigma", heads, body, sort=True),
+                   f"{c.truth} and {c.identified}")
 
 
 def _rms(values: np.ndarray[Any, Any]) -> float:

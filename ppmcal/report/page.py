@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from html import escape
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.io.output import plain
@@ -18,9 +16,9 @@ from ppmcal.report.comparison import verdict as comparison_verdict
 from ppmcal.report.controllers import export_section
 from ppmcal.report.design import design_headline, design_section, look_at
 from ppmcal.report.diagnosis import diagnosis_section
-from ppmcal.report.format import exact, with_unit
+from ppmcal.report.format import exact, listed, with_unit
 from ppmcal.report.headlines import figure, headline
-from ppmcal.report.html import amount, definitions, page, part, table, words
+from ppmcal.report.html import amount, definitions, part, table, words
 from ppmcal.report.identification import excluded_rows, identified_section
 from ppmcal.report.other import (
     compensation_section,
@@ -38,30 +36,32 @@ from ppmcal.report.records import (
     ResidualRows,
 )
 from ppmcal.report.residuals import used, white
+from ppmcal.report.section import Section, page
 from ppmcal.report.truth import stray_note
 from ppmcal.report.validation import lead as validation_lead
 from ppmcal.report.validation import validation_section
+from ppmcal.report.verdict import verdicts
 
 MOST_LOOKED_AT = 60
 
 
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
-    single = len(data.identified) == 1
-    return page(title=title(data), lead=_lead(data),
-                tiles=_tiles(data.identified[0]) if single else [], look=_look(data),
-                sections=[Markup(section) for section in _sections(data) if section],
-                version=__version__, folders=", ".join(data.folders))
+    verdict = verdicts(data)
+    return page(title=title(data), lead=[] if verdict else _lead(data), verdicts=verdict,
+                look=_look(data), chapters=chapters(data), folders=", ".join(data.folders))
 
 
-def _sections(data: ReportData) -> list[str]:
-    """Return the sections of the page, ready HTML."""
-    out = [validation_section(v) for v in data.validated]
-    out += [diagnosis_section(d) for d in data.diagnosed]
-    for one in data.identified:
-        if len(data.identified) > 1:
-            out.append(part("session", one.name, one.folder, _tiles(one)))
-        out.append(identified_section(one))
+def chapters(data: ReportData) -> list[Section]:
+    """Return the chapters of the page, what is most asked for first."""
+    out = [diagnosis_section(d) for d in data.diagnosed]
+    several = len(data.identified) > 1
+    for n, one in enumerate(data.identified):
+        days = listed([d.name for d in one.record.datasets], 2)
+        name = ": ".join(filter(None, [f"Calibration of {one.name}", days])) if several else (
+            "Calibration")
+        out.append(identified_section(one, n, name, part("tiles", _tiles(one))))
+    out += [validation_section(v) for v in data.validated]
     out += [compensation_section(r, units_of(r, data)) for r in data.compensated]
     out += [kinematics_section(r) for r in data.kinematics]
     out += [design_section(d) for d in data.designed]
@@ -170,9 +170,9 @@ def _datasets(record: Mapping[str, Any]) -> str:
     return table("", ["data set", "instrument", "file", "rows", "used"], rows)
 
 
-def _provenance(data: ReportData) -> str:
+def _provenance(data: ReportData) -> Section:
     """Return versions, commands, seeds and the check sums of all inputs."""
-    out = ["<h2>Where this comes from</h2>"]
+    out = []
     for name, record in records(data):
         p = record.get("provenance") or {}
         facts = [("Command", str(p.get("command") or ""))]
@@ -182,9 +182,9 @@ def _provenance(data: ReportData) -> str:
         inputs = [[words(f), words(h, "hash")] for f, h in (p.get("inputs") or {}).items()]
         sums = table("", ["input", "SHA-256"], inputs)
         if sums or any(v for _, v in facts):
-            out.append(f"<h3>{escape(name)}</h3>" + definitions(facts, "Command")
-                       + _datasets(record) + sums)
-    return "".join(out)
+            out.append(Section(name, definitions(facts, "Command") + _datasets(record) + sums,
+                               folded=True))
+    return Section("Where this comes from", parts=tuple(out))
 
 
 def to_json(data: ReportData) -> dict[str, Any]:

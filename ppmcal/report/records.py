@@ -104,18 +104,20 @@ class ResidualRows:
                      if (s.strip().lower() not in FINE if s.strip() else bool(r.strip())))
 
 
-FINE = frozenset({"ok", "done", "good", "solved", "corrected", "compensated", "1", "true"})
+FINE = frozenset({"ok", "done", "good", "solved", "corrected", "compensated", "1", "true",
+                  "other mode"})
 """Words by which a row's status says that there is nothing to look at."""
 
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """Output of ``diagnose``."""
+    """Output of ``diagnose``; ``next``: the rows of next.csv, None without."""
 
     folder: str
     record: DiagnosisRecord
     effects: Columns | None
     residuals: Columns | None = None
+    next: Columns | None = None
 
 
 @dataclass(frozen=True)

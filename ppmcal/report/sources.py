@@ -30,6 +30,8 @@ _NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sig
 _PREFIXES = ("before_", "after_", "sigma_", "error_", "q_", "cmd_", "rate_")
 _COMMANDS = re.compile(r"x|y|(q|cmd)_.+|(error_(position|rotation)_(before|after))"
                        r"|sigma_(position|rotation)")
+_KINEMATICS = re.compile(r"[xyz]|r[xyz]|euler_[123]|quat_[xyzw]|(q|rate)_.+"
+                         r"|condition|time")
 
 def digest(path: Path) -> str:
     """Return the SHA-256 of a file, empty if it cannot be read."""
@@ -48,6 +50,16 @@ def is_number_column(name: str) -> bool:
 def is_command_number(name: str) -> bool:
     """Whether a column of commands.csv is ppmcal's own; others come from the user's targets."""
     return _COMMANDS.fullmatch(name) is not None
+
+
+def is_kinematics_number(name: str) -> bool:
+    """Whether a column of kinematics.csv holds numbers that are drawn."""
+    return _KINEMATICS.fullmatch(name) is not None
+
+
+def is_shown_of_kinematics(name: str) -> bool:
+    """Whether a column of kinematics.csv is drawn, or says how its row went."""
+    return is_kinematics_number(name) or name in ("t", "row", "own", "status", "reason")
 
 
 def read_columns(path: Path, whole: bool = True, wanted: Callable[[str], bool] | None = None,

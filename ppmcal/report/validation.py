@@ -22,16 +22,16 @@ from ppmcal.plotting.plot import BOTTOM, TOP, Axis, marks, plot, span, strokes
 from ppmcal.report.format import sig, typeset
 from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
 from ppmcal.report.records import OtherDays
+from ppmcal.report.section import Section
 
 ROW, NAMES = 17.0, 170.0
 """Height of a line and room for names, points."""
 STYLES = {"better": "after", "worse": "out"}
 
 
-def validation_section(one: OtherDays) -> str:
+def validation_section(one: OtherDays) -> Section:
     """Return everything about one validation."""
-    return "".join(["<h2>On other measurements</h2>", paragraph(f"From {one.folder}.", "note"),
-                    days(one.record.datasets)])
+    return Section("On other measurements", days(one.record.datasets), one.folder)
 
 
 def days(datasets: Sequence[ValidatedDataset]) -> str:

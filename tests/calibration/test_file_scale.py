@@ -20,8 +20,8 @@ from ppmcal.io import read_mechanism
 from ppmcal.io.sidecar import scale_of
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.forward import forward
-from ppmcal.kinematics.partial_pose import carried_back, pose_vector
-from ppmcal.kinematics.registration import measured_pose
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.registration import carried_back, measured_pose
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration

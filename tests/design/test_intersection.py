@@ -4,6 +4,7 @@ import csv
 
 import numpy as np
 import pytest
+import yaml
 from helpers import machines
 from helpers.commands import ppmcal
 from helpers.machines import PLANAR
@@ -11,8 +12,14 @@ from helpers.paths import ROOT
 
 from ppmcal import algebra as cga
 from ppmcal.design.assembly_modes import assembly_modes
-from ppmcal.design.intersection import flat_point, forward_by_intersection, intersections
-from ppmcal.errors import NoResult
+from ppmcal.design.intersection import (
+    flat_point,
+    forward_by_intersection,
+    intersections,
+    require_meet,
+)
+from ppmcal.design.intersection_spatial import tripod_circles
+from ppmcal.errors import BadInput, NoResult
 from ppmcal.io import read_mechanism
 from ppmcal.kinematics import forward as newton
 from ppmcal.kinematics.closure import Model
@@ -58,6 +65,48 @@ def test_the_intersection_is_newtons_pose_of_every_planar_limb(kind):
     for mechanism in cases:
         q, _ = machines.spread(Model(mechanism), 6)
         assert agree(mechanism, q) == 6
+
+
+SPATIAL = {"delta on rails": lambda: machines.delta("(P)US", 3),
+           "delta with cranks": lambda: machines.delta("(R)US", 3),
+           "tripod": lambda: machines.plain("R(P)S"), "full tripod": lambda: machines.full("R(P)S")}
+
+
+@pytest.mark.parametrize("name", SPATIAL)
+def test_the_intersection_is_newtons_pose_of_deltas_and_tripods(name):
+    mechanism = SPATIAL[name]()
+    q, _ = machines.spread(Model(mechanism), 4, size=2.0)
+    assert agree(mechanism, q) == 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["3-RPS", "delta-linear", "delta-rotary"])
+def test_the_intersection_is_newtons_pose_on_shipped_spatial_machines(name):
+    mechanism = read_mechanism(ROOT / "configs" / f"{name}.yaml")
+    model = Model(mechanism)
+    home = home_state(mechanism).q
+    part = np.random.default_rng(1).uniform(-3.0, 3.0, (10, home.size))
+    q = np.concatenate([home[None], home + part * machines.joint_steps(model)])
+    assert agree(mechanism, q) == 11
+
+
+@pytest.mark.slow
+def test_all_modes_of_a_tripod_are_those_of_a_search():
+    """The resultant has degree 8 to round-off; Newton from drawn starts finds no other pose."""
+    model = Model(machines.full("R(P)S"))
+    q, _ = machines.spread(model, 3)
+    for row in q:
+        closure = model.closure(row)
+        circles = tripod_circles(closure, cga.coordinates(closure.moving[0])[::2])
+        even = 2.0 * np.pi * np.arange(64) / 64
+        spectrum = np.abs(np.fft.rfft(circles.resultant(even)))
+        assert spectrum[9:].max() < 1e-12 * spectrum.max() < spectrum[8]
+        found = intersections(closure)
+        searched = assembly_modes(model, row)
+        assert len(found) == len(searched) and len(found) % 2 == 0
+        for pose in searched.motors:
+            near = np.abs(machines.difference(found, np.tile(pose, (len(found), 1))))
+            assert near.max(axis=1).min() < ROUND_OFF
 
 
 @pytest.mark.parametrize("kind", PLANAR)
@@ -160,7 +209,7 @@ def test_machines_without_intersection_are_refused(tmp_path):
     (tmp_path / "e.yaml").write_text(machines.plain_text(
         "R(P)R", effects=[{"kind": "gain", "parameters": {"gain": 0.001}}]))
     (tmp_path / "l.yaml").write_text(on_a_line())
-    for file, says in (("m.yaml", "planar"), ("e.yaml", "effects")):
+    for file, says in (("m.yaml", "its platform turns"), ("e.yaml", "effects")):
         mechanism = read_mechanism(tmp_path / file)
         joints(tmp_path, mechanism, [home_state(mechanism).q])
         run = ppmcal("kinematics", "forward", file, "q.csv", "--method", "intersection",
@@ -174,4 +223,17 @@ def test_machines_without_intersection_are_refused(tmp_path):
     assert "on one line" in " ".join(run.out.split())
     run = ppmcal("kinematics", "inverse", "l.yaml", "q.csv", "--method", "intersection",
                  cwd=tmp_path, expect=2)
-    assert "--method goes with forward" in run.err
+    assert "--method goes with forward: every limb's" in " ".join(run.err.split())
+
+
+def test_offset_universal_joints_are_refused(tmp_path):
+    text = (ROOT / "configs" / "delta-linear.yaml").read_text(encoding="utf-8")
+    tree = yaml.safe_load(text)
+    tree["limbs"][1]["base"] |= {"axis": [0.3, 0.1, 1.0], "axis_offset": 4.0}
+    (tmp_path / "offset.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
+    (tmp_path / "plain.yaml").write_text(text, encoding="utf-8")
+    require_meet(read_mechanism(tmp_path / "plain.yaml"))
+    with pytest.raises(BadInput, match=f"a universal joint of {tree['limbs'][1]['name']} do"):
+        require_meet(read_mechanism(tmp_path / "offset.yaml"))
+    with pytest.raises(BadInput, match="its platform turns"):
+        require_meet(machines.offset_joints("(P)US", "base"))

@@ -50,9 +50,10 @@ def read(html: str) -> Checker:
 
 
 def cells(page: str, caption: str) -> list[list[str]]:
-    """Return the rows of the table whose caption begins so, heads first."""
-    body = next(t for t in re.findall(r"<table.*?</table>", page) if f"<caption>{caption}" in t)
-    rows = re.findall(r"<tr>.*?</tr>", body)
+    """Return the rows of the table whose caption begins so, or whose part does; heads first."""
+    at = next(page.index(t) for t in (f"<caption>{caption}", f"<h3>{caption}") if t in page)
+    body = page[page.index("<thead>", at):page.index("</table>", at)]
+    rows = re.findall(r"<tr[ >].*?</tr>", body)
     return [[unescape(re.sub(r"<[^>]*>", "", c))
              for c in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)] for row in rows]
 

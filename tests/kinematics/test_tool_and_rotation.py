@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import machines
 from helpers.commands import ppmcal
+from helpers.paths import ROOT
 from scipy.spatial.transform import Rotation
 
 from ppmcal.errors import BadInput
@@ -14,7 +15,14 @@ from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.kinematics.partial_pose import PoseConvention, pose_motor, pose_vector
-from ppmcal.kinematics.rotations import ORDERS, euler_rates, from_euler, to_euler, to_quaternion
+from ppmcal.kinematics.rotations import (
+    ORDERS,
+    euler_like,
+    euler_rates,
+    from_euler,
+    to_euler,
+    to_quaternion,
+)
 from ppmcal.kinematics.tables import forward_table, inverse_table, tool_poses, velocity_table
 from ppmcal.model.dataset import environment
 
@@ -169,6 +177,90 @@ def test_single_euler_angles_can_be_left_open(order):
     table = inverse_table(model, wanted, convention=convention)
     assert table.status == ("ok",) * 5
     np.testing.assert_allclose(table.q, q, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [o for o in ORDERS if o[0] == o[2] and o[0] in "zZ"])
+@pytest.mark.parametrize("tilt", [0.2, -0.2, 1e-7, 0.0])
+def test_tilt_and_azimuth_of_a_tripod_that_is_level_at_home(order, tilt):
+    """Home is in gimbal lock: the azimuth has no rate there, and the open turn follows all the
+    same, so that the three angles are the pose."""
+    mechanism, convention = level_tripod(), PoseConvention(rotation=f"euler-{order}")
+    model = Model(mechanism)
+    for azimuth, open_ in ((0.6, 5), (-2.4, 5), (0.6, 3)):
+        wanted = np.full((1, 6), np.nan)
+        wanted[0, 2], wanted[0, 4], wanted[0, 8 - open_] = 0.1, tilt, azimuth
+        table = inverse_table(model, wanted, convention=convention)
+        assert table.status == ("ok",)
+        angles, locked = euler_like(table.pose[:, 3:], wanted[:, 3:], convention.rotation)
+        named = np.isfinite(wanted[0, 3:])
+        np.testing.assert_allclose(angles[0, named], wanted[0, 3:][named], atol=1e-6)
+        off = Rotation.from_rotvec(from_euler(angles, convention.rotation)).inv() * (
+            Rotation.from_rotvec(table.pose[:, 3:]))
+        assert off.magnitude().max() < 1e-6 and not locked.any()
+        np.testing.assert_allclose(forward_table(model, table.q).pose, table.pose, atol=1e-9)
+        height = Rotation.from_rotvec(table.pose[0, 3:]).as_matrix()[2, 2]
+        assert np.arccos(min(height, 1.0)) == pytest.approx(abs(tilt), abs=1e-7)
+
+
+def level_tripod():
+    """Return a 3-RPS machine, level at home."""
+    return machines.read_text(machines.plain_text("R(P)S", lambda i, limb: limb | {
+        "base": limb["base"] | {"point": machines._turned([85.0, 0.0, 0.0], 120.0 * i),
+                                "axis": machines._turned([0.0, 1.0, 0.0], 120.0 * i)},
+        "platform": {"point": machines._turned([51.0, 0.0, 0.0], 120.0 * i)}}))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_angles_in_gimbal_lock_are_taken_as_they_are(order):
+    """Inverse and velocity of poses at which two of three named angles turn about one axis."""
+    middle = 0.0 if order[0] == order[2] else np.pi / 2.0
+    angles = np.array([[0.7, middle, -0.5], [0.2, -middle, 0.0], [0.3, middle + 1e-9, 0.1]])
+    own, locked = euler_like(from_euler(angles, f"euler-{order}"), angles, f"euler-{order}")
+    np.testing.assert_allclose(own, angles, atol=1e-6)
+    assert not locked.any()
+    mechanism = machines.plain("U(P)S")
+    model, tool = Model(mechanism), SPATIAL_TOOL
+    if order[0] != order[2]:
+        return  # a quarter turn is beyond this machine
+    at = np.concatenate([np.tile(carried(mechanism.home[None], tool)[:, :3], (3, 1)),
+                         0.02 * angles], axis=1)
+    at[:, 4] = [0.0, 0.0, 1e-9]
+    twist = np.random.default_rng(2).uniform(-0.1, 0.1, (3, 6))
+    vector = np.concatenate([at[:, :3], from_euler(at[:, 3:], f"euler-{order}")], axis=1)
+    for one, other in ((inverse_table(model, at, convention=PoseConvention(tool, f"euler-{order}")),
+                        inverse_table(model, vector, convention=PoseConvention(tool))),
+                       (velocity_table(model, at, twist,
+                                       convention=PoseConvention(tool, f"euler-{order}")),
+                        velocity_table(model, vector, twist, convention=PoseConvention(tool)))):
+        assert one.status == ("ok",) * 3
+        np.testing.assert_allclose(one.q, other.q, atol=1e-12)
+        np.testing.assert_allclose(one.rate, other.rate, atol=1e-12)
+
+
+def test_effects_are_made_up_for_in_gimbal_lock():
+    """The base gives way and tilts: joints that level the platform again, whatever the azimuth."""
+    mechanism = machines.read_text(machines.plain_text("U(P)S", effects=[
+        {"kind": "base_compliance", "parameters": {"z_fz": 1e-3, "rx_fz": 1e-4}}]))
+    model = Model(mechanism)
+    load = environment({"payload": np.array([20.0])}, mechanism.actuators, mechanism.gravity,
+                       np.zeros((1, 6)))
+    wanted = np.concatenate([mechanism.home_pose[:3], [0.5, 0.0, -0.4]])[None]
+    table = inverse_table(model, wanted, load, PoseConvention(rotation="euler-ZYZ"))
+    assert table.status == ("ok",)
+    reached = forward_table(model, table.q, load).pose
+    np.testing.assert_allclose(reached, [[*wanted[0, :3], 0.0, 0.0, 0.1]], atol=1e-9)
+
+
+def test_open_angles_of_files_go_with_the_named_ones(tmp_path):
+    (tmp_path / "m.yaml").write_text((ROOT / "configs" / "3-RPS.yaml").read_text())
+    names = ["x", "y", "z", "euler_1", "euler_2", "euler_3"]
+    wanted = [[np.nan, np.nan, 100.0, 30.0, tilt, np.nan] for tilt in (0.0, 8.0, -8.0)]
+    write(tmp_path / "p.csv", names, wanted)
+    ppmcal("kinematics", "inverse", "m.yaml", "p.csv", "--rotation", "euler-ZYZ", cwd=tmp_path,
+           expect=0)
+    found = read(tmp_path / "kinematics" / "kinematics.csv", names)
+    np.testing.assert_allclose(found[:, 3:], [[30.0, t, -30.0] for t in (0.0, 8.0, -8.0)],
+                               atol=1e-6)
 
 
 def test_the_parasitic_turn_of_a_tripod():

@@ -160,5 +160,6 @@ def test_who_failed_or_changed_is_to_be_looked_at_and_nothing_is_fetched():
     assert "ppmcal identify x.yaml" in page
     assert "<svg" in page
     links = re.findall(r'(?:src|href)="([^"]*)"', page)
-    assert set(links) == {"a/2026-01-10/identify/", "b/2026-01-10/identify/"}
+    assert {link for link in links if link[0] != "#"} == {"a/2026-01-10/identify/",
+                                                          "b/2026-01-10/identify/"}
     assert "http" not in re.sub(r'xmlns(:\w+)?="http[^"]+"', "", page)

@@ -138,7 +138,7 @@ def test_identification_comes_first(tmp_path: Path) -> None:
     fit = write_fit(tmp_path / "fit", identification())
     data = collect([write(tmp_path / "ws", "workspace"), fit])
     html = to_html(data)
-    assert html.index("<h2>Parameters") < html.index("<h2>Workspace")
+    assert html.index("<h3>Parameters") < html.index("<h2>Workspace")
     assert "<title>Calibration report" in html
     assert "Workspace and singularities: The workspace is" in to_json(data)["headline"][-1]
 

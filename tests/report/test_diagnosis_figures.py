@@ -44,6 +44,7 @@ from ppmcal.report.diagnosis_format import power, scientific
 from ppmcal.report.figure_files import PNG_SCALE, diagnosis_files
 from ppmcal.report.format import sig
 from ppmcal.report.records import Diagnosed
+from ppmcal.report.section import placed
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
@@ -442,8 +443,9 @@ def test_inputs_picture(cases: Callable[[str], Case]) -> None:
 
 
 def section(record: Record) -> str:
-    return re.sub(r"<style>.*?</style>|<[^>]*>", " ", diagnosis_section(
-        Diagnosed("d", DiagnosisRecord.model_validate(record), None)).replace("</p>", " "))
+    (chapter,) = placed([diagnosis_section(Diagnosed("d", DiagnosisRecord.model_validate(record),
+                                                     None))])
+    return re.sub(r"<style>.*?</style>|<[^>]*>", " ", chapter.html.replace("</p>", " "))
 
 
 def test_diagnosis_of_nothing(cases: Callable[[str], Case]) -> None:

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from ppmcal.io import csv_text
-from ppmcal.io.results.record import Finite, Part, Provenance, Record, Text, Whole
+from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Shown, Text, Whole
 from ppmcal.io.results.tables import filled_columns, joint_columns, pose_columns, unit_map
-from ppmcal.io.rotations import columns_of
-from ppmcal.kinematics.rotations import to_euler, to_quaternion
-from ppmcal.kinematics.tables import KinematicsTable
-from ppmcal.linalg import Array
+from ppmcal.io.rotations import EULER, columns_of
+from ppmcal.kinematics.rotations import euler_like, to_quaternion
+from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_value
+from ppmcal.linalg import Array, Bools, Ints
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
 
@@ -39,9 +38,12 @@ class PoseFormat:
     rotation: str = "rotvec"
     method: str = ""
 
-    def columns(self, mechanism: Mechanism, pose: Array) -> tuple[dict[str, Array],
-                                                                  NDArray[np.bool_]]:
-        """Return pose columns in file units, and rows whose Euler angles are not unique (N,)."""
+    def columns(self, mechanism: Mechanism, pose: Array, given: Mapping[str, Any] | None = None
+                ) -> tuple[dict[str, Array], Bools]:
+        """Return pose columns in file units, and rows whose Euler angles are not unique (N,).
+
+        Angles among the columns ``given`` stay as they are; the others go with them.
+        """
         own, locked = pose_columns(mechanism, pose), np.zeros(len(pose), dtype=bool)
         if self.rotation == "rotvec":
             return own, locked
@@ -49,9 +51,49 @@ class PoseFormat:
         if self.rotation == "quat":
             turned = to_quaternion(pose[:, 3:])
         else:
-            turned, locked = to_euler(pose[:, 3:], self.rotation)
-            turned = turned / mechanism.units.factor("angle")
+            unit, none = mechanism.units.factor("angle"), np.full(len(pose), np.nan)
+            named = np.stack([np.asarray((given or {}).get(name, none), dtype=float)
+                              for name in EULER], axis=1)
+            turned, locked = euler_like(pose[:, 3:], named * unit, self.rotation)
+            turned = turned / unit
         return own | dict(zip(columns_of(self.rotation), turned.T, strict=True)), locked
+
+
+@dataclass(frozen=True, eq=False)
+class ModeColumns:
+    """Which assembly mode each of M poses is.
+
+    Attributes:
+        row: of the table of joint values, from 1 (M,); mode: from 1 in each row, 0 for a row
+            without any pose (M,).
+        own: whether it is the machine's own mode, that of home and the branches (M,).
+        status: of the machine's own mode at each row of the table, with the reason (N,).
+        method: how they were found; complete: whether there can be no others.
+    """
+
+    row: Ints
+    mode: Ints
+    own: Bools
+    status: tuple[tuple[str, str], ...]
+    method: str
+    complete: bool
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns ``row``, ``mode`` and ``own`` (1 or 0)."""
+        return {"row": self.row, "mode": self.mode, "own": self.own.astype(int)}
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """How many modes each row of the table has."""
+        return tuple(int((self.mode[self.row == n] > 0).sum()) for n in np.unique(self.row))
+
+
+class AssemblyModes(Part):
+    """How many assembly modes each row has, how they were found, and whether that is all."""
+
+    method: Text = ""
+    complete: Flag = False
+    counts: tuple[Whole, ...] = ()
 
 
 class PosePoint(Part):
@@ -61,8 +103,19 @@ class PosePoint(Part):
     unit: Text = ""
 
 
+class Conditioning(Part):
+    """The smallest singular value at home, and the one below which a pose counts as singular."""
+
+    home: Shown | None = None
+    singular: Shown | None = None
+
+
 class KinematicsRecord(Record):
-    """kinematics.json: what was solved; ``status``: rows by status; ``units`` by column."""
+    """kinematics.json: what was solved.
+
+    ``status``: rows by status; ``units`` by column; ``limits``: lowest and highest value of each
+    joint that has limits, in its column's unit.
+    """
 
     FILE: ClassVar[str] = "kinematics.json"
     FORMAT: ClassVar[str] = "ppmcal/kinematics/1"
@@ -74,52 +127,108 @@ class KinematicsRecord(Record):
     rotation: Text = ""
     tool: PosePoint | None = None
     method: Text = ""
+    limits: Mapping[Text, tuple[Finite | None, Finite | None]] = Field(default_factory=dict)
+    conditioning: Conditioning = Conditioning()
+    modes: AssemblyModes | None = None
     provenance: Provenance = Provenance()
 
     @classmethod
     def of(cls, mechanism: Mechanism, table: KinematicsTable, which: str, form: PoseFormat,
-           names: Sequence[str], provenance: Mapping[str, Any]) -> KinematicsRecord:
+           names: Sequence[str], provenance: Mapping[str, Any],
+           modes: ModeColumns | None = None) -> KinematicsRecord:
         """Return the record of a table whose columns are ``names``."""
+        home = home_singular_value(mechanism)[0]
         chosen: dict[str, Any] = {"rotation": form.rotation}
         if form.tool is not None:
             point = form.tool / mechanism.units.factor("length")
             chosen["tool"] = PosePoint(point=tuple(point.tolist()), unit=mechanism.units.length)
         if form.method:
             chosen["method"] = form.method
+        if modes is not None:
+            chosen["modes"] = AssemblyModes(method=modes.method, complete=modes.complete,
+                                            counts=modes.counts)
         return cls(format=cls.FORMAT, which=which, rows=len(table.status),
                    status={s: table.status.count(s) for s in sorted(set(table.status))},
-                   units=unit_map(mechanism, names), **chosen,
+                   units=unit_map(mechanism, names), **chosen, limits=_limits(mechanism),
+                   conditioning=Conditioning(home=home, singular=SINGULAR * home),
                    provenance=Provenance.model_validate(provenance))
+
+
+def _limits(mechanism: Mechanism) -> dict[str, tuple[float | None, float | None]]:
+    """Return both limits of each joint that has any, file units; None where there is none."""
+    out = {}
+    for name, ends, (factor, _) in zip(mechanism.actuators, mechanism.limits,
+                                       mechanism.joint_units, strict=True):
+        low, high = (float(v / factor) if np.isfinite(v) else None for v in ends)
+        if low is not None or high is not None:
+            out[name] = (low, high)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicsFiles:
+    """kinematics.csv, column by column, and kinematics.json; ``locked``: rows in gimbal lock."""
+
+    columns: Mapping[str, Any]
+    record: KinematicsRecord
+    locked: int
+
+    def texts(self) -> dict[str, str]:
+        """Return file name -> text."""
+        return {"kinematics.csv": csv_text(list(self.columns), list(self.columns.values())),
+                self.record.FILE: self.record.text()}
 
 
 def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Sequence[str],
                      columns: Sequence[Any], which: str, provenance: Mapping[str, Any],
-                     form: PoseFormat | None = None) -> tuple[dict[str, str], int]:
-    """Return kinematics.csv and kinematics.json, and how many rows are in gimbal lock."""
+                     form: PoseFormat | None = None, modes: ModeColumns | None = None
+                     ) -> KinematicsFiles:
+    """Return what is written of a table.
+
+    Args:
+        mechanism: the machine.
+        table: kinematics of N rows, SI.
+        header: names of the columns that were given.
+        columns: those columns (N,), file units.
+        which: ``inverse``, ``forward`` or ``velocity``.
+        provenance: of kinematics.json.
+        form: tool point and convention of rotations.
+        modes: which assembly mode each row is, where all of them are wanted.
+    """
     form = form or PoseFormat()
-    pose, locked = form.columns(mechanism, table.pose if form.pose is None else form.pose)
-    added: dict[str, Any] = {}
-    solved = list(columns)
+    own = dict(zip(header, columns, strict=True))
+    pose, locked = form.columns(mechanism, table.pose if form.pose is None else form.pose,
+                                own if which == "inverse" else None)
+    added: dict[str, Any] = {} if modes is None else modes.columns()
     if which == "forward":
         added |= pose
     else:
         added |= joint_columns(mechanism, table.q, "q_{}")
-        solved = filled_columns(header, columns, pose) if which == "inverse" else solved
         locked[:] = False
     if which == "inverse":
+        own |= dict(zip(header, filled_columns(header, columns, pose), strict=True))
         added |= {k: v for k, v in pose.items() if k not in header}
     if which == "velocity":
         added |= joint_columns(mechanism, table.rate, "rate_{}")
-    own = dict(zip(header, solved, strict=True))
     added |= {"condition": table.singular_value, "status": list(table.status), "reason": [
         LOCKED if lock and not r else r for r, lock in zip(table.reason, locked, strict=True)]}
     # what was computed stands in place of input columns of the same name
     together = {**own, **added}
-    record = KinematicsRecord.of(mechanism, table, which, form, list(together), provenance)
-    return ({"kinematics.csv": csv_text(list(together), list(together.values())),
-             record.FILE: record.text()}, int(locked.sum()))
+    record = KinematicsRecord.of(mechanism, table, which, form, list(together), provenance, modes)
+    return KinematicsFiles(together, record, int(locked.sum()))
 
 
 def solved_sentence(solved: int, rows: int) -> str:
     """Return how many rows were solved."""
     return f"{solved} of {counted(rows, 'row')} solved"
+
+
+def modes_sentence(modes: ModeColumns | AssemblyModes) -> str:
+    """Return how many assembly modes the rows have, and whether that is all."""
+    counts = modes.counts
+    if not counts:
+        return ""
+    few, many = min(counts), max(counts)
+    said = f"{many}" if few == many else f"{few} to {many}"
+    more = "" if modes.complete else "; there may be more"
+    return f"Assembly modes in each row: {said} ({modes.method}{more})."

@@ -1,0 +1,82 @@
+"""Chapters of the page and their parts, which fold."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from ppmcal import __version__
+from ppmcal.report.html import part, template_text, whole_page
+
+
+@dataclass(frozen=True)
+class Section:
+    """A chapter, or a part of one.
+
+    Attributes:
+        title: plain text.
+        body: ready HTML, before the parts.
+        brief: plain text beside the title; of a part it is seen folded too.
+        folded: whether a part is closed when the page opens.
+        parts: of a chapter.
+    """
+
+    title: str
+    body: str = ""
+    brief: str = ""
+    folded: bool = False
+    parts: tuple[Section, ...] = ()
+
+
+def filled(parts: Iterable[Section | None]) -> tuple[Section, ...]:
+    """Return the parts that hold something."""
+    return tuple(p for p in parts if p is not None and (p.body or p.parts))
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A section with its name in links, and its parts likewise."""
+
+    name: str
+    section: Section
+    parts: tuple[Placed, ...] = ()
+
+    @property
+    def html(self) -> str:
+        """The section as HTML."""
+        return part("chapter", self)
+
+
+def placed(chapters: Sequence[Section]) -> list[Placed]:
+    """Return chapters with names that no two of them share.
+
+    >>> [c.name for c in placed([Section("Rows: all"), Section("Rows, all")])]
+    ['rows-all', 'rows-all-2']
+    """
+    taken: dict[str, int] = {}
+
+    def place(section: Section) -> Placed:
+        stem = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "part"
+        taken[stem] = taken.get(stem, 0) + 1
+        name = stem if taken[stem] == 1 else f"{stem}-{taken[stem]}"
+        return Placed(name, section, tuple(place(p) for p in section.parts))
+
+    return [place(c) for c in chapters]
+
+
+def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
+    """Return a whole page; text among ``values`` is escaped unless it is ``Markup``.
+
+    Args:
+        title: of the page.
+        chapters: in their order.
+        **values: ``lead`` (sentences), ``verdicts``, ``look`` (what needs a look), ``folders``.
+    """
+    css = "".join(template_text(f"page{name}.css") for name in ("", "_tables", "_end"))
+    return whole_page("page.html", title=title, chapters=placed(chapters), version=__version__,
+                      css=Markup(css), script=Markup(template_text("page.js")),
+                      **{"verdicts": (), "lead": (), **values})

@@ -1,0 +1,130 @@
+"""The page's first three lines: is it calibrated, how sure is that, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.diagnosis_wording import gap_closed, next_step
+from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
+from ppmcal.io.results.identification_wording import noise_verdict
+from ppmcal.report.format import count, typeset, with_unit
+from ppmcal.report.headlines import figure, main_kind
+from ppmcal.report.records import Diagnosed, Identified, ReportData
+
+State = Literal["ok", "warn", "bad"]
+MOST = 4
+"""So many machines have lines of their own."""
+SETTLED = ("none", "named", "")
+"""Verdicts of a diagnosis after which nothing is open."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A question, its answer as a word and a sentence, and how good that is."""
+
+    question: str
+    word: str
+    text: str
+    state: State
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Three lines about one machine; ``of`` names it where there are several."""
+
+    of: str
+    lines: tuple[Line, ...]
+
+
+def verdicts(data: ReportData) -> list[Verdict]:
+    """Return the verdict on each machine: on its last calibration, and its last diagnosis."""
+    found: dict[str, tuple[Identified, DiagnosisRecord | None]] = {}
+    by_folder = {d.folder: d for d in data.diagnosed}
+    for one in data.identified:
+        found[one.name] = one, _diagnosis(one, by_folder, data.diagnosed)
+    several = len(found) > 1
+    return [Verdict(name * several, _lines(one, d))
+            for name, (one, d) in list(found.items())[:MOST]]
+
+
+def _diagnosis(one: Identified, by_folder: dict[str, Diagnosed], every: Sequence[Diagnosed]
+               ) -> DiagnosisRecord | None:
+    """Return the diagnosis of an identification: of its folder, else of its measurements."""
+    if one.folder in by_folder:
+        return by_folder[one.folder].record
+    own = set(one.record.provenance.inputs.values()) - {""}
+    same = [d.record for d in every if own and own == set(d.record.provenance.inputs.values())]
+    return same[-1] if same else None
+
+
+def _lines(one: Identified, d: DiagnosisRecord | None) -> tuple[Line, ...]:
+    good = _calibrated(one, d)
+    return good, _certainty(one, d), _next(one, d, good.state)
+
+
+def _calibrated(one: Identified, d: DiagnosisRecord | None) -> Line:
+    """Return whether the machine is calibrated, and by how much."""
+    r, kind = one.record, main_kind(one)
+    before, after, held = (figure(one, s, kind) for s in ("before", "after", "holdout"))
+    fine = noise_verdict(r.noise)[1] and (d is None or d.verdict in SETTLED)
+    if after.rms is None:
+        return Line("Calibrated?", "Not known", "The folder does not say what is left.", "warn")
+    unit = after.unit
+    flow = " → ".join(with_unit(v, unit) for v in (before.rms, after.rms) if v is not None)
+    text = f"rms {kind} error {flow}"
+    if held.rms is not None:
+        text += f"; {with_unit(held.rms, unit)} on poses that the fit had not seen"
+    if before.rms is not None and after.rms > before.rms:
+        return Line("Calibrated?", "No", f"{text}: it rose.", "bad")
+    if r.converged is False:
+        return Line("Calibrated?", "No", f"{text}; the fit had not converged.", "bad")
+    if r.campaign is not None:
+        return Line("Calibrated?", "In part", f"{text}; these poses cannot tell all of it.", "warn")
+    if not fine:
+        return Line("Calibrated?", "Not fully", f"{text}; something is left that is not noise.",
+                    "warn")
+    return Line("Calibrated?", "Yes", f"{text}.", "ok")
+
+
+def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
+    """Return what speaks for it: noise, what unseen poses say, what cannot be identified."""
+    r = one.record
+    words, fine = noise_verdict(r.noise)
+    parts = [typeset(words)] if words else []
+    if d is not None and d.effects:
+        parts.append(gap_closed(d).rstrip("."))
+    free = sum(p.status != "fixed" for p in r.parameters)
+    if r.redundant:
+        parts.append(f"{count(len(r.redundant), 'combination')} of {count(free, 'parameter')} "
+                     "cannot be told apart by these poses, which predictions do not need")
+    weak = [p for p in r.parameters if p.disagree]
+    if weak:
+        parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")
+    text = "; ".join(f"{p[:1].upper()}{p[1:]}" if i == 0 else p for i, p in enumerate(parts))
+    sure = fine and not weak and (d is None or d.confirmed is not False or not d.effects)
+    if not parts:
+        return Line("How sure?", "Not known", "The folder does not hold a check of the noise.",
+                    "warn")
+    return Line("How sure?", "Sure" if sure else "With doubts", f"{text}.",
+                "ok" if sure else "warn")
+
+
+def _next(one: Identified, d: DiagnosisRecord | None, state: State) -> Line:
+    """Return what to do now."""
+    if d is not None and d.next_measurements.file:
+        return Line("Next?", "Measure", next_step(d), "warn")
+    if one.record.campaign is not None:
+        poses = count(one.record.campaign.poses, "more pose")
+        return Line("Next?", "Measure", f"{poses}, listed in next.csv, would tell the rest.",
+                    "warn")
+    if state == "ok":
+        return Line("Next?", "Use it", f"ppmcal compensate {one.folder} TARGETS.csv corrects "
+                    "commands; ppmcal validate tells on another day whether it still holds.", "ok")
+    if d is None:
+        return Line("Next?", "Diagnose", "ppmcal diagnose MODEL DATA finds which effect is "
+                    "missing.", "warn")
+    words = next_step(d)
+    return Line("Next?", "Look closer", words or f"{diagnosis_headline(d)} See below.", "warn")
