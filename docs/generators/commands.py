@@ -17,9 +17,9 @@ EXIT_CODES = """## Exit codes
 | 3 | no result, and nothing written but what says why | the message has what would help |
 | 130 | stopped with Ctrl-C | |
 
-No result (3) is: singular, not converged, measurements that are not of this machine as the files are
-read, corrections that are worse than none. What needs a look (1) also stands under `findings` in the
-JSON file.
+No result (3) is: singular, not converged, measurements that are not of this machine as the files
+are read, corrections that are worse than none. What needs a look (1) also stands under `findings`
+in the JSON file.
 """
 INTRODUCTION = """# Commands
 

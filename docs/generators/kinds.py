@@ -30,8 +30,8 @@ d(φ) = (cos φ, sin φ), n(φ) = (−sin φ, cos φ), α = `base.angle`, σ = `
 ships: in grey where it goes when its joint value grows.
 
 A limb's slots stand under its name: `leg1.base.point.x`, `leg1.length`. Lengths and angles are in
-the units of the file. Besides its slots each joint of a limb has a frame error, `joint1: {x, y, z, rx,
-ry, rz}`, 0 unless the file says otherwise.
+the units of the file. Besides its slots each joint of a limb has a frame error, `joint1: {x, y, z,
+rx, ry, rz}`, 0 unless the file says otherwise.
 """
 EFFECTS = """## Kind by kind
 

@@ -38,9 +38,5 @@ def fenced(text: str, language: str = "yaml") -> str:
 
 
 def plain(text: str) -> str:
-    """Return a sentence of the program as Markdown: its symbols are not markup.
-
-    >>> plain("a*b and <c>")
-    'a\\\\*b and \\\\<c>'
-    """
+    """Return a sentence of the program as Markdown: its symbols are no markup."""
     return re.sub(r"([*_<\[\]])", r"\\\1", text)

@@ -106,14 +106,13 @@ def test_every_limb_kind_has_its_section():
 
 def test_every_effect_is_in_the_table_and_has_its_section_and_example():
     sections = kinds.effect_sections()
-    table = set(re.findall(r"^\| (\w+)", EFFECTS_PAGE, re.M))
+    table = [line for line in EFFECTS_PAGE.splitlines() if line.startswith("| ")]
     for name, kind in effect_kinds().items():
-        assert any(name in line for line in EFFECTS_PAGE.splitlines() if line.startswith("| ")), name
+        assert any(name in line.split("|")[1] for line in table), name
         assert f"### {name}\n" in sections
         assert name in kinds.EXAMPLES, f"docs/generators/examples.yaml lacks an example of {name}"
         motion = next(m for m in OF_MOTION if m in kind.motions)
         read_effect(name, "delta-rotary" if kind.joints == "turning" else OF_MOTION[motion])
-    assert table
 
 
 def read_effect(name, machine):
