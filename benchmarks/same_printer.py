@@ -68,7 +68,7 @@ def row(name: str, machine: Mechanism, beds: Iterable[Dataset]) -> str:
     touches = sum(len(d) for d in data)
     try:
         found, _ = diagnose_with_own_noise(Problem(machine, data, machine.free),
-                                           DiagnosisOptions(draws=DRAWS), lambda text: None)
+                                           DiagnosisOptions(draws=DRAWS))
     except PpmcalError as error:
         return f"| {name} | {touches} | - | refused: {error.what} | - | - |"
     noise = np.mean([d.sigma_value[0] for d in found.identification.fit.problem.datasets])

@@ -118,7 +118,7 @@ def test_effects_of_the_approach_are_found_where_they_are(name: str, there: bool
     data = replace(data, columns={"dir_x": np.array(ways)}, estimated=True)
     mechanism = real_priors.machine(event, "fixed")[0]
     found, _ = diagnose_with_own_noise(Problem(mechanism, (data,), mechanism.free),
-                                       DiagnosisOptions(), lambda text: None)
+                                       DiagnosisOptions())
     assert any(e.kind == "backlash" for e in found.effects) == there
 
 

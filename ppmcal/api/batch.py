@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from ppmcal.api.campaign import COMPARE, BatchPlace, finished, run_campaign
 from ppmcal.api.inputs import Path_, source_of
-from ppmcal.api.result import Progress, Result, silent
+from ppmcal.api.result import Progress, Result
 from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
 from ppmcal.errors import BadInput, NoResult
@@ -20,8 +20,9 @@ from ppmcal.io import Output, csv_text
 from ppmcal.io.batch_manifest import CampaignJob, read_manifest
 from ppmcal.io.folder import current, running
 from ppmcal.io.parquet import refuse_without_pyarrow
-from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table
+from ppmcal.io.results.batch import TABLE, CampaignRecord, campaigns_table, needing_a_look
 from ppmcal.wording import counted
+from ppmcal.wording.progress import heard, silent, stage
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,14 +77,19 @@ class BatchResult(Result):
         own = self.campaigns
         machines = len({r.machine for r in own})
         look = sum(r.exit_code == 1 for r in own)
+        changed = sum(r.exit_code == 1 for r in self.records if r.command == COMPARE)
         ends = [f"{look} {'needs' if look == 1 else 'need'} a look"] * bool(look) + [
-            f"{len(self.failed)} failed"] * bool(self.failed)
+            f"{len(self.failed)} failed"] * bool(self.failed) + [
+            f"{counted(changed, 'comparison')} to look at"] * bool(changed)
+        if not ends and needing_a_look(self.records):
+            ends = ["see batch.html"]
         done = sum(r.campaign in self.done_before for r in own)
         before = f" ({done} {'was' if done == 1 else 'were'} finished before)" if done else ""
         return (f"{counted(len(own), 'campaign')} of {counted(machines, 'machine')}"
                 f"{before}: {', '.join(ends) or 'nothing needs a look'}.")
 
 
+@heard
 def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: str | None = None,
           force: bool = False, progress: Progress = silent) -> BatchResult:
     """Run the campaigns of a manifest, and see them together.
@@ -118,11 +124,13 @@ def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: s
     before = tuple(found)
     todo = [tuple(c for c in line if c.name not in found) for line in lines]
     todo = [line for line in todo if line]
-    for codes in over(run_line, at, todo, cores or all_cores(), scheduler):
-        found |= _read(at, todo, codes)
-        failed = sum(r.failed for r in found.values())
-        progress(f"{len(found)} of {sum(map(len, lines))} campaigns" + f", {failed} failed" * (
-            failed > 0))
+    with stage("calibrating", len(todo)) as work:
+        for codes in over(run_line, at, todo, cores or all_cores(), scheduler):
+            found |= _read(at, todo, codes)
+            failed = sum(r.failed for r in found.values())
+            work.done()
+            work.note(f"{len(found)} of {sum(map(len, lines))} campaigns"
+                      + f", {failed} failed" * (failed > 0))
     named = [*campaigns, *(c for line in lines for c in line if c.command == COMPARE)]
     records = tuple(found[c.name] for c in named if c.name in found)
     return BatchResult(source_of("batch", [str(manifest)], None), tuple(_findings(records)),

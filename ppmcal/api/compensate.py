@@ -83,7 +83,7 @@ class CompensationResult(Result):
     def _made(self) -> tuple[dict[str, str], CommandsRecord]:
         header, columns = self.targets
         return command_files(self.mechanism, self.compensation, header, list(columns),
-                             self.provenance, self.notes)
+                             self.provenance, self.notes, self.frame)
 
     def headline(self) -> str:
         """Return how many targets have commands."""

@@ -17,7 +17,7 @@ from ppmcal.api.inputs import (
     prepared,
     source_of,
 )
-from ppmcal.api.result import Progress, Result, silent
+from ppmcal.api.result import Progress, Result
 from ppmcal.calibration.fit import FitOptions
 from ppmcal.calibration.freedom_choice import choice_sentence, with_chosen_freedoms
 from ppmcal.calibration.misread import Misread, misreading_sentence
@@ -44,6 +44,7 @@ from ppmcal.io.results.misreading import misreading_entries
 from ppmcal.io.results.record import Provenance, UnitNames
 from ppmcal.model.effects import GEOMETRY, effect_kinds
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import begin, heard, note, silent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,6 +106,7 @@ class DiagnosisResult(Result):
         return headline(self.record)
 
 
+@heard
 def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | str = (),
              kinds: Sequence[str] = (), holdout: float = 0.27, leave_out: str = "",
              draws: int = 2000, seed: int = 0, png: bool = False, progress: Progress = silent
@@ -138,7 +140,7 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
         raise one_session()
     problem = Problem(machine, datasets, machine.free)
     with with_unit_findings(machine, datasets) as units:
-        progress("comparing the measurements with the nominal machine")
+        begin("comparing the measurements with the nominal machine")
         refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
@@ -146,10 +148,10 @@ def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | st
                                                [d.estimated for d in datasets])
         found, told = diagnose_with_own_noise(problem, DiagnosisOptions(
             0.0 if leave_out else holdout, seed, draws, tuple(kinds) or None,
-            by_session=bool(leave_out)), progress)
+            by_session=bool(leave_out)))
     for line in (*told, *([choice_sentence(choice)] if choice else [])):
-        progress(line)
-    progress("judging the campaign")
+        note(line)
+    begin("judging the campaign")
     fit = found.identification.fit
     campaign = weak_campaign(fit, seed)
     found = replace(found, findings=(*units, *left_over(found.before, seed), *found.findings),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +21,7 @@ from ppmcal.api.inputs import (
     source_of,
     started,
 )
-from ppmcal.api.result import Progress, Result, silent
+from ppmcal.api.result import Progress, Result
 from ppmcal.calibration.change_detection import carried_on
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.freedom_choice import (
@@ -52,6 +52,7 @@ from ppmcal.io.results.knowledge import read_posterior, refuse_twice
 from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import begin, heard, silent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,6 +139,7 @@ class IdentificationResult(Result):
                 f"{found.rank} of {len(found.columns)}{errors}")
 
 
+@heard
 def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
              prior: str = "tolerances", damping: float = 0.9, iterations: int | None = None,
              free: Sequence[str] | str = (), holdout: float | Measurements = 0.2,
@@ -192,19 +194,23 @@ def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
     if prior == "flat":
         _refuse_unobservable(problem, machine.source)
     with with_unit_findings(machine, datasets) as units:
-        progress("comparing the measurements with the nominal machine")
+        begin("comparing the measurements with the nominal machine")
         if machine.effects:
             refuse_wrong_units(machine, datasets)
         if refuse_misread(problem).doubted:
             refuse_wrong_part(problem)
+        begin("choosing what to fit")
         problem, choice = with_chosen_freedoms(problem, options, _estimated(problem, sigma))
-        fit, odd, told = _fit(problem, options, sigma, progress)
+        begin("fitting")
+        fit, odd, told = _fit(problem, options, sigma)
+        begin("looking for wrong rows")
         refuse_small_misreading(fit)
         refuse_wrong_rows(fit)
+        begin("judging the fit")
         found = report(fit, options, fraction, seed, other, leave_out)
         if chosen == "prior":
             refuse_other_machine(found.fit)
-    progress("judging the campaign")
+    begin("judging the campaign")
     campaign = weak_campaign(found.fit, seed)
     asked = list[str]()
     if chosen == "prior":
@@ -265,26 +271,22 @@ def with_unit_findings(mechanism: Mechanism, datasets: Sequence[Dataset]) -> Ite
         raise type(error)(error.what, error.where, mend) from None
 
 
-def _fit(problem: Problem, options: FitOptions, sigma: str, progress: Callable[[str], None]
-         ) -> tuple[Fit, list[str], list[str]]:
+def _fit(problem: Problem, options: FitOptions, sigma: str) -> tuple[Fit, list[str], list[str]]:
     """Fit, with the noise as stated or as the residuals show it.
 
     Returns:
         The fit, what was odd about the noise, and what the estimated noise is.
     """
-    def watch(i: int, c: float) -> None:
-        progress(f"iteration {i}, chi-squared {c:.6g}")
-
     odd, told = list[str](), list[str]()
     which = _estimated(problem, sigma)
     if any(which) and options.method != "damped":
-        fit, factor = with_estimated_noise(problem, options, watch, which)
+        fit, factor = with_estimated_noise(problem, options, which)
         told = noise_sentences(problem, factor, which)
     else:
-        fit = fitted(problem, options, watch)
+        fit = fitted(problem, options)
         if problem.earlier is not None and noise_check(fit).failed:
             # what was known before must not pay for the noise of the new rows
-            fit, factor = with_estimated_noise(problem, options, watch)
+            fit, factor = with_estimated_noise(problem, options)
             odd = [f"{d.name}: residuals are {f:.3g} times the stated noise: something is missing "
                    "in the model, or sigma is too small; this file counts that much less"
                    for d, f in zip(problem.datasets, factor.tolist(), strict=True) if f > 1.0]

@@ -19,6 +19,11 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.wording import counted
 
 FORMATS = {"klipper": klipper_import.read_printer, "reprap": reprap_import.read_printer}
+ROBOTS = {
+    "urdf": "it describes trees, and a parallel machine is a loop",
+    "sdf": "its loops are joints between links, which say nothing of limbs, drives or home",
+    "mjcf": "its loops are constraints of points, which say nothing of limbs, drives or home"}
+"""Models of robots, and why they are no mechanism."""
 LONGEST = 1e5
 """No rod is longer, and no radius, mm."""
 
@@ -98,6 +103,10 @@ def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | 
         BadInput: another format, or anything wrong in the files.
     """
     name = form.lower()
+    if name in ROBOTS:
+        raise BadInput(f"{form.upper()} is not imported: {ROBOTS[name]}", str(file),
+                       "Begin with `ppmcal init 6-UPS` or the kind of your machine, and copy the "
+                       "joints' places at home from the file; docs/notes.md says why")
     if name not in FORMATS:
         raise unknown("format", form, tuple(FORMATS))
     length, chosen = _rods(rods)

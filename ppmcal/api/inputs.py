@@ -15,7 +15,8 @@ import numpy as np
 from ppmcal.calibration.stale_rows import without_stale
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
-from ppmcal.io.dataset_reader import LABELS, dataset_of, joined, read_files
+from ppmcal.io.campaign import joined
+from ppmcal.io.dataset_reader import LABELS, dataset_of, read_files
 from ppmcal.io.folder import current
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path

@@ -17,7 +17,7 @@ from ppmcal.api.inputs import (
     refuse_unrecorded,
     source_of,
 )
-from ppmcal.api.result import Progress, Result, silent
+from ppmcal.api.result import Progress, Result
 from ppmcal.calibration.observation import stretched
 from ppmcal.design.every_mode import every_mode
 from ppmcal.design.intersection import forward_by_intersection
@@ -48,6 +48,7 @@ from ppmcal.kinematics.tables import (
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import heard, silent
 
 WHICH = ("inverse", "forward", "velocity")
 OWNER = "the machine's effects"
@@ -181,7 +182,14 @@ def velocity(mechanism: Machine, moves: Any, *, tool: str | Sequence[float] | No
     """Return the joint rates of poses with velocities ``vx, vy, vz, wx, wy, wz``.
 
     Velocities are those of the tool point, and the angular velocity in base axes, in the
-    mechanism file's units per second. Arguments as for :func:`ppmcal.inverse`.
+    mechanism file's units per second.
+
+    Args:
+        mechanism: the machine, or its file.
+        moves: as the poses of :func:`ppmcal.inverse`, with velocities beside them.
+        tool: point whose poses and velocities they are, in platform axes.
+        rotation: as for :func:`ppmcal.inverse`.
+        pictures: whether :meth:`Result.save` writes pictures too.
 
     Raises:
         BadInput: anything wrong in the table, no velocity columns.
@@ -190,6 +198,7 @@ def velocity(mechanism: Machine, moves: Any, *, tool: str | Sequence[float] | No
                       pictures=pictures)
 
 
+@heard
 def kinematics(which: str, mechanism: Machine, table: Any, *,
                tool: str | Sequence[float] | None = None, rotation: str = "rotvec",
                method: str = "newton", dataset: str | None = None, all_modes: bool = False,
@@ -224,7 +233,7 @@ def kinematics(which: str, mechanism: Machine, table: Any, *,
     found, rows, given = _solved(which, machine, table, asked, method)
     modes, used = None, None
     if all_modes:
-        every = every_mode(Model(machine), found, method, seed, progress)
+        every = every_mode(Model(machine), found, method, seed)
         modes = ModeColumns(every.row + 1, every.mode, every.own,
                             tuple(zip(found.status, found.reason, strict=True)), every.method,
                             every.complete)

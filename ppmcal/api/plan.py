@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, source_of
-from ppmcal.api.result import Progress, Result, silent
+from ppmcal.api.result import Progress, Result
 from ppmcal.design.plan.plan import PlanOptions
 from ppmcal.design.plan.plan import plan as planned
 from ppmcal.design.plan.result import Plan
@@ -19,6 +19,7 @@ from ppmcal.io import read_poses
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.sidecar import read_instrument
 from ppmcal.model.mechanism import Effect, Mechanism
+from ppmcal.wording.progress import heard, silent
 
 ABSOLUTE_ZERO = -273.15
 
@@ -51,6 +52,7 @@ class PlanResult(Result):
         return f"{self.mechanism.name}: {self.record.said[0]}"
 
 
+@heard
 def plan(mechanism: Machine, *, count: int | None = None, instrument: Path_ | None = None,
          tasks: Any = None, candidates: Any = None, effects: Sequence[str] = (),
          payload: str | Sequence[float] | None = None,
@@ -91,7 +93,7 @@ def plan(mechanism: Machine, *, count: int | None = None, instrument: Path_ | No
         raise BadInput(f"{accuracy:g} is not the size of an error", "--accuracy",
                        "Write one above 0")
     wanted = None if accuracy is None else accuracy * machine.units.factor("length")
-    found = planned(machine, chosen, PlanOptions(count, seed, asked), given, aims, wanted, progress)
+    found = planned(machine, chosen, PlanOptions(count, seed, asked), given, aims, wanted)
     source = source_of("plan", [*machine.inputs, *files_of(instrument, tasks, candidates)], seed)
     record = PlanRecord.of(found, wanted, _notes(machine.effects, names, found.unused), source)
     return PlanResult(source, tuple(record.findings), machine, found, record, wanted)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,16 +12,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ppmcal.api.inputs import Machine, Path_, load, source_of
+from ppmcal.api.read_join import Joined, JoinOptions, joined, sort_out
+from ppmcal.api.read_words import understood
 from ppmcal.api.result import Result
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table, csv_table
 from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.dataset_reader import LABELS, dataset_of
-from ppmcal.io.foreign import ForeignTable, foreign_table, refuse_unused
+from ppmcal.io.foreign import ForeignTable, foreign_tables, refuse_unused
 from ppmcal.io.header_units import with_units
-from ppmcal.io.join import Join, join
+from ppmcal.io.join import rows_of
 from ppmcal.io.pose_fields import QUATERNION
-from ppmcal.io.reading import MATRIX, ReadFile, as_declared
+from ppmcal.io.read_block import MATRIX, ReadFile
+from ppmcal.io.reading import as_declared, declared_unit, unit_of
 from ppmcal.io.schema import check
 from ppmcal.io.sidecar import FORMAT, SidecarFile, sidecar_path
 from ppmcal.io.yaml import dump_yaml, read_yaml
@@ -34,50 +38,72 @@ TURNED = (*(f"r{a}" for a in "xyz"), *QUATERNION, *MATRIX)
 
 
 @dataclass(frozen=True, eq=False)
+class ReadRun:
+    """One measurement file: its name without end, table in the sidecar's units, sidecar, data."""
+
+    name: str
+    table: Table
+    sidecar: Mapping[str, Any]
+    data: Dataset
+
+
+@dataclass(frozen=True, eq=False)
 class ReadResult(Result):
     """What was read, and how it was understood.
 
     Attributes:
-        data: the measurements, SI.
-        table: its columns in the sidecar's units.
-        sidecar: what the YAML beside the table says.
+        runs: one measurement file, or one for each target on the platform.
         sentences: what was understood of each file.
-        name: of the two files, without their ends.
     """
 
     COMMAND: ClassVar[str] = "read"
     TABLE: ClassVar[str] = "run.csv"
 
-    data: Dataset
-    table: Table
-    sidecar: Mapping[str, Any]
+    runs: tuple[ReadRun, ...]
     sentences: tuple[str, ...]
-    name: str = "run"
+
+    @property
+    def data(self) -> Dataset:
+        """The measurements of the first file, SI."""
+        return self.runs[0].data
+
+    @property
+    def table(self) -> Table:
+        """The columns of the first file, in its sidecar's units."""
+        return self.runs[0].table
+
+    @property
+    def sidecar(self) -> Mapping[str, Any]:
+        """What the YAML beside the first table says."""
+        return self.runs[0].sidecar
 
     def files(self) -> Mapping[str, Content]:
-        """Return the CSV and its sidecar."""
-        return {f"{self.name}.csv": table_text(self.table),
-                f"{self.name}.yaml": dump_yaml(dict(self.sidecar))}
+        """Return each CSV and its sidecar."""
+        return {f"{run.name}.{end}": content for run in self.runs
+                for end, content in (("csv", table_text(run.table)),
+                                     ("yaml", dump_yaml(dict(run.sidecar))))}
 
     def headline(self) -> str:
         """Return how many rows of which columns there are."""
-        return f"{len(self.table)} rows of {', '.join(self.table.header)}."
+        rows = " and ".join(str(len(run.table)) for run in self.runs)
+        return f"{rows} rows of {', '.join(self.table.header)}."
 
     def summary(self) -> dict[str, object]:
         """Return what the command prints as JSON."""
-        return {"format": "ppmcal/read/1", "rows": len(self.table),
+        return {"format": "ppmcal/read/1", "rows": sum(len(run.table) for run in self.runs),
                 "columns": list(self.table.header), "understood": list(self.sentences),
                 "findings": list(self.findings), "provenance": self.provenance}
 
 
 def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ | None = None,
          join: str | None = None, tolerance: float = 0.5, partial: bool = False,
-         units: str | None = None, name: str = "run") -> ReadResult:
+         interpolate: bool = False, clock_offset: float | str | None = None,
+         names: str | None = None, units: str | None = None, name: str = "run") -> ReadResult:
     """Read files of instruments and controllers as measurements.
 
     Args:
         files: a table with joint values and what was measured; or a joint log, and lists of
-            points (name, x, y, z and perhaps time) that are put beside it.
+            points (name, x, y, z and perhaps time) that are put beside it; or a bag with both.
         mechanism: the machine that was measured.
         sidecar: what the numbers are, as beside a measurement file  [default: the one beside
             one of the files, or else the mechanism file's units, and frame, target and noise
@@ -86,51 +112,109 @@ def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ |
             [default: name where names agree, else time].
         tolerance: how far apart two times may be, s.
         partial: leave out what matches nothing, and say so.
+        interpolate: joint values between the rows about a point's time, not of the nearest.
+        clock_offset: s that the points' clock is ahead of the log's, or ``find``: from the motion
+            that both saw.
+        names: how points are called where several targets are on the platform, such as
+            ``{pose}_{target}``: one measurement file for each target  [default: the sidecar's
+            ``read.names``].
         units: length unit of points whose header names none  [default: the sidecar's].
-        name: of the two files that :meth:`ReadResult.save` writes, without their ends.
+        name: of the files that :meth:`ReadResult.save` writes, without their ends.
 
     Raises:
         BadInput: anything wrong in the files, rows that cannot be joined, or no joint values.
     """
     machine = load(mechanism)
     paths = [Path(f) for f in ([files] if isinstance(files, str | os.PathLike) else files)]
+    _check_options(join, units, tolerance)
+    side = _sidecar(paths, sidecar)
+    content = None if side is None else read_yaml(side)
+    place = "the sidecar" if side is None else str(side)
+    block = ReadFile() if content is None else check(SidecarFile, content, place).read
+    block = block if names is None else check(
+        ReadFile, {"names": names}, "--names").model_copy(update={
+            k: getattr(block, k) for k in block.model_fields_set - {"names"}})
+    found = [f for p in paths for f in foreign_tables(p, machine, block, place)]
+    refuse_unused(block, found, place)
+    log, lists = sort_out(found, machine)
+    lists = lists if units is None else [_in_unit(points, units) for points in lists]
+    options = JoinOptions(join, tolerance, partial, interpolate, clock_offset)
+    together = joined(log, lists, options, block, machine, place)
+    notes = [n for f in found for n in f.findings] + list(together.findings)
+    said = "sidecar" if content is not None else "mechanism file"
+    if content is None:
+        content, more = _unsaid(together.table, machine)
+        notes += more
+    file = check(SidecarFile, content, place)
+
+
+    def told(f: ForeignTable, own: str) -> tuple[str, str]:
+        by_side, declared = unit_of(own, block, place), file.units.units()
+        if own in f.units:
+            return f.units[own], f.units_from.get(own, "header")
+        if by_side is not None:
+            return by_side, "read.units"
+        unit = declared_unit(own, machine, declared)
+        return unit, said if unit in (declared.length, declared.angle) else ""
+
+    sentences = [understood(f, told) for f in (log, *lists)] + list(together.sentences)
+    table = _declared(together, [log, *lists], block, machine, file.units.units(), place)
+    kept = {k: v for k, v in content.items() if k != "read"}
+    kept |= {"read": {"shift": block.shift}} if block.shift else {}
+    runs = _by_target(table, kept, block, name, place, machine)
+    whole = [q for p in paths for q in (sorted(p.iterdir()) if p.is_dir() else [p]) if q.is_file()]
+    inputs: list[Path_] = [*whole, *([side] if side else []), *machine.inputs]
+    notes += [n for run in runs for n in run.data.findings]
+    return ReadResult(source_of("read", inputs, None), tuple(notes), runs, tuple(sentences))
+
+
+def _check_options(join: str | None, units: str | None, tolerance: float) -> None:
     if join not in (None, "name", "time"):
         raise unknown("way to join", join, ("name", "time"), "--join")
     if units is not None and units not in LENGTHS:
         raise unknown("length unit", units, LENGTHS, "--units")
     if not tolerance >= 0.0:
         raise BadInput(f"{tolerance} is no time", "--tolerance", "Write seconds, 0 or more")
-    side = _sidecar(paths, sidecar)
-    content = None if side is None else read_yaml(side)
-    place = "the sidecar" if side is None else str(side)
-    block = ReadFile() if content is None else check(SidecarFile, content, place).read
-    found = [foreign_table(p, machine, block, place) for p in paths]
-    refuse_unused(block, found, place)
-    log, lists = _sorted(found, machine)
-    if units is not None:
-        lists = [_in_unit(points, units) for points in lists]
-    sentences = [_understood(f, units) for f in found]
-    table, notes = log.table, [n for f in found for n in f.findings]
-    if lists:
-        joined = _joined(log, lists, join, tolerance, partial)
-        table, notes = joined.table, [*notes, *joined.findings]
-        sentences.append(f"Joined by {joined.by}: {len(table)} rows.")
-    if content is None:
-        content, more = _unsaid(table, machine)
-        notes += more
-    file = check(SidecarFile, content, place)
-    sentences.append(f"Columns whose header has no unit: {file.units.length} and "
-                     f"{file.units.angle}, unless `read.units` says otherwise.")
-    headed = {own: u for f in (log, *lists) for own, u in f.units.items() if own in table.header}
+
+
+def _declared(together: Joined, files: Sequence[ForeignTable], block: ReadFile,
+              machine: Mechanism, units: Units, place: str) -> Table:
+    """Return the table in the sidecar's units, axes and conventions."""
+    table = together.table
+    headed = {own: u for f in files for own, u in f.units.items() if own in table.header}
     rest = block.model_copy(update={"columns": {}, "ignore": []})
-    table = as_declared(table, with_units(rest, headed, place), machine, file.units.units(), place,
-                        headed)
-    kept = {k: v for k, v in content.items() if k != "read"}
-    kept |= {"read": {"shift": block.shift}} if block.shift else {}
-    data = _checked(table, kept, place, machine)
-    inputs: list[Path_] = [*paths, *([side] if side else []), *machine.inputs]
-    return ReadResult(source_of("read", inputs, None), (*notes, *data.findings), data, table, kept,
-                      tuple(sentences), name)
+    return as_declared(table, with_units(rest, headed, place), machine, units, place, headed,
+                       ("time",))
+
+
+def _by_target(table: Table, kept: dict[str, Any], block: ReadFile, name: str, place: str,
+               machine: Mechanism) -> tuple[ReadRun, ...]:
+    """Return one measurement file, or one for each target, all seen from one frame."""
+    if "target" not in table.header:
+        return (ReadRun(name, table, kept, _checked(table, kept, place, machine)),)
+    if kept.get("target") not in (None, "unknown"):
+        raise BadInput("there are several targets, and one `target`", f"{place}: target",
+                       "Write `target: unknown`, and the points under `read.targets`")
+    targets, runs = list(dict.fromkeys(table.text["target"])), list[ReadRun]()
+    for target in block.targets:
+        if target not in targets:
+            raise unknown("target", target, targets, f"{place}: read.targets")
+    bare = replace(table, header=tuple(h for h in table.header if h != "target"),
+                   text={h: c for h, c in table.text.items() if h != "target"})
+    stem = str(kept.get("name", name))
+    for target in targets:
+        rows = np.flatnonzero(np.array(table.text["target"]) == target)
+        side = {**kept, "name": f"{stem} {target}", "target": block.targets.get(target, "unknown")}
+        if runs and kept.get("frame") == "unknown":
+            side["frame"] = {"same_as": runs[0].sidecar["name"]}
+        part = rows_of(bare, rows)
+        runs.append(ReadRun(f"{name}-{re.sub(r'[^A-Za-z0-9_.-]+', '-', target)}", part, side,
+                            _checked(part, side, place, machine)))
+    double = [r.name for r in runs]
+    if len(set(double)) < len(double):
+        raise BadInput("two targets would be written to one file", f"{place}: read.names",
+                       "Name them by letters and digits")
+    return tuple(runs)
 
 
 def table_text(table: Table) -> Content:
@@ -150,58 +234,10 @@ def _sidecar(paths: Sequence[Path], given: Path_ | None) -> Path | None:
     return there[0] if there else None
 
 
-def _sorted(found: Sequence[ForeignTable], mechanism: Mechanism
-            ) -> tuple[ForeignTable, list[ForeignTable]]:
-    """Return the table that holds joints, and the lists of points."""
-    logs = [f for f in found if f.has_joints]
-    sources = ", ".join(f.table.source for f in (logs or found))
-    if len(logs) > 1:
-        raise BadInput("several files hold joint values", sources, "Read each with its own points")
-    if not logs:
-        joints = [f"q_{a}" for a in mechanism.actuators]
-        raise BadInput(f"no file holds joint values ({', '.join(joints)})", sources,
-                       "Name the columns under `read.columns` in a sidecar, such as "
-                       f'{{{joints[0]}: "its header"}}')
-    return logs[0], [f for f in found if f is not logs[0]]
-
-
 def _in_unit(points: ForeignTable, unit: str) -> ForeignTable:
     more: dict[str, str] = {c: unit for c in ("x", "y", "z") if c in points.table.header}
-    return replace(points, units={**more, **points.units})
-
-
-def _joined(log: ForeignTable, lists: Sequence[ForeignTable], by: str | None, tolerance: float,
-            partial: bool) -> Join:
-    """Return the log with the points of all lists, which have the same columns."""
-    first = lists[0]
-    for other in lists[1:]:
-        if set(other.table.header) != set(first.table.header) or other.units != first.units:
-            raise BadInput(f"has other columns or units than {first.table.source}",
-                           other.table.source, "Read it with the joint log by itself")
-    tables = [f.table for f in lists]
-    text = {h for t in tables for h in t.text}
-    whole = Table(", ".join(t.source for t in tables), first.table.header,
-                  {h: np.concatenate([t.numbers[h] for t in tables])
-                   for h in first.table.header if h not in text},
-                  {h: tuple(c for t in tables for c in t.labels(h)) for h in text},
-                  sum(len(t) for t in tables))
-    return join(log.table, whole, by, tolerance, partial)
-
-
-def _understood(found: ForeignTable, unit: str | None) -> str:
-    """Return how a file was understood: separator, columns with units, and what was ignored."""
-    taken = []
-    for own in found.table.header:
-        header = found.headers.get(own, own)
-        unit_ = found.units.get(own, "")
-        taken.append(own + (f" ({header})" if header != own else f" [{unit_}]" if unit_ else ""))
-    said = f" Remarks above: {' | '.join(found.remarks)}." if found.remarks else ""
-    dialect = found.table.dialect
-    text = (f"{found.table.source}: {len(found.table)} rows" +
-            (f", {dialect}" if dialect else "") + f". Taken: {', '.join(taken)}.")
-    if unit and not found.has_joints:
-        text += f" Points in {unit} where their header does not say."
-    return text + (f" Ignored: {', '.join(found.ignored)}." if found.ignored else "") + said
+    return replace(points, units={**more, **points.units},
+                   units_from={**dict.fromkeys(more, "--units"), **points.units_from})
 
 
 def _unsaid(table: Table, mechanism: Mechanism) -> tuple[dict[str, Any], list[str]]:

@@ -20,14 +20,11 @@ from ppmcal.io import Output
 from ppmcal.io.csv_writer import Content
 from ppmcal.io.folder import current, note_read, running
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 Progress = Callable[[str], None]
 SHOWN = 20
 """Rows that a notebook shows of a table."""
-
-
-def silent(text: str) -> None:
-    """Take progress and show nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +67,7 @@ class Result:
         Raises:
             BadInput: the folder holds other files, or an input of this result.
         """
-        with self._run(Path(folder), force):
+        with stage("writing the results"), self._run(Path(folder), force):
             output = Output(folder)
             for name, content in self.files().items():
                 output.add(name, content)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, source_of
-from ppmcal.api.result import Progress, Result, silent
+from ppmcal.api.result import Progress, Result
 from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
 from ppmcal.design.error_sources import Source, geometry_only, natural_units, sources
 from ppmcal.design.error_sources import tolerances as stated_tolerances
@@ -31,6 +31,7 @@ from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
 from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import heard, silent
 
 OF_ACCURACY = 0.1
 """Noise of the default instrument, as a part of the accuracy demanded."""
@@ -64,6 +65,7 @@ class TolerancesResult(Result):
         return self.record.said[0]
 
 
+@heard
 def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: float | None = None,
                share: float = 0.95, method: str = "cost", poses: Any = None,
                instrument: Path_ | None = None, measure: int = 30, machines: int = 1000,
@@ -95,7 +97,7 @@ def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: f
     machine = load(mechanism)
     job = TolerancesJob(accuracy, rotation, share, method, poses, instrument, measure, machines,
                         metric, tool, cores, scheduler, seed)
-    found = solve(machine, job, progress)
+    found = solve(machine, job)
     source = source_of("tolerances", [*machine.inputs, *files_of(poses, instrument)], seed)
     record = TolerancesRecord.of(found, machine, source)
     return TolerancesResult(source, tuple(record.findings), machine, found, record)
@@ -120,9 +122,7 @@ class TolerancesJob:
     seed: int
 
 
-def solve(
-    mechanism: Mechanism, job: TolerancesJob, progress: Callable[[str], None]
-) -> ToleranceResult:
+def solve(mechanism: Mechanism, job: TolerancesJob) -> ToleranceResult:
     """Return tolerances, and the machines simulated with those of ``job.method``."""
     machine = geometry_only(mechanism).nominal()
     found = sources(machine)
@@ -143,8 +143,7 @@ def solve(
     nominal = _with_tolerances(machine, free, chosen.tau)
     setup = _measurement_setup(nominal, job, instrument, demand)
     fleet = Fleet(nominal, free, chosen.drawn, tasks, setup)
-    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.scheduler,
-                      progress)
+    judged = simulate(fleet, job.machines, job.seed, job.cores or all_cores(), job.scheduler)
     home = Poses(home_state(machine).q[None], machine.home[None], tasks.tool)
     index = root_sum_square(covariance(Model(machine), home, free, unit))[0][0]
     return ToleranceResult(machine, found, demand, tau, job.method, fleet, judged,

@@ -19,7 +19,7 @@ from ppmcal.api.inputs import (
     same_machine,
     source_of,
 )
-from ppmcal.api.result import CalibratedMachine, Progress, Result, silent
+from ppmcal.api.result import CalibratedMachine, Progress, Result
 from ppmcal.calibration.day_noise import DayNoise, with_day_noise
 from ppmcal.calibration.frozen_models import (
     OPEN,
@@ -31,6 +31,7 @@ from ppmcal.calibration.frozen_models import (
 from ppmcal.errors import unknown
 from ppmcal.io.results.validation import ValidationRecord, model_sentence
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import begin, heard, silent
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,6 +65,7 @@ class ValidationResult(Result):
         return model_sentence(self.record.datasets[0])
 
 
+@heard
 def validate(model: Machine | CalibratedMachine, data: Measurements, *,
              against: Sequence[Path_] = (), register: Sequence[str] | str | None = None,
              seed: int = 0, png: bool = False, progress: Progress = silent) -> ValidationResult:
@@ -89,10 +91,10 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     mechanism, datasets = prepared(mechanism, data, "none")
     words = _words(register)
     models = with_and_without(mechanism)
-    progress("looking at the noise")
+    begin("looking at the noise")
     days, noise = with_day_noise([replace(models[n].mechanism, free=whole.free)
                                   for n in sorted({0, len(models) - 1})], datasets)
-    progress("predicting with and without each effect")
+    begin("predicting with and without each effect")
     others, odd = _others(whole, model, against)
     found = validated([*models, *others], days, words, seed)
     inputs = [*mechanism.inputs, *(i for o in others for i in o.mechanism.inputs),

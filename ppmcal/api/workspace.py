@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ppmcal.api.inputs import Machine, files_of, load, place_of, source_of
-from ppmcal.api.result import Progress, Result, silent
+from ppmcal.api.result import Progress, Result
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.workspace import Workspace
 from ppmcal.design.workspace import workspace as mapped
@@ -19,6 +19,7 @@ from ppmcal.io.results.workspace_tables import ModeRow, pictures
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import begin, heard, silent
 
 LEVELS = 61
 
@@ -51,6 +52,7 @@ class WorkspaceResult(Result):
         return f"{self.mechanism.name}: {self.record.said[0]}"
 
 
+@heard
 def workspace(mechanism: Machine, *, grid: str | None = None, joints: Any = None, seed: int = 0,
               progress: Progress = silent) -> WorkspaceResult:
     """Show where a machine can go, its singularities, dexterity and assembly modes.
@@ -71,7 +73,7 @@ def workspace(mechanism: Machine, *, grid: str | None = None, joints: Any = None
     """
     machine = load(mechanism)
     found = mapped(machine, read_grid(grid, machine, LEVELS))
-    progress("assembly modes")
+    begin("assembly modes")
     rows = _modes(found, joints, seed)
     source = source_of("workspace", [*machine.inputs, *files_of(joints)], seed)
     record = WorkspaceRecord.of(found, rows, source)

@@ -209,8 +209,11 @@ def carried_on(fit: Fit, before: Posterior, options: FitOptions) -> list[str]:
     if fixed:
         return [f"parameters that the earlier calibration had found are fixed now: "
                 f"{', '.join(fixed[:4])}{' ...' if len(fixed) > 4 else ''}"]
-    alone = identify(replace(fit.problem, earlier=None), options, None, fit.state, near=True)
+    alone = identify(replace(fit.problem, earlier=None), options, fit.state, near=True)
+    alone = identify(replace(fit.problem, earlier=None), options, fit.state, near=True)
     new = posterior_of(with_noise(alone, noise_check(alone).inflation, options))
+    new = posterior_of(with_noise(alone, noise_check(alone).inflation, options))
+    found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
     found, _ = between(fit.problem.mechanism, before, new, {}, np.random.default_rng(0))
     if not found.changed:
         return []

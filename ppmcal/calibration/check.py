@@ -35,6 +35,7 @@ from ppmcal.linalg import Array, finite_rows, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
+from ppmcal.wording.progress import stage
 
 SINGULAR_HOME = 0.02
 """A finding: smallest singular value of A at home below this."""
@@ -109,6 +110,7 @@ class Check:
     misreadings: tuple[Misreading, ...] = ()
 
 
+@stage("checking")
 def check(mechanism: Mechanism, datasets: Sequence[Dataset] = (),
           plausibility: Sequence[str] = ()) -> Check:
     """Return the findings on a machine and, if given, its measurements.
@@ -295,6 +297,7 @@ def _trial_environment(mechanism: Mechanism, n: int, rng: np.random.Generator) -
     return columns
 
 
+@stage("what the measurements see")
 def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]
                ) -> tuple[int, int, tuple[str, ...], tuple[str, ...], int]:
     """Return rank, columns, unseen and redundant parameters, and rows without a pose.

@@ -33,6 +33,7 @@ from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset, Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.wording.progress import stage
 
 FAR_OUTSIDE = 0.5
 """Refused: farther outside the measured range than this part of its width."""
@@ -101,6 +102,7 @@ class Compensation:
     reason: tuple[str, ...]
 
 
+@stage("finding commands")
 def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
                knowledge: Knowledge | None = None, dataset: str = "",
                columns: Mapping[str, Array] | None = None, sequence: bool = False
@@ -169,6 +171,7 @@ def _outside_volume(mechanism: Mechanism, full: Array, knowledge: Knowledge | No
                              f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
 
 
+@stage("predicting errors without correction")
 def _uncorrected(model: Model, nominal: Model, registration: Registration,
                  believed: Registration, full: Array, wanted: Array, rows: Environment
                  ) -> tuple[tuple[Array, Array], Array]:
@@ -185,6 +188,7 @@ def _uncorrected(model: Model, nominal: Model, registration: Registration,
     return _errors(registration, real.pose, pose_motor(full)), table.q
 
 
+@stage("predicting errors with correction")
 def _after(model: Model, nominal: Model, registration: Registration, q: Array, full: Array,
            good: Bools, rows: Environment) -> tuple[Array, Array, Array]:
     """Corrected pose command of the nominal model (N, 6), and errors left (N,) each."""
@@ -205,6 +209,7 @@ def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Arra
     return np.linalg.norm(a - b, axis=-1), np.linalg.norm(turn, axis=-1)
 
 
+@stage("how sure they are")
 def _sigma(model: Model, registration: Registration, full: Array, q: Array, good: Bools,
            knowledge: Knowledge | None, dataset: str, rows: Environment) -> tuple[Array, Array]:
     """Return the standard deviations (N,) of the corrected position and rotation.

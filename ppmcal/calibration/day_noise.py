@@ -70,7 +70,7 @@ def _noise(machine: Mechanism, data: Dataset) -> tuple[float, str] | None:
     options = FitOptions()
     try:
         fit, factors = with_estimated_noise(
-            Problem(machine, (data,), machine.free), options, None, [data.estimated])
+            Problem(machine, (data,), machine.free), options, [data.estimated])
     except PpmcalError:
         return None
     factor, check = float(factors[0]), noise_check(fit)

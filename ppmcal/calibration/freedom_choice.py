@@ -10,6 +10,7 @@ little, so that one step from its fit stands for each fit: linear algebra on its
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,8 @@ from ppmcal.calibration.registration_freedoms import WORTH
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
+
+log = logging.getLogger(__package__)
 
 RIDGE = 1e-9
 """Of the strongest column, so that what a fold does not see stays where it is."""
@@ -74,11 +77,13 @@ def with_chosen_freedoms(problem: Problem, options: FitOptions, which: Sequence[
         BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
     """
     machine = problem.mechanism
+    if not machine.optional:
+        log.info("the file leaves no freedoms to choose from")
     if not machine.optional or options.method != "prior" or problem.earlier is not None:
         return problem, None
     levels, usual = _levels(machine)
     small = replace(problem, mechanism=replace(machine, free=levels[0]), free=levels[0])
-    fit, _ = with_estimated_noise(small, options, None, which)
+    fit, _ = with_estimated_noise(small, options, which)
     choice = freedom_choice(fit, levels, usual)
     free = tuple(sorted(p for level in levels[:1 + (usual if choice is None else choice.kept)]
                         for p in level))

@@ -6,6 +6,7 @@ makes of the rows; the last step, and all that is said of the minimum, always fr
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -23,8 +24,9 @@ from ppmcal.calibration.least_squares import (
 from ppmcal.calibration.normal_equations import normal_sums, row_squares
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools
+from ppmcal.wording.progress import note
 
-Progress = Callable[[int, float], None]
+log = logging.getLogger(__package__)
 
 CONVERGED = 1e-6
 """Converged: the next step would lower chi-squared by less than this."""
@@ -83,7 +85,7 @@ def linearised(problem: Problem, state: State, keep: Sequence[Bools], prior: Arr
 
 def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
                   iterations: int, weigh: Callable[[State], Sequence[Array]] | None = None,
-                  progress: Progress | None = None, rough: bool = False) -> Minimum:
+                  rough: bool = False) -> Minimum:
     """Return the minimum of chi-squared of data and prior.
 
     Args:
@@ -94,7 +96,6 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
         iterations: at most so many.
         weigh: weights of rows at a state. Rows are re-weighted in each iteration, and a rough
             minimum is enough: it is only where the final fit starts.
-        progress: called with iteration and chi-squared.
         rough: it is without weights too.
     """
     rough = rough or weigh is not None
@@ -108,8 +109,9 @@ def least_squares(problem: Problem, state: State, keep: Sequence[Bools], prior: 
         summed += by_sums
         before = now.square + prior_square(problem, state, prior)
         limit = max(CONVERGED, (ROUGH if weigh else 1e-10) * before)
-        if progress:
-            progress(count, before)
+        note(f"iteration {count}, chi-squared {before:.6g}")
+        log.debug("iteration %d: chi-squared %.8g, damping %.2g, %s", count, before, damping,
+                  "normal equations" if by_sums else "QR")
         while True:
             step, decrease = now.small.step(damping)
             if decrease < limit or float(np.max(np.abs(step / unit), initial=0.0)) < ROUND_OFF:

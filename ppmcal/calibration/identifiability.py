@@ -22,6 +22,7 @@ from ppmcal.linalg import Array, finite_rows, range_basis, svd, unit_columns, wi
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import is_joint_component
+from ppmcal.wording.progress import stage
 
 RANK_TOLERANCE = 1e-9
 """A column counts as dependent below this part of the largest column."""
@@ -196,6 +197,7 @@ def predict_identifiability(problem: Problem, method: str) -> Identifiability:
                       prior_weights(problem, method), column_scale(problem), keep, 0, False))
 
 
+@stage("what the data leave open")
 def identifiability(fit: Fit) -> Identifiability:
     """Return what the rows and priors of a fit, or of a machine before it, leave open."""
     if not fit.problem.free:

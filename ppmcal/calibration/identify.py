@@ -8,15 +8,17 @@ not belong are down-weighted on the way and, at the end, left out and reported.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ppmcal.calibration.fit import OUTLIER, Fit, FitOptions, prediction_covariance
-from ppmcal.calibration.gauss_newton import Progress, least_squares
+from ppmcal.calibration.gauss_newton import Minimum, least_squares
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.least_squares import (
+    QRFactor,
     column_scale,
     parameter_scale,
     prior_weights,
@@ -30,23 +32,24 @@ from ppmcal.calibration.regularization import damped, gcv_scale
 from ppmcal.calibration.unsolved_rows import NO_POSE, with_unsolved
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.wording.progress import stage
 
 MANY_ROWS, FEW_ROWS = 8000, 3000
 """Beyond so many rows a fit to so few of them comes first."""
+log = logging.getLogger(__package__)
 STIFFEST = 1e3
 """While approaching, the prior is no weaker than the best known direction over this."""
 STAGE, STAGE_ITERATIONS = 30.0, 4
 """Each stage of the approach weakens the prior by this much, in so many iterations."""
 
 
-def identify(problem: Problem, options: FitOptions | None = None, progress: Progress | None = None,
-             start: State | None = None, near: bool = False, at_minimum: bool = False) -> Fit:
+def identify(problem: Problem, options: FitOptions | None = None, start: State | None = None,
+             near: bool = False, at_minimum: bool = False) -> Fit:
     """Fit the free parameters and open frames to the data.
 
     Args:
         problem: machine, data and free parameters.
         options: method and its settings.
-        progress: called with (iteration, chi-squared).
         start: where to start, default the machine's present values.
         near: whether the start is near the minimum already.
         at_minimum: whether it is the minimum of many of the same rows.
@@ -62,33 +65,44 @@ def identify(problem: Problem, options: FitOptions | None = None, progress: Prog
     _enough(problem, keep)
     suspects = [np.zeros_like(k) for k in keep]
     if options.robust and options.method != "damped":
-        suspects = gross_errors(problem, state, keep)
+        with stage("looking for gross errors"):
+            suspects = gross_errors(problem, state, keep)
+        log.info("%d of %d rows set aside as gross errors before the fit",
+                 sum(int(s.sum()) for s in suspects), sum(int(k.sum()) for k in keep))
         keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
     unused = state.poses
     state = _only(state, keep)
     if options.method == "damped":
         state = start_off_zero(problem, state, keep)
-        return damped(problem, state, keep, reasons, options, progress)
+        return damped(problem, state, keep, reasons, options)
     many = sum(int(k.sum()) for k in keep) > MANY_ROWS
     if many and not at_minimum:
         thinned, few = _thinned(problem, state, keep)
-        first = identify(thinned, options, progress, few)
+        log.info("more than %d rows: the minimum is sought with %d of them first", MANY_ROWS,
+                 sum(len(d) for d in thinned.datasets))
+        with stage("fitting some of the rows"):
+            first = identify(thinned, options, few)
         state = problem.solve(State(first.state.g, first.state.registrations, state.poses))
         keep, later = _usable(problem, state)
         keep = [k & ~s for k, s in zip(keep, suspects, strict=True)]
         reasons = [{**new, **old} for new, old in zip(later, reasons, strict=True)]
     elif not many:
-        state = _near(problem, state, keep, prior, options, progress, near)
-    fit = _fit(problem, state, keep, reasons, prior, options, progress)
+        with stage("coming near"):
+            state = _near(problem, state, keep, prior, options, near)
+    with stage("fitting all rows"):
+        fit = _fit(problem, state, keep, reasons, prior, options)
     if options.robust:
-        fit = _left_out_by_files(fit, suspects, unused, options, progress)
+        with stage("judging each row"):
+            fit = _left_out_by_files(fit, suspects, unused, options)
+        log.info("%d rows left out as gross errors, the noise of the others %.3g times the stated "
+                 "one", sum(int(o.sum()) for o in fit.outliers), fit.noise_factor)
     if options.method == "gcv":
         # gross errors would pass for a machine that is farther off than it is
-        fit = _cross_validated(fit, options, progress)
+        fit = _cross_validated(fit, options)
         if options.robust:
-            fit = _without_outliers(fit, fit.outliers, fit.state.poses, options, progress)
+            fit = _without_outliers(fit, fit.outliers, fit.state.poses, options)
     return replace(with_unsolved(fit, lambda at, rows, why: _fit(
-        problem, at.state, rows, why, at.prior, options, progress, at.prior_scale)), start=begun)
+        problem, at.state, rows, why, at.prior, options, at.prior_scale)), start=begun)
 
 
 def _only(state: State, keep: Sequence[Bools]) -> State:
@@ -118,23 +132,25 @@ def _thinned(problem: Problem, state: State, keep: Sequence[Bools]) -> tuple[Pro
 
 
 def _near(problem: Problem, state: State, keep: Sequence[Bools], prior: Array, options: FitOptions,
-          progress: Progress | None, near: bool) -> State:
+          near: bool) -> State:
     """Return a state near the minimum, outliers weighted down."""
     if not near:
         state = start_off_zero(problem, state, keep)
     if not options.robust:
-        return state if near else _approach(problem, state, keep, prior, None, progress)
+        return state if near else _approach(problem, state, keep, prior, None)
+
+    log.info("far rows are weighted down (Huber) on the way to the minimum")
 
     def weigh(at: State) -> Sequence[Array]:
         return huber_weights(problem, at, keep)
 
     if not near:
-        state = _approach(problem, state, keep, prior, weigh, progress)
-    return least_squares(problem, state, keep, prior, options.most, weigh, progress).state
+        state = _approach(problem, state, keep, prior, weigh)
+    return least_squares(problem, state, keep, prior, options.most, weigh).state
 
 
 def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Array,
-              weigh: Callable[[State], Sequence[Array]] | None, progress: Progress | None) -> State:
+              weigh: Callable[[State], Sequence[Array]] | None) -> State:
     """Come near the minimum with a prior that is too strong at first, then less and less.
 
     Exact data make the valley in which frame and geometry trade places so narrow and curved
@@ -148,18 +164,31 @@ def _approach(problem: Problem, state: State, keep: Sequence[Bools], prior: Arra
     excess = known_best / (STIFFEST * weakest)
     while excess > 1.0:
         state = least_squares(problem, state, keep, prior * excess, STAGE_ITERATIONS, weigh,
-                              progress, rough=True).state
+                              rough=True).state
         excess /= STAGE
     return state
 
 
 def _fit(problem: Problem, state: State, keep: Sequence[Bools], reasons: Sequence[dict[int, str]],
-         prior: Array, options: FitOptions, progress: Progress | None, scale: float = 1.0) -> Fit:
-    found = least_squares(problem, state, keep, prior, options.most, None, progress)
+         prior: Array, options: FitOptions, scale: float = 1.0) -> Fit:
+    found = least_squares(problem, state, keep, prior, options.most, None)
     reduced = found.reduced or qr_factor(problem, found.state, keep)
+    _remark(problem, found, reduced, keep)
     return Fit(problem, found.state, reduced, prior, column_scale(problem), tuple(keep),
                found.iterations, found.converged, prior_scale=scale, reasons=tuple(reasons),
                summed=found.summed)
+
+
+def _remark(problem: Problem, found: Minimum, reduced: QRFactor, keep: Sequence[Bools]) -> None:
+    """Log how a fit went."""
+    if log.isEnabledFor(logging.INFO):
+        used = reduced.triangle * column_scale(problem)
+        condition = float(np.linalg.cond(used)) if used.size else 1.0
+        log.info("%d columns to %d rows: %s after %d iterations, %d of them from normal equations, "
+                 "the others by QR; chi-squared %.6g, condition of the data alone %.2g",
+                 len(problem.columns), sum(int(k.sum()) for k in keep),
+                 "converged" if found.converged else "not converged", found.iterations,
+                 found.summed, reduced.square, condition)
 
 
 def _usable(problem: Problem, state: State) -> tuple[list[Bools], list[dict[int, str]]]:
@@ -221,7 +250,7 @@ def _flat_columns(problem: Problem, state: State, keep: Sequence[Bools], scale: 
 
 
 def _without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
-                      options: FitOptions, progress: Progress | None) -> Fit:
+                      options: FitOptions) -> Fit:
     """Leave out rows that do not belong, worst first, refitting after each round.
 
     ``suspects`` (N,) by data set are out already and are judged with the others at the end;
@@ -241,25 +270,25 @@ def _without_outliers(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array
         for i, n, _ in bad[:max(1, total // 50)]:
             keep[i][n] = False
             dropped.add((i, n))
-        fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options, progress,
+        fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options,
                    fit.prior_scale)
     if any(s.any() for s in suspects):
         fit = replace(fit, state=_found_again(fit, suspects, poses))
-    return _readmit(fit, keep, reasons, dropped, factor, options, progress)
+    return _readmit(fit, keep, reasons, dropped, factor, options)
 
 
 def _left_out_by_files(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array],
-                       options: FitOptions, progress: Progress | None) -> Fit:
+                       options: FitOptions) -> Fit:
     """Leave out rows that do not belong; see :func:`_without_outliers`.
 
     Of several files one may be off as a whole (calipers of a part that shrank) and pull at the
     others' rows. A row that agrees with its own file, in a fit of that alone in which an error
     would show, is not the one that is wrong: it stays.
     """
-    found = _without_outliers(fit, suspects, poses, options, progress)
+    found = _without_outliers(fit, suspects, poses, options)
     if len(fit.problem.datasets) < 2 or not any(o.any() for o in found.outliers):
         return found
-    pardoned = [_agreeing(found, i, poses[i], options, progress) if o.any() else o
+    pardoned = [_agreeing(found, i, poses[i], options) if o.any() else o
                 for i, o in enumerate(found.outliers)]
     if not any(p.any() for p in pardoned):
         return found
@@ -269,13 +298,12 @@ def _left_out_by_files(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Arra
     times = [{n: v for n, v in each.items() if not p[n]}
              for each, p in zip(found.times, pardoned, strict=True)]
     state = _found_again(found, pardoned, poses)
-    back = _fit(found.problem, state, keep, reasons, found.prior, options, progress,
+    back = _fit(found.problem, state, keep, reasons, found.prior, options,
                 found.prior_scale)
     return replace(back, noise_factor=found.noise_factor, times=tuple(times))
 
 
-def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions,
-              progress: Progress | None) -> Bools:
+def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions) -> Bools:
     """Return which rows (N,) that were left out of a data set agree with a fit of it alone."""
     out = found.outliers[index]
     data = found.problem.datasets[index]
@@ -287,8 +315,8 @@ def _agreeing(found: Fit, index: int, poses: Array, options: FitOptions,
     pose = np.where(out[:, None], poses, found.state.poses[index])
     state = alone.solve(State(found.state.g, (found.state.registrations[index],), (pose,)))
     keep = [(found.keep[index] | out) & finite_rows(state.poses[0])]
-    own = _fit(alone, state, keep, [{}], prior_weights(alone, options.method), options, progress)
-    own = _without_outliers(own, [np.zeros_like(out)], state.poses, options, progress)
+    own = _fit(alone, state, keep, [{}], prior_weights(alone, options.method), options)
+    own = _without_outliers(own, [np.zeros_like(out)], state.poses, options)
     hidden = [row for _, rows in unchecked(own, prediction_covariance(own)) for row in rows]
     return np.asarray(out & own.keep[0] & ~np.isin(data.rows, hidden))
 
@@ -303,8 +331,7 @@ def _found_again(fit: Fit, suspects: Sequence[Bools], poses: Sequence[Array]) ->
 
 
 def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
-             dropped: set[tuple[int, int]], factor: float, options: FitOptions,
-             progress: Progress | None) -> Fit:
+             dropped: set[tuple[int, int]], factor: float, options: FitOptions) -> Fit:
     """Take back rows that the final fit explains; write down why the others are out."""
     times: list[dict[int, float]] = [{} for _ in keep]
     if dropped:
@@ -321,12 +348,12 @@ def _readmit(fit: Fit, keep: list[Bools], reasons: list[dict[int, str]],
             reasons[i][n] = (f"{OUTLIER}: {away:.1f} times the noise" if solved[i][n]
                              else NO_POSE)
         if back:
-            fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options, progress,
+            fit = _fit(fit.problem, fit.state, keep, reasons, fit.prior, options,
                        fit.prior_scale)
     return replace(fit, noise_factor=factor, reasons=tuple(reasons), times=tuple(times))
 
 
-def _cross_validated(fit: Fit, options: FitOptions, progress: Progress | None) -> Fit:
+def _cross_validated(fit: Fit, options: FitOptions) -> Fit:
     """Refit with the prior scale that generalised cross-validation chooses."""
     base = fit.prior
     scale = 1.0
@@ -334,7 +361,7 @@ def _cross_validated(fit: Fit, options: FitOptions, progress: Progress | None) -
         new = gcv_scale(fit, base)
         done = abs(np.log(new / scale)) < 0.05
         scale = new
-        fit = _fit(fit.problem, fit.state, fit.keep, fit.reasons, base / scale, options, progress,
+        fit = _fit(fit.problem, fit.state, fit.keep, fit.reasons, base / scale, options,
                    scale)
         if done:
             break

@@ -19,6 +19,7 @@ from ppmcal.calibration.fit import Fit, posterior
 from ppmcal.calibration.session_clusters import clusters
 from ppmcal.calibration.sessions import session_masks
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.wording.progress import stage
 
 BLOCKS, LEAST_ROWS = 8, 3
 """Blocks of a session, and rows in each at least."""
@@ -26,6 +27,7 @@ STRETCHES = 1.0
 """Blocks, of one machine, differ by no more than so many tolerances."""
 
 
+@stage("widening intervals where rows disagree")
 def honest(fit: Fit, inflation: float) -> tuple[Disagreement | None, Disagreement | None]:
     """Return what sessions and what blocks of rows make of a fit's uncertainty.
 
@@ -120,7 +122,7 @@ def _near(q: Array) -> Ints:
     return block
 
 
-SHOWN = 3
+SHOWN, VISIBLE = 3, 1.05
 
 
 def in_words(fit: Fit, found: Disagreement | None) -> list[str]:
@@ -131,16 +133,21 @@ def in_words(fit: Fit, found: Disagreement | None) -> list[str]:
                            / (1.96 * np.sqrt(np.diagonal(posterior(fit)))[:len(fit.problem.free)])))
     if not found.sessions:
         return [f"what the model leaves is smooth over {found.labels[0].rsplit(' ', 1)[0]}: "
-                f"rows there are not independent, and intervals are {wide:.2g} times as long as "
-                "noise alone makes them (median)"]
+                f"rows there are not independent, and intervals count it{_longer(wide)}"]
     if not found.disagree.any():
-        return [f"{len(found.labels)} sessions differ by more than their noise: intervals count it "
-                f"and are {wide:.2g} times as long as noise alone makes them (median)"]
+        return [f"{len(found.labels)} sessions differ by more than their noise: intervals count it"
+                f"{_longer(wide)}"]
     worst = np.argsort(found.p_value, kind="stable")[:int(found.disagree.sum())]
     each = "; ".join(_values(fit, found, c) for c in worst[:SHOWN].tolist())
     more = f"; and {len(worst) - SHOWN} more" if len(worst) > SHOWN else ""
     return [f"sessions disagree about {len(worst)} of {found.p_value.size} parameters, each fitted "
             f"alone: {each}{more}; intervals count it"]
+
+
+def _longer(times: float) -> str:
+    """Return by how much intervals are longer, empty where the median of them hardly is."""
+    return (f" and are {times:.2g} times as long as noise alone makes them (median)"
+            if times >= VISIBLE else "")
 
 
 def _values(fit: Fit, found: Disagreement, column: int) -> str:

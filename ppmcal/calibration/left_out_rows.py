@@ -20,6 +20,7 @@ from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted
+from ppmcal.wording.progress import stage
 
 GROSS_SHARE = 0.1
 """Gross errors may be this part of the rows; more is a finding,"""
@@ -126,6 +127,7 @@ class _Pattern:
     stretch: tuple[int, float, float] | None = None
 
 
+@stage("where the machine is another")
 def doubtful_stretches(fit: Fit, after: Residuals, out: LeftOut) -> tuple[DoubtfulStretch, ...]:
     """Return the stretch that the rows which were left out have in common, if they do.
 

@@ -10,6 +10,7 @@ does not come near the noise either, a calibration would only bend the geometry.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -31,6 +32,9 @@ from ppmcal.errors import BadInput, NoResult, PpmcalError
 from ppmcal.linalg import Array, Bools, Ints, finite_rows, subsample
 from ppmcal.model.dataset import Dataset
 from ppmcal.units import Units
+from ppmcal.wording.progress import stage
+
+log = logging.getLogger(__package__)
 
 MANY_GROSS = 0.2
 """If more than this part are, they may be read wrongly, and no others."""
@@ -155,6 +159,7 @@ def _misfit(problem: Problem) -> Misfit:
     return Misfit(times, position, rotation, before, after, lost, rows, found, gross)
 
 
+@stage("trying other readings")
 def refuse_misread(problem: Problem) -> Misfit:
     """Refuse measurements that are not of this machine as the files are read.
 
@@ -166,6 +171,8 @@ def refuse_misread(problem: Problem) -> Misfit:
             read, where that is found.
     """
     found = misfit(problem)
+    log.info("other readings of the files: %s", f"{len(found.readings)} found" if found.readings
+             else "none needed" if not found.misread else "none found")
     if found.readings:
         raise Misread.of(found.readings, problem.mechanism.units)
     if found.misread:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -10,13 +11,15 @@ from numpy.typing import NDArray
 from scipy.special import chdtr, chdtrc
 
 from ppmcal.calibration.fit import Fit, FitOptions, directions, prediction_covariance
-from ppmcal.calibration.gauss_newton import Progress, least_squares, prior_square
+from ppmcal.calibration.gauss_newton import least_squares, prior_square
 from ppmcal.calibration.identify import identify
 from ppmcal.calibration.least_squares import qr_factor
 from ppmcal.calibration.observation import SCALARS
 from ppmcal.calibration.problem import Problem
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.dataset import Dataset
+
+log = logging.getLogger(__package__)
 
 LEAST = 5.0
 """A data set of less redundancy keeps its stated noise; where that is only where an estimate
@@ -54,7 +57,7 @@ def _squares(fit: Fit) -> tuple[Array, Array]:
     return square, freedom
 
 
-def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progress | None = None,
+def with_estimated_noise(problem: Problem, options: FitOptions,
                          which: Sequence[bool] | None = None) -> tuple[Fit, Array]:
     """Fit with the noise of each data set as its residuals show it.
 
@@ -65,7 +68,6 @@ def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progre
     Args:
         problem: machine and data with stated noise.
         options: of the fits.
-        progress: as for :func:`ppmcal.calibration.identify.identify`.
         which: data sets whose noise is estimated (D,)  [default: all].
 
     Returns:
@@ -76,15 +78,16 @@ def with_estimated_noise(problem: Problem, options: FitOptions, progress: Progre
     """
     factor = np.ones(len(problem.datasets))
     chosen = np.ones(factor.size, dtype=bool) if which is None else np.array(which)
-    fit = identify(problem, options, progress)
+    fit = identify(problem, options)
     for _ in range(ROUNDS):
         ratio = _steps(fit, factor)
         ratio = np.where(chosen & np.isfinite(ratio) & (ratio > 0.0), ratio, 1.0)
         if np.max(np.abs(np.log(ratio))) < SETTLED:
             break
         factor = factor * ratio
+        log.info("noise estimated: %s times the stated one", ", ".join(f"{f:.3g}" for f in factor))
         scaled = replace(problem, datasets=_scaled(problem.datasets, factor))
-        fit = identify(scaled, options, progress, fit.state, near=True)
+        fit = identify(scaled, options, fit.state, near=True)
     return fit, factor
 
 
@@ -107,7 +110,7 @@ def noise_sentences(problem: Problem, factor: Array, which: Sequence[bool]) -> l
     return out
 
 
-def with_own_noise(problem: Problem, options: FitOptions, progress: Progress | None = None
+def with_own_noise(problem: Problem, options: FitOptions
                    ) -> tuple[Problem, list[str]]:
     """Return the problem with the noise of the data sets that want it estimated, and what it is.
 
@@ -117,7 +120,7 @@ def with_own_noise(problem: Problem, options: FitOptions, progress: Progress | N
     which = [d.estimated for d in problem.datasets]
     if not any(which):
         return problem, []
-    _, factor = with_estimated_noise(problem, options, progress, which)
+    _, factor = with_estimated_noise(problem, options, which)
     return (replace(problem, datasets=_scaled(problem.datasets, factor)),
             noise_sentences(problem, factor, which))
 

@@ -20,6 +20,7 @@ from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.reading_trial import NOISE, Misreading
 from ppmcal.errors import PpmcalError
 from ppmcal.model.parameters import NO_TOLERANCE
+from ppmcal.wording.progress import stage
 
 FAR = 4.0
 """Tolerances from nominal, RMS over the geometry without the drives' zeros,"""
@@ -65,6 +66,7 @@ def doubtful_machine(problem: Problem) -> tuple[Misreading, ...]:
     return ()
 
 
+@stage("is it this machine")
 def refuse_other_machine(fit: Fit) -> None:
     """Refuse a fit, with tolerances as prior, whose geometry is none of this machine's.
 

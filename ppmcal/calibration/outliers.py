@@ -15,6 +15,7 @@ from ppmcal.calibration.observation import NUMBERS, SCALARS, coordinates, shown
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.linalg import Array, Bools, finite_rows
+from ppmcal.wording.progress import stage
 
 HUBER = 1.5
 """Rows farther than this many standard deviations (root mean square) are down-weighted."""
@@ -172,6 +173,7 @@ class GrossErrors:
     homing_shifts: tuple[HomingShift, ...]
 
 
+@stage("explaining gross errors")
 def find_gross_errors(fit: Fit) -> GrossErrors:
     """Return what does not belong in a fit's data."""
     covariance = prediction_covariance(fit)

@@ -21,6 +21,7 @@ from ppmcal.calibration.observation import SCALARS, coordinates
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
+from ppmcal.wording.progress import stage
 
 OPEN = ("frame", "target", "rotation", "homing")
 """What a registration may fit, simplest first."""
@@ -111,6 +112,7 @@ def fall(before: float, after: float, count: int, columns: int, more: int) -> fl
     return part if part > WORTH and chance < DEMANDED else 0.0
 
 
+@stage("trying other registrations")
 def registration_hints(fit: Fit) -> tuple[RegistrationHint, ...]:
     """Return what files keep closed and the data ask to be open, best first.
 

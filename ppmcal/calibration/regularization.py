@@ -9,13 +9,13 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ppmcal.calibration.fit import Fit, FitOptions
-from ppmcal.calibration.gauss_newton import Progress
 from ppmcal.calibration.identifiability import RANK_TOLERANCE
 from ppmcal.calibration.least_squares import column_scale, normal_step, qr_factor
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.linalg import Array, Bools, range_basis, svd, unit_columns, without_range
 from ppmcal.model.dataset import Dataset
 from ppmcal.wording import counted
+from ppmcal.wording.progress import note
 
 DAMPED_ITERATIONS, SOON = 6000, 60
 """Iterations of the damped scheme at most, and how many more are worth their time once the
@@ -59,8 +59,7 @@ def gcv_scale(fit: Fit, base: Array) -> float:
 
 
 def damped(problem: Problem, state: State, keep: Sequence[Bools],
-           reasons: Sequence[dict[int, str]], options: FitOptions,
-           progress: Progress | None = None) -> Fit:
+           reasons: Sequence[dict[int, str]], options: FitOptions) -> Fit:
     """The scheme of [PPM] section 4.5: step = (J^T J + lambda I)^-1 J^T r, in m and rad.
 
     A damping, centred anew in each iteration, not a prior: where it ends depends on the
@@ -85,8 +84,7 @@ def damped(problem: Problem, state: State, keep: Sequence[Bools],
                           dtype=np.float64)
         state = problem.moved(state, step)
         reduced, plain = qr_factor(problem, state, keep), qr_factor(unit, state, keep)
-        if progress:
-            progress(iteration, reduced.square)
+        note(f"iteration {iteration}, chi-squared {reduced.square:.6g}")
         left, _ = normal_step(unit, state, plain, none).step()
         away, before = float(np.sum((reduced.triangle @ left) ** 2)), away
         if away < 0.01:

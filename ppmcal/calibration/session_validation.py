@@ -15,8 +15,10 @@ from ppmcal.calibration.sessions import one_session, session_masks
 from ppmcal.calibration.validation import LEFT_OUT, Residuals, on_other_rows
 from ppmcal.linalg import Bools
 from ppmcal.model.dataset import Dataset
+from ppmcal.wording.progress import stage
 
 
+@stage("predicting each session")
 def sessions_left_out(problem: Problem, options: FitOptions, keep: Sequence[Bools], noise: float
                       ) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures of every session as a fit of the others predicts it, and how.

@@ -1,7 +1,7 @@
 """From a fit to statements: estimates with intervals, rank, noise check, residuals.
 
 Everything here is read off the fit's small triangle and one pass over the rows; nothing
-is fitted again, except the frames of the "before" figures and the held-out part.
+is fitted again, except the frames of what was before and the held-out part.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.calibration.before import before
 from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.disagreement import Disagreement
 from ppmcal.calibration.fit import Fit, FitOptions, posterior, prediction_covariance
@@ -37,7 +38,7 @@ from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.session_validation import sessions_left_out
-from ppmcal.calibration.validation import Residuals, held_out, on_other, register_only, residuals
+from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
@@ -278,7 +279,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     wider = sessions or blocks
     found = estimates(fit, rank, wider)
     mechanism = with_estimates(fit, found)
-    before = register_only(fit.problem, fit.start).state
+    was = before(fit.problem, fit.keep)
+    stood = {**registered(fit.problem, fit.state), **was.registrations}
     if leave_out:
         held, note = sessions_left_out(fit.problem, options, fit.keep, inflation)
     elif other:
@@ -291,8 +293,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     return Identification(
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
-        residuals(fit.problem, before),
-        registered(fit.problem, before), after, held, note,
+        was.residuals, stood, after, held, note,
         _findings(fit, noise, inflation, found, out, wider), identifiability(fit), *wrong,
         _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out),
         sessions=sessions, blocks=blocks)

@@ -19,6 +19,7 @@ from ppmcal.kinematics.registration import carried_back
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.registration import Registration
+from ppmcal.wording.progress import stage
 
 LEFT_OUT = "left out of the fit to everything"
 
@@ -114,6 +115,7 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
     return out
 
 
+@stage("registering the nominal machine")
 def register_only(problem: Problem, state: State | None = None) -> Fit:
     """Fit only open frames and targets, geometry as it is."""
     bare = replace(problem, free=(), earlier=None)
@@ -132,6 +134,7 @@ def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools
     return out
 
 
+@stage("predicting held-out poses")
 def held_out(whole: Fit, options: FitOptions, fraction: float, seed: int, noise: float = 1.0
              ) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures on poses that a fit of the others had not seen, and how it was done.
@@ -179,6 +182,7 @@ def fresh_state(problem: Problem, fitted: State) -> State:
     return State(fitted.g, fitted.registrations, poses)
 
 
+@stage("predicting other measurements")
 def on_other(fit: Fit, other: Sequence[Dataset]) -> tuple[dict[str, dict[str, float]], str]:
     """Return the figures on other data sets, and how they were registered."""
     errors, rows = on_other_rows(fit, other)

@@ -10,12 +10,11 @@ from ppmcal.cli.common import (
     FILE,
     Console,
     cluster_options,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
-    quiet_option,
 )
 from ppmcal.wording import counted
 
@@ -26,10 +25,9 @@ SHOWN = 10
 @click.argument("manifest", type=FILE)
 @out_option("batch")
 @cluster_options
-@quiet_option
-@json_option
-def command(manifest: Path, out: Path, cores: int | None, scheduler: str | None, quiet: bool,
-            as_json: bool) -> None:
+@console_options
+def command(manifest: Path, out: Path, cores: int | None, scheduler: str | None,
+            console: Console) -> None:
     """Identify, diagnose or compensate the campaigns of many machines that MANIFEST lists.
 
     Each writes into its own folder machine/date/command of --out what its command alone would.
@@ -40,10 +38,7 @@ def command(manifest: Path, out: Path, cores: int | None, scheduler: str | None,
     from ppmcal.api.batch import batch
     from ppmcal.io.folder import current
 
-    console = Console(quiet, as_json)
-    with console.progress("Calibrating") as progress:
-        result = batch(manifest, out, cores=cores, scheduler=scheduler, force=current().force,
-                       progress=progress)
+    result = batch(manifest, out, cores=cores, scheduler=scheduler, force=current().force)
     written = result.save(out)
     console.say(result.headline())
     for r in result.failed[:SHOWN]:

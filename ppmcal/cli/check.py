@@ -10,13 +10,12 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
-    json_option,
     leave,
     plain_table,
-    quiet_option,
 )
-from ppmcal.wording import number
+from ppmcal.wording import number, some
 
 
 @click.command("check", epilog=examples(
@@ -25,17 +24,14 @@ from ppmcal.wording import number
 @click.argument("data", type=FILE, nargs=-1)
 @click.option("--draw", type=FILE, default=None, metavar="PATH",
               help="Draw the machine to scale, as an HTML page to turn and move, offline.")
-@quiet_option
-@json_option
-def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
-            as_json: bool) -> None:
+@console_options
+def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Console) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.api.check import check
     from ppmcal.api.inputs import prepared
     from ppmcal.io.results.identifiability import IdentifiabilitySummary
     from ppmcal.io.results.misreading import misreading_entries
 
-    console = Console(quiet, as_json)
     mechanism, datasets = prepared(mech, data)
     result = check(mechanism, datasets)
     drawn = None if draw is None else result.draw(draw)
@@ -57,15 +53,17 @@ def command(mech: Path, data: tuple[Path, ...], draw: Path | None, quiet: bool,
         seen = "the measurements" if datasets else "full-pose measurements about home"
         console.say(f"Rank with {seen}: {result.rank} of {result.columns}.")
     if result.unseen:
-        console.say(f"Not seen at all: {', '.join(result.unseen)}.")
+        console.say(f"{len(result.unseen)} not seen at all: {some(result.unseen, '--json')}.")
     if result.redundant:
-        console.say(f"Redundant with others: {', '.join(result.redundant)}.")
+        console.say(f"{len(result.redundant)} redundant with others: "
+                    f"{some(result.redundant, '--json')}.")
     identifiability = None if result.identifiability is None else IdentifiabilitySummary.of(
         result.identifiability, mechanism)
-    for sentence in identifiability.sentences() if identifiability else ():
+    open_ = identifiability.sentences() if identifiability else []
+    for sentence in open_:
         console.say(sentence)
     console.warn(result.findings)
-    if not result.findings:
+    if not (result.findings or result.unseen or open_):
         console.say("No findings.")
     if drawn is not None:
         console.say(f"The machine, drawn: {drawn}")

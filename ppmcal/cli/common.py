@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
+import logging
 import math
 import shlex
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,11 +13,16 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from ppmcal.cli.display import aside, remarks, shortened, shown
+from ppmcal.wording import MOST, gathered
+
 if TYPE_CHECKING:
     from rich.table import Table
 
 F = TypeVar("F", bound=Callable[..., Any])
 WIDTH = 80
+WORDS, LEAST = 7, 16
+"""Columns of a table that words can do with, and that a name is left at least."""
 FILE = click.Path(dir_okay=False, path_type=Path)
 MODEL = click.Path(path_type=Path)
 """A mechanism file, or the folder of a result that holds one."""
@@ -37,6 +42,9 @@ class FiniteRange(click.FloatRange):
 
 
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+verbose_option = click.option(
+    "-v", "--verbose", count=True, help="Say on standard error what was read, decided and how "
+    "long it took; -vv: each iteration too.")
 leave_out_option = click.option(
     "--leave-out", type=click.Choice(["session"]), default=None,
     help="Predict each session (file, or label of a column `session`) by the others, in place of "
@@ -60,6 +68,54 @@ def examples(*lines: str) -> str:
     """Return the end of a command's help: lines to copy, which the tests run."""
     # \b keeps click from filling the lines
     return "\b\nExamples:\n" + "".join(f"  {line}\n" for line in lines)
+
+
+def console_options(function: F) -> F:
+    """Return the options ``--quiet``, ``--verbose`` and ``--json``.
+
+    The command's body gets ``console``; while it runs, what the layers below it say of their work
+    is shown on standard error.
+    """
+    @functools.wraps(function)
+    def body(*args: Any, quiet: bool, verbose: int, as_json: bool, **options: Any) -> Any:
+        if quiet and verbose:
+            raise click.UsageError("--quiet and --verbose say the opposite: give one of them.")
+        with _under_way(quiet, verbose):
+            return function(*args, console=Console(quiet, as_json), **options)
+
+    return quiet_option(verbose_option(json_option(cast(F, body))))
+
+
+def verbose_alone(function: F) -> F:
+    """Return the option ``--verbose``, for a command that prints one thing only."""
+    @functools.wraps(function)
+    def body(*args: Any, verbose: int, **options: Any) -> Any:
+        with _under_way(False, verbose):
+            return function(*args, **options)
+
+    return verbose_option(cast(F, body))
+
+
+@contextmanager
+def _under_way(quiet: bool, verbose: int) -> Iterator[None]:
+    """Show progress and remarks of the command that is about to run."""
+    from ppmcal.cli.shares import SHARES
+
+    context = click.get_current_context()
+    with shown(SHARES.get(context.command.name or "", {}), quiet), remarks(verbose):
+        _say_defaults(context)
+        yield
+
+
+def _say_defaults(context: click.Context) -> None:
+    """Log the options that were not given."""
+    taken = [f"{option.opts[-1]} {value}" for option in context.command.params
+             for value in [context.params.get(option.name or "")]
+             if isinstance(option, click.Option) and value not in (None, False, (), 0)
+             and context.get_parameter_source(option.name or "")
+             == click.core.ParameterSource.DEFAULT]
+    if taken:
+        logging.getLogger("ppmcal.cli").info("defaults taken: %s", ", ".join(taken))
 
 
 def cluster_options(function: F) -> F:
@@ -100,7 +156,7 @@ def out_option(default: str) -> Callable[[F], F]:
 
 
 class Console:
-    """Prints for people on standard output, progress on standard error, JSON on demand."""
+    """Prints for people on standard output, and JSON on demand."""
 
     def __init__(self, quiet: bool, as_json: bool) -> None:
         """Remember how to print."""
@@ -115,7 +171,8 @@ class Console:
     def say(self, text: str = "") -> None:
         """Print one paragraph, wrapped at 80 columns."""
         if self.speaks:
-            self.rich.print(text, markup=False, highlight=False)
+            with aside():
+                self.rich.print(text, markup=False, highlight=False)
 
     def say_command(self, head: str, words: Sequence[object]) -> None:
         """Print a command to be copied: longer than a line, it goes on behind a backslash."""
@@ -128,20 +185,23 @@ class Console:
         self.say("\n".join(lines))
 
     def warn(self, findings: Sequence[str]) -> None:
-        """Print what the user must look at."""
-        for finding in findings:
+        """Print what the user must look at; of more than three of a kind one sentence."""
+        for finding in gathered(findings, "all with --json"):
             self.say(f"! {finding}")
 
     def warn_rows(self, findings: Sequence[str], rows: Sequence[str]) -> None:
-        """Print findings, then what is wrong with rows, the first ten of them."""
-        self.warn([*findings, *rows[:10]])
-        if len(rows) > 10:
-            self.say(f"... and {len(rows) - 10} more rows, see status and reason.")
+        """Print findings, then what is wrong with rows, of many the first three in one line."""
+        self.warn(findings)
+        many = len(rows) > MOST
+        for line in [f"{len(rows)} rows: {'; '.join(rows[:MOST])}; and {len(rows) - MOST} more, "
+                     "see status and reason"] if many else rows:
+            self.say(f"! {line}")
 
     def table(self, table: Table) -> None:
         """Print a table."""
         if self.speaks:
-            self.rich.print(table)
+            with aside():
+                self.rich.print(table)
 
     @property
     def rich(self) -> Any:
@@ -157,7 +217,8 @@ class Console:
         if self.as_json:
             from ppmcal.io import json_text
 
-            click.echo(json_text(content), nl=False)
+            with aside():
+                click.echo(json_text(content), nl=False)
 
     @contextmanager
     def misread(self) -> Iterator[None]:
@@ -172,30 +233,30 @@ class Console:
             self.summary({"format": FORMAT, "misreadings": [e.model_dump() for e in entries]})
             raise
 
-    @contextmanager
-    def progress(self, what: str) -> Iterator[Callable[[str], None]]:
-        """Show a line of progress on standard error while something long runs."""
-        if self.quiet or not sys.stderr.isatty():
-            yield lambda text: None
-            return
-        from rich.console import Console as Rich
-
-        with Rich(stderr=True, width=80).status(what) as status:
-            yield lambda text: status.update(f"{what}: {text}")
-
 
 def plain_table(headings: Sequence[str], rows: Sequence[Sequence[str]],
                 right: Sequence[int] = ()) -> Table:
-    """Return a plain table; the columns ``right`` are right-aligned."""
+    """Return a plain table of 80 columns; the columns ``right`` are numbers, right-aligned.
+
+    Names, in the first column, are cut in the middle where they are too long, and words wrap;
+    numbers stay whole.
+    """
     from rich import box
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="")
+    widths = [max((len(row[i]) for row in rows), default=0) for i in range(len(headings))]
+    words = [max((len(w) for text in (heading, *(row[i] for row in rows if i not in right))
+                  for w in text.split()), default=0) for i, heading in enumerate(headings)]
+    taken = sum(max(width if i in right else min(width, WORDS), word)
+                for i, (width, word) in enumerate(zip(widths, words, strict=True)) if i)
+    first = max(WIDTH + 1 - 3 * len(headings) - taken, LEAST)
     for i, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if i in right else "left",
-                         overflow="fold", no_wrap=i == 0)
-    for row in rows:
-        table.add_row(*row)
+        table.add_column(heading, justify="right" if i in right else "left", overflow="fold",
+                         no_wrap=i == 0,
+                         min_width=max(widths[i], words[i]) if i in right else None)
+    for name, *rest in rows:
+        table.add_row(shortened(name, first), *rest)
     return table
 
 

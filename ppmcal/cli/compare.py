@@ -10,13 +10,12 @@ import click
 from ppmcal.cli.common import (
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
     plain_table,
-    quiet_option,
 )
 from ppmcal.wording import number
 
@@ -30,9 +29,8 @@ SHOWN = 12
 @click.argument("old", type=MODEL)
 @click.argument("new", type=MODEL)
 @out_option("compared")
-@quiet_option
-@json_option
-def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None:
+@console_options
+def command(old: Path, new: Path, out: Path, console: Console) -> None:
     """Tell what changed between two calibrations OLD and NEW of one machine.
 
     Both are folders that identify wrote (or the identified.yaml in them), from different
@@ -42,7 +40,6 @@ def command(old: Path, new: Path, out: Path, quiet: bool, as_json: bool) -> None
     """
     from ppmcal.api.compare import compare
 
-    console = Console(quiet, as_json)
     result = compare(old, new)
     written = result.save(out)
     _show(result.record, console)

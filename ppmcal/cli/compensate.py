@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -11,17 +10,12 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
-    quiet_option,
 )
-from ppmcal.wording import number
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command("compensate", epilog=examples(
@@ -37,10 +31,9 @@ if TYPE_CHECKING:
 @click.option("--approach", type=click.Choice(["columns", "sequence"]), default="columns",
               show_default=True, help="Directions of approach: from dir_ columns, or from the "
               "order of the targets.")
-@quiet_option
-@json_option
+@console_options
 def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge: Path | None,
-            approach: str, quiet: bool, as_json: bool) -> None:
+            approach: str, console: Console) -> None:
     """Turn the wanted poses TARGETS into corrected commands of the identified MODEL.
 
     Rows outside limits, across singularities or far outside the measured volume are refused,
@@ -48,17 +41,16 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     """
     from ppmcal.api.compensate import compensate
 
-    console = Console(quiet, as_json)
     result = compensate(model, targets, frame=frame, knowledge=knowledge, approach=approach)
     written = result.save(out)
     console.say(result.headline())
-    factor, unit = (result.mechanism.units.factor("length"), result.mechanism.units.length)
-    before, after = (None if e is None else e / factor for e in result.errors())
-    if before is not None:
+    for kind, size in result.record.predicted.items():
+        if size.words():
+            console.say(f"Predicted {kind} error: {size.words()}.")
+    if any(size.after is not None for size in result.record.predicted.values()):
         unexplained = result.knowledge is not None and any(result.knowledge.unexplained)
-        console.say(f"Predicted position error: {number(before)} {unit} rms with uncorrected "
-                    f"commands. Corrected: {number(after)} {unit} rms, which is how well the "
-                    f"measurements know the machine in the frame of {result.frame or 'its base'}"
+        console.say("What is left is how well the measurements know the machine (1 sigma, in the "
+                    f"frame of {result.frame or 'its base'})"
                     f"{', with what they leave unexplained' * unexplained}.")
     console.warn_rows(result.notes, [f"row {n} refused: {r}" for n, r in result.refused])
     finish(out, [p.name for p in written], console)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import click
 
-from ppmcal.cli.common import Console, examples, json_option, out_option, quiet_option
+from ppmcal.cli.common import Console, console_options, examples, out_option
+from ppmcal.wording.progress import stage
 
 
 @click.command("demo", epilog=examples("ppmcal demo --out demo-results"))
 @out_option("demo-results")
-@quiet_option
-@json_option
-def command(out: Path, quiet: bool, as_json: bool) -> None:
+@console_options
+def command(out: Path, console: Console) -> None:
     """Run the main job once on the sample data: a table-top hexapod seen by a tracker.
 
     Check, identify, compensate, diagnose, inverse kinematics, simulation, sensitivity and a
@@ -25,7 +25,6 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
 
     with Output(out):
         pass    # the folder is the demo's own from now on
-    console = Console(quiet, as_json)
     folder = sample_data()
     mech, data = folder / "hexapod.yaml", folder / "measurements.csv"
     model = out / "identified" / "identified.yaml"
@@ -46,8 +45,9 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
         ("Which error of the geometry does most to the tool, and where?",
          ["sensitivity", mech, "--grid", "x=-20:20:25,y=-20:20:25", "--out",
           out / "sensitivity"]),
-        ("Which twenty poses would tell the geometry best?",
-         ["plan", mech, "--count", "20", "--out", out / "plan"]),
+        ("Which twenty poses would that tracker tell the geometry by best?",
+         ["plan", mech, "--count", "20", "--instrument", data.with_suffix(".yaml"), "--out",
+          out / "plan"]),
         ("Everything on one page.",
          ["report", out / "identified", out / "diagnosed", out / "compensated",
           out / "kinematics", out / "simulated", out / "sensitivity", out / "plan", "--out",
@@ -59,7 +59,8 @@ def command(out: Path, quiet: bool, as_json: bool) -> None:
         words = [str(w) for w in step] + (force if "--out" in step else [])
         console.say(f"\n[{number}/{len(steps)}] {question}")
         console.say(f"$ ppmcal {' '.join(words)}\n")
-        codes[words[0]] = _run(words, console.speaks)
+        with stage(words[0]):
+            codes[words[0]] = _run(words, console.speaks)
     page = out / "report" / "report.html"
     console.say(f"\nDone. Results are in {out}; open {page} in a browser.")
     console.summary({"out": str(out), "report": str(page), "exit_codes": codes})

@@ -14,17 +14,16 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     FiniteRange,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     leave_out_option,
     out_option,
-    quiet_option,
     refuse_two_holdouts,
     seed_option,
 )
-from ppmcal.wording import number, rate, where
+from ppmcal.wording import number, rate, some, where
 
 if TYPE_CHECKING:
     from ppmcal.calibration.misread import Misread
@@ -51,11 +50,10 @@ if TYPE_CHECKING:
               help="Simulated campaigns of noise behind the thresholds.")
 @click.option("--png", is_flag=True, help="Write the pictures as PNG too.")
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, ...],
             kinds: tuple[str, ...], holdout: float, leave_out: str | None, draws: int, png: bool,
-            seed: int | None, quiet: bool, as_json: bool) -> None:
+            seed: int | None, console: Console) -> None:
     """Find the physical effect that the model of MECH misses in the measurements DATA.
 
     Names it with its size, adds it to the model and shows on held-out poses how much of the
@@ -69,12 +67,9 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, patterns: tuple[str, 
     from ppmcal.calibration.misread import Misread
 
     refuse_two_holdouts(leave_out)
-    console = Console(quiet, as_json)
     try:
-        with console.progress("Diagnosing") as show:
-            result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout,
-                              leave_out=leave_out or "", draws=draws, seed=seed or 0, png=png,
-                              progress=show)
+        result = diagnose(mech, data, free=patterns, kinds=kinds, holdout=holdout,
+                          leave_out=leave_out or "", draws=draws, seed=seed or 0, png=png)
     except Misread as refused:
         _write_misread(refused, mech, data, out, seed or 0, console)
         raise
@@ -108,13 +103,15 @@ def describe(result: Diagnosis, record: DiagnosisRecord, console: Console) -> No
         learned_gap,
         next_step,
         not_named,
+        stages,
         tried_sets,
         verdict,
         worst_block,
     )
 
     console.say(f"{record.name}: {verdict(record)}")
-    console.say("Disagreement: " + _where(result))
+    console.say("Disagreement with geometry alone: " + _where(result))
+    console.say(stages(record))
     for line in [*_effects(record), *_days(record), *_suspected(result), *_left(result)]:
         console.say(line)
     for line in (tried_sets(record), not_named(record),
@@ -177,7 +174,7 @@ def _effects(record: DiagnosisRecord) -> list[str]:
                 for head, e in zip(heads, group, strict=True) if e.derived
                 for at in [e.mid_stroke]]
         if others := rivals(record, group[0]):
-            out.append(f"  Cannot be told from: {'; '.join(others)}.")
+            out.append(f"  Cannot be told from: {some(others, 'effects.csv', joint='; ')}.")
         if stands := survives(group[0]):
             out.append(f"  {stands}")
     return out
@@ -196,8 +193,9 @@ def _event(when: str) -> str:
 
 
 def _suspected(result: Diagnosis) -> list[str]:
-    return [f"Suspected: {c.hypothesis.label} (p = {c.p_value:.1g})." for c in result.possible
-            if c.status == "weak"]
+    weak = sorted((c for c in result.possible if c.status == "weak"), key=lambda c: c.p_value)
+    names = [f"{c.hypothesis.label} (p = {c.p_value:.1g})" for c in weak]
+    return [f"Suspected: {some(names, 'effects.csv')}."] if names else []
 
 
 def _left(result: Diagnosis) -> list[str]:

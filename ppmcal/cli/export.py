@@ -13,16 +13,17 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
     plain_table,
-    quiet_option,
 )
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from ppmcal.io.results.export import ExportRecord
 
 ROWS = 24
@@ -39,10 +40,9 @@ ROWS = 24
               "nominal values of MODEL].")
 @click.option("--poses", type=FILE, default=None,
               help="Wanted poses, for formats that are tables of them.")
-@quiet_option
-@json_option
-def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | None, quiet: bool,
-            as_json: bool) -> None:
+@console_options
+def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | None,
+            console: Console) -> None:
     """Write MODEL as a controller's configuration takes it.
 
     FORMAT klipper: lines for the printer.cfg of a linear delta.
@@ -57,9 +57,7 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     """
     from ppmcal.api.export import export
 
-    console = Console(quiet, as_json)
-    with console.progress("Fitting"):
-        result = export(form, model, old=old, poses=poses)
+    result = export(form, model, old=old, poses=poses)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)
@@ -70,8 +68,6 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
 
 def _show(record: ExportRecord, console: Console) -> None:
     """Print the numbers, and what they are worth."""
-    from ppmcal.io.results.export import fixed
-
     if not console.speaks:
         return
     console.say(f"{record.name}: {record.said}.")
@@ -80,18 +76,31 @@ def _show(record: ExportRecord, console: Console) -> None:
                                   list(_numbers(record))[:ROWS], (1, 2, 3)))
     if len(record.parameters) > ROWS:
         console.say(f"... and {len(record.parameters) - ROWS} more, all in export.json.")
-    console.say(f"Error over {record.over}, if the model is exact:")
-    turns = record.gain.after.rotation is not None
-    rows = [[label, *(fixed(v, part.unit) for part in (e, e.rotation) if part is not None
-                      for v in (part.rms, part.max))]
-            for label, e in (("old", record.gain.before), ("new", record.gain.after))]
-    console.table(plain_table(["", "rms mm", "max mm",
-                               *(["rms deg", "max deg"] if turns else [])], rows, (1, 2, 3, 4)))
+    console.say(f"Error over {record.over}, if the model is exact; then what to expect with the "
+                "new numbers, the model's own uncertainty in it:")
+    console.table(_errors(record))
     console.say(record.predicted.sentence())
     for note in record.notes:
         console.say(f"Note: {note}.")
     for line in record.advice:
         console.say(line)
+
+
+def _errors(record: ExportRecord) -> Table:
+    """Return the table of errors with the old and the new numbers."""
+    from ppmcal.io.results.export import error_size
+
+    rows = [[label, *(error_size(v, part.unit) or "unknown" for part in (e, e.rotation)
+                      if part is not None for v in (part.rms, part.max))]
+            for label, e in (("old", record.gain.before), ("new, model exact", record.gain.after))]
+    after = record.predicted.after
+    turns = record.gain.after.rotation is not None
+    expected = [error_size(after.rms, after.unit) or "unknown", ""]
+    if turns:
+        turn = after.rotation
+        expected += [error_size(turn.rms, turn.unit) if turn else "unknown", ""]
+    return plain_table(["", "rms mm", "max mm", *(["rms deg", "max deg"] if turns else [])],
+                       [*rows, ["new, expected", *expected]], (1, 2, 3, 4))
 
 
 def _numbers(record: ExportRecord) -> Iterator[list[str]]:

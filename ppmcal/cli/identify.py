@@ -13,18 +13,17 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     FiniteRange,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     leave_out_option,
     out_option,
     plain_table,
-    quiet_option,
     refuse_two_holdouts,
     seed_option,
 )
-from ppmcal.wording import counted, number
+from ppmcal.wording import counted, number, some
 
 if TYPE_CHECKING:
     from ppmcal.calibration.summary import Identification
@@ -65,6 +64,8 @@ def show_result(result: Identification, record: IdentificationRecord, console: C
 
 def _show_errors(record: IdentificationRecord, console: Console) -> None:
     """Print errors before, after and on what was held out."""
+    from ppmcal.io.results.identification_parts import before_words
+
     table = [[label, name, *(number(getattr(f, k)) for k in ("mean", "rms", "p95", "max")), f.unit]
              for label, found in (("before", record.residual.before),
                                   ("after", record.residual.after),
@@ -72,14 +73,15 @@ def _show_errors(record: IdentificationRecord, console: Console) -> None:
              for name, f in found.items()]
     console.table(plain_table(["", "error", "mean", "rms", "p95", "max", "unit"], table,
                               (2, 3, 4, 5)))
-    console.say(f"Held out: {record.holdout_note}.")
+    console.say(f"Held out: {record.holdout_note}.{before_words(record.residual.before_is)}")
 
 
 def _show_noise(n: NoiseCheck, console: Console) -> None:
     from ppmcal.io.results.identification_wording import noise_verdict
 
     console.say(f"Noise: {noise_verdict(n)[0]}."
-                + (f" Repeats scatter {n.repeat_ratio:.3g} times." if n.repeat_ratio else ""))
+                + (f" Repeats scatter {n.repeat_ratio:.3g} times the stated noise."
+                   if n.repeat_ratio else ""))
     if len(n.by_dataset) > 1:
         console.say("By file: " + ", ".join(f"{name} {number(r, 3)}"
                                             for name, r in n.by_dataset.items()) + ".")
@@ -92,12 +94,13 @@ def _show_parameters(record: IdentificationRecord, console: Console) -> None:
     if shown:
         wider = any(p.sigma_sessions is not None for p in shown)
         console.table(plain_table(
-            ["parameter", "nominal", "error", "+- 95 %", *["by noise"] * wider, "unit", "status"],
-            [[p.name, number(p.nominal, 7), number(p.error),
+            ["parameter", *["nominal"] * (not wider), "error", "+- 95 %", *["by noise"] * wider,
+             "unit", "status"],
+            [[p.name, *[number(p.nominal, 7)] * (not wider), number(p.error),
               _half(p.sigma if p.sigma_sessions is None else p.sigma_sessions),
               *[_half(p.sigma)] * wider, p.unit,
               p.status + ", sessions disagree" * bool(p.disagree)] for p in shown],
-            (1, 2, 3, *[4] * wider)))
+            (1, 2, 3)))
     if len(free) > len(shown):
         console.say(f"The {len(shown)} largest errors against tolerance; all {len(free)} in "
                     "parameters.csv.")
@@ -117,20 +120,18 @@ def _show_prior_dominated(record: IdentificationRecord, console: Console) -> Non
                     if p.status == "identified" and (p.of_tolerance or 0.0) > PRIOR_DOMINATED),
                    key=lambda h: -h[0])
     if found:
-        shown = ", ".join(f"{name} ({ratio:.2f})" for ratio, name in found[:6])
-        more = f" and {len(found) - 6} more" if len(found) > 6 else ""
+        names = [f"{name} ({ratio:.2f})" for ratio, name in found]
         console.say("Constrained by the prior rather than by these data (posterior sigma over "
-                    f"tolerance): {shown}{more}.")
+                    f"tolerance): {some(names, 'parameters.csv')}.")
 
 
 def _show_redundant(record: IdentificationRecord, prior: bool, console: Console) -> None:
     if not record.redundant:
         return
-    names = ", ".join(d.name for d in record.redundant[:8])
-    rest = len(record.redundant) - 8
+    names = some([d.name for d in record.redundant], "identification.json, redundant")
     how = "constrained by the prior alone" if prior else "left where nothing else moves them"
-    more = f" and {rest} more" if rest > 0 else ""
-    console.say(f"Redundant (in unidentifiable combinations with others; {how}): {names}{more}.")
+    console.say(f"{len(record.redundant)} redundant (in unidentifiable combinations with others; "
+                f"{how}): {names}.")
 
 
 
@@ -167,12 +168,11 @@ def _show_redundant(record: IdentificationRecord, prior: bool, console: Console)
               "what its data knew stays known; identification.json must be beside it.")
 @click.option("--keep-outliers", is_flag=True, help="Use every row as it is.")
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: str,
             damping: float, iterations: int | None, patterns: tuple[str, ...], holdout: str,
             leave_out: str | None, sigma: str, start: Path | None, keep: bool, keep_outliers: bool,
-            seed: int | None, quiet: bool, as_json: bool) -> None:
+            seed: int | None, console: Console) -> None:
     """Identify the geometry of MECH from the measurements DATA (CSV files).
 
     Writes identified.yaml (a mechanism file), parameters.csv, residuals.csv and
@@ -184,12 +184,11 @@ def command(mech: Path, data: tuple[Path, ...], out: Path, method: str, prior: s
     if method != "damped" and given == click.core.ParameterSource.COMMANDLINE:
         raise click.UsageError("--damping goes with --method damped.")
     refuse_two_holdouts(leave_out)
-    console = Console(quiet, as_json)
-    with console.misread(), console.progress("Fitting") as show:
+    with console.misread():
         result = identify(mech, data, method=method, prior=prior, damping=damping,
                           iterations=iterations, free=patterns, holdout=holdout,
                           leave_out=leave_out or "", sigma=sigma, start=start, keep=keep,
-                          keep_outliers=keep_outliers, seed=seed or 0, progress=show)
+                          keep_outliers=keep_outliers, seed=seed or 0)
     written = result.save(out)
     for note in result.notes:
         console.say(note)

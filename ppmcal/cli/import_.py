@@ -10,12 +10,11 @@ from ppmcal.cli import completion
 from ppmcal.cli.common import (
     FILE,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
-    quiet_option,
 )
 
 
@@ -37,10 +36,9 @@ from ppmcal.cli.common import (
 @click.option("--scale", type=click.Choice(["known", "unknown"]), default=None,
               help="Whether distances may be off all together, as on a printed part that shrank "
               " [default: unknown where the rods are known].")
-@quiet_option
-@json_option
+@console_options
 def command(form: str, file: Path, out: Path, rods: tuple[str, ...], radius: float | None,
-            mesh: tuple[str, ...], scale: str | None, quiet: bool, as_json: bool) -> None:
+            mesh: tuple[str, ...], scale: str | None, console: Console) -> None:
     """Turn a controller's configuration FILE into a machine and its measurements.
 
     FORMAT klipper: printer.cfg of a delta printer, with the heights and distances that
@@ -50,7 +48,6 @@ def command(form: str, file: Path, out: Path, rods: tuple[str, ...], radius: flo
     """
     from ppmcal.api.import_ import import_config
 
-    console = Console(quiet, as_json)
     result = import_config(form, file, rods=rods, mesh=mesh, scale=scale, radius=radius)
     written = result.save(out)
     tables = [p for p in written if p.suffix == ".csv"]

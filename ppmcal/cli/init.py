@@ -7,21 +7,20 @@ from pathlib import Path
 import click
 
 from ppmcal.cli import completion
-from ppmcal.cli.common import FILE, Console, examples, json_option, plain_table, quiet_option
+from ppmcal.cli.common import FILE, Console, console_options, examples, plain_table
 
 
 @click.command("init", epilog=examples("ppmcal init", "ppmcal init 6-UPS --out my-hexapod.yaml"))
 @click.argument("kind", required=False, shell_complete=completion.machines)
 @click.option("--out", type=FILE, default=None, help="File to write [default: KIND.yaml].")
 @click.option("--force", is_flag=True, help="Overwrite a file that exists.")
-@quiet_option
-@json_option
-def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_json: bool) -> None:
+@console_options
+def command(kind: str | None, out: Path | None, force: bool, console: Console) -> None:
     """Write a commented mechanism file for KIND (none: list the kinds)."""
     from ppmcal.errors import BadInput
+    from ppmcal.io import Output
     from ppmcal.io.templates import find_template, for_editors, templates
 
-    console = Console(quiet, as_json)
     if kind is None:
         rows = [[name, line] for name, line in templates().items()]
         console.table(plain_table(["KIND", "machine"], rows))
@@ -35,15 +34,11 @@ def command(kind: str | None, out: Path | None, force: bool, quiet: bool, as_jso
     for place in (target, second):
         if place.exists() and not force:
             raise BadInput("exists already", str(place), "Give another --out, or --force")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(for_editors(path, "mechanism"), encoding="utf-8")
-        if scenario.exists():
-            second.write_text(for_editors(scenario, "scenario"), encoding="utf-8")
-    except OSError as error:
-        raise BadInput(f"cannot be written ({error.strerror})", str(target),
-                       "Check the folder and its permissions") from None
-    written = [str(target)] + ([str(second)] if scenario.exists() else [])
+    output = Output(target.parent, loose=True)
+    output.add(target.name, for_editors(path, "mechanism"))
+    if scenario.exists():
+        output.add(second.name, for_editors(scenario, "scenario"))
+    written = [str(place) for place in output.write()]
     console.say(f"Written: {', '.join(written)}")
     console.say(f"Next: put your numbers into {target}, then: ppmcal check {target}")
     console.summary({"written": written})

@@ -10,12 +10,11 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
-    quiet_option,
     seed_option,
 )
 from ppmcal.wording import counted
@@ -52,11 +51,10 @@ from ppmcal.wording import counted
               help="Write the path, pose, joints with their limits, rates and the distance to "
               "singularity as PNG, over a column time or t (s), else by row.")
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, rotation: str,
             method: str, dataset: str | None, all_modes: bool, pictures: bool, seed: int | None,
-            quiet: bool, as_json: bool) -> None:
+            console: Console) -> None:
     r"""Kinematics of every row of TABLE (poses, joints, or poses with velocities).
 
     Rows are a path in their order: singularities crossed and assembly modes changed on the
@@ -77,13 +75,9 @@ def command(which: str, mech: Path, table: Path, out: Path, tool: str | None, ro
     from ppmcal.api.kinematics import kinematics
     from ppmcal.io.results.kinematics import LOCKED
 
-    console = Console(quiet, as_json)
-    with console.progress("Kinematics") as show:
-        result = kinematics(which, mech, table, tool=tool, rotation=rotation, method=method,
-                            dataset=dataset, all_modes=all_modes, seed=seed or 0,
-                            pictures=pictures, progress=show)
-        show("writing")
-        written, failed = result.save(out), result.failed
+    result = kinematics(which, mech, table, tool=tool, rotation=rotation, method=method,
+                        dataset=dataset, all_modes=all_modes, seed=seed or 0, pictures=pictures)
+    written, failed = result.save(out), result.failed
     console.say(result.headline())
     if result.gimbal_lock:
         console.say(f"{counted(result.gimbal_lock, 'row')}: {LOCKED}.")

@@ -11,12 +11,11 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
-    quiet_option,
     seed_option,
 )
 
@@ -47,12 +46,11 @@ MOST_COUNT = 1000
               help="Wanted standard deviation of position at the tasks, in MECH's length unit.")
 @out_option("plan")
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | None,
             candidates: Path | None, kinds: tuple[str, ...], payload: str | None,
             temperature: str | None, accuracy: float | None, out: Path, seed: int | None,
-            quiet: bool, as_json: bool) -> None:
+            console: Console) -> None:
     """Choose the poses of MECH that are worth measuring.
 
     D-optimal for the parameters that MECH leaves free, with its tolerances as prior; ordered
@@ -60,11 +58,9 @@ def command(mech: Path, count: int | None, sidecar: Path | None, tasks: Path | N
     """
     from ppmcal.api.plan import plan
 
-    console = Console(quiet, as_json)
-    with console.progress("Planning") as show:
-        result = plan(mech, count=count, instrument=sidecar, tasks=tasks, candidates=candidates,
-                      effects=kinds, payload=payload, temperature=temperature, accuracy=accuracy,
-                      seed=seed or 0, progress=show)
+    result = plan(mech, count=count, instrument=sidecar, tasks=tasks, candidates=candidates,
+                  effects=kinds, payload=payload, temperature=temperature, accuracy=accuracy,
+                  seed=seed or 0)
     written = result.save(out)
     console.say(f"{result.mechanism.name}:")
     for sentence in result.record.said:

@@ -12,19 +12,23 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     FiniteRange,
+    console_options,
     examples,
-    json_option,
     leave,
-    quiet_option,
 )
 
 if TYPE_CHECKING:
     from ppmcal.api.read import ReadResult
 
 
+INPUT = click.Path(path_type=Path)
+"""A file, or the folder of a bag."""
+
+
 @click.command("read", epilog=examples(
-    "ppmcal read log.csv points.txt --mechanism mine.yaml --out joined.csv"))
-@click.argument("files", type=FILE, nargs=-1, required=True)
+    "ppmcal read log.csv points.txt --mechanism mine.yaml --out joined.csv",
+    "ppmcal read log.csv points.txt --mechanism mine.yaml --join name --partial"))
+@click.argument("files", type=INPUT, nargs=-1, required=True)
 @click.option("--mechanism", type=MODEL, required=True, help="The machine that was measured.")
 @click.option("--out", type=FILE, default="run.csv", show_default=True,
               help="CSV to write; its sidecar has the same stem.")
@@ -39,27 +43,37 @@ if TYPE_CHECKING:
               metavar="S", help="How far apart two times may be, s.")
 @click.option("--partial", is_flag=True,
               help="Leave out points and rows that match nothing, and name them.")
+@click.option("--interpolate", is_flag=True,
+              help="Joint values between the rows about a point's time, not those of the nearest.")
+@click.option("--clock-offset", default=None, metavar="S|find",
+              help="What the points' clock is ahead of the log's, s; find: from the motion that "
+              "both saw, refused unless it is clear.")
+@click.option("--names", default=None, metavar="PATTERN",
+              help="How points are called where several targets are on the platform, such as "
+              "{pose}_{target}: one CSV for each target.")
 @click.option("--units", type=click.Choice(["m", "mm", "um", "in"]), default=None,
               help="Length unit of points whose header names none  [default: the sidecar's].")
-@quiet_option
-@json_option
+@console_options
 def command(files: tuple[Path, ...], mechanism: Path, out: Path, force: bool,
             sidecar: Path | None, join: str | None, tolerance: float, partial: bool,
-            units: str | None, quiet: bool, as_json: bool) -> None:
+            interpolate: bool, clock_offset: str | None, names: str | None,
+            units: str | None, console: Console) -> None:
     """Turn FILES of instruments and controllers into a measurement file.
 
     FILES are a table, or a joint log and lists of points (name, x, y, z, perhaps time), separated
-    by commas, semicolons, tabs or spaces. Says what it understood, and writes a CSV and its
-    sidecar.
+    by commas, semicolons, tabs or spaces; or recordings of ROS (CSV or bag). Says what it
+    understood, and writes a CSV and its sidecar.
     """
     from ppmcal.api.read import read
 
-    console = Console(quiet, as_json)
     inputs = [*files, mechanism, *([sidecar] if sidecar else [])]
     _refuse(out, inputs, force)
     result = read(files, mechanism, sidecar=sidecar, join=join, tolerance=tolerance,
-                  partial=partial, units=units, name=out.stem)
-    _refuse(out, [Path(p) for p in result.provenance["inputs"]], force)
+                  partial=partial, interpolate=interpolate, clock_offset=clock_offset, names=names,
+                  units=units, name=out.stem)
+    for name in result.files():
+        _refuse(out.with_name(name).with_suffix(".csv"),
+                [Path(p) for p in result.provenance["inputs"]], force)
     for sentence in result.sentences:
         console.say(sentence)
     console.warn(result.findings)
@@ -84,17 +98,10 @@ def _refuse(out: Path, inputs: list[Path], force: bool) -> None:
 
 
 def _write(result: ReadResult, out: Path) -> list[str]:
-    """Write both files, and return their paths."""
-    from ppmcal.errors import BadInput
-    from ppmcal.io.csv_writer import encoded
+    """Write both files or none, and return their paths."""
+    from ppmcal.io import Output
 
-    written = [str(out.with_name(name)) for name in result.files()]
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        for name, content in result.files().items():
-            with out.with_name(name).open("wb") as file:
-                file.writelines(encoded(content))
-    except OSError as error:
-        raise BadInput(f"cannot be written ({error.strerror})", str(out),
-                       "Check the folder and its permissions") from None
-    return written
+    output = Output(out.parent, loose=True)
+    for name, content in result.files().items():
+        output.add(name, content)
+    return [str(path) for path in output.write()]

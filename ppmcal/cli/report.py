@@ -9,11 +9,10 @@ import click
 from ppmcal.cli.common import (
     FOLDER,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     out_option,
-    quiet_option,
 )
 
 
@@ -21,14 +20,11 @@ from ppmcal.cli.common import (
 @click.argument("dirs", type=FOLDER, nargs=-1, required=True)
 @out_option("report")
 @click.option("--open", "open_page", is_flag=True, help="Open the page in the browser.")
-@quiet_option
-@json_option
-def command(dirs: tuple[Path, ...], out: Path, open_page: bool, quiet: bool, as_json: bool
-            ) -> None:
+@console_options
+def command(dirs: tuple[Path, ...], out: Path, open_page: bool, console: Console) -> None:
     """Gather the output folders DIRS into report.html and report.json."""
     from ppmcal.api.report import make_report
 
-    console = Console(quiet, as_json)
     result = make_report(*dirs)
     written = result.save(out)
     finish(out, [p.name for p in written], console)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import click
 
 from ppmcal.cli import completion
-from ppmcal.cli.common import examples
+from ppmcal.cli.common import examples, verbose_alone
 
 
 @click.command("schema", epilog=examples("ppmcal schema mechanism"))
 @click.argument("name", metavar="FILE", shell_complete=completion.schemas)
+@verbose_alone
 def command(name: str) -> None:
     """Print the JSON Schema of a file, for editors that complete and check it.
 

@@ -12,13 +12,12 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
     plain_table,
-    quiet_option,
 )
 from ppmcal.wording import number
 
@@ -56,12 +55,10 @@ SHOWN = 10
               "all errors at once by their tolerances].")
 @click.option("--size", type=float, default=None, metavar="ERROR",
               help="With --together: also print what an error of this size does.")
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_only: bool,
             all_components: bool, free: tuple[str, ...], tool: str | None, metric: float | None,
-            sigmas: float, together: tuple[str, ...], size: float | None, quiet: bool,
-            as_json: bool) -> None:
+            sigmas: float, together: tuple[str, ...], size: float | None, console: Console) -> None:
     """Tell what each geometric error of MECH does to the tool.
 
     Writes sensitivity.csv (the Jacobian at home, errors ranked), map.csv (amplification index,
@@ -69,12 +66,10 @@ def command(mech: Path, out: Path, poses: Path | None, grid: str | None, home_on
     """
     from ppmcal.api.sensitivity import sensitivity
 
-    console = Console(quiet, as_json)
-    with console.progress("Looking at errors"):
-        result = sensitivity(mech, poses=poses, grid=grid, home_only=home_only,
-                             all_components=all_components, free=free, tool=tool, metric=metric,
-                             sigmas=sigmas, together=together, size=size)
-        written = result.save(out)
+    result = sensitivity(mech, poses=poses, grid=grid, home_only=home_only,
+                         all_components=all_components, free=free, tool=tool, metric=metric,
+                         sigmas=sigmas, together=together, size=size)
+    written = result.save(out)
     for sentence in result.record.said:
         console.say(sentence)
     console.table(_ranking(result.sensitivity))

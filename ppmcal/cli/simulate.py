@@ -10,12 +10,11 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
-    quiet_option,
     seed_option,
 )
 
@@ -26,19 +25,15 @@ from ppmcal.cli.common import (
 @click.argument("scenario", type=FILE)
 @out_option("simulated")
 @seed_option
-@quiet_option
-@json_option
-def command(mech: Path, scenario: Path, out: Path, seed: int | None, quiet: bool,
-            as_json: bool) -> None:
+@console_options
+def command(mech: Path, scenario: Path, out: Path, seed: int | None, console: Console) -> None:
     """Simulate measurements of MECH as SCENARIO says.
 
     Writes measurements.csv, measurements.yaml and truth.json.
     """
     from ppmcal.api.simulate import simulate
 
-    console = Console(quiet, as_json)
-    with console.progress("Simulating"):
-        result = simulate(mech, scenario, seed=seed)
+    result = simulate(mech, scenario, seed=seed)
     written = result.save(out)
     console.say(result.headline())
     console.warn([*result.mechanism.findings, *result.findings])

@@ -11,13 +11,12 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
     plain_table,
-    quiet_option,
 )
 
 if TYPE_CHECKING:
@@ -39,11 +38,9 @@ if TYPE_CHECKING:
 @click.option("--tool", "tool_text", metavar="TEXT", default=None,
               help="Tool point in platform axes: x,y,z. Default: the platform's origin.")
 @out_option("stiffness")
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: str | None,
-            payload: float | None, tool_text: str | None, out: Path, quiet: bool,
-            as_json: bool) -> None:
+            payload: float | None, tool_text: str | None, out: Path, console: Console) -> None:
     """How far the tool of MECH gives way under load, at home and over a map.
 
     MECH says how stiff bars, drives and joints are under `stiffness`. Writes map.csv,
@@ -52,11 +49,9 @@ def command(mech: Path, grid_text: str | None, poses: Path | None, load_text: st
     from ppmcal.api.stiffness import stiffness
     from ppmcal.io.results.stiffness_tables import share_table
 
-    console = Console(quiet, as_json)
-    with console.progress("Mapping"):
-        result = stiffness(mech, grid=grid_text, poses=poses, load_at_tool=load_text,
-                           payload=payload, tool=tool_text)
-        written = result.save(out)
+    result = stiffness(mech, grid=grid_text, poses=poses, load_at_tool=load_text,
+                       payload=payload, tool=tool_text)
+    written = result.save(out)
     console.say(f"{result.mechanism.name}:")
     for sentence in result.record.said:
         console.say(sentence)

@@ -11,6 +11,11 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any, TextIO, cast
 
+CLEAR = "\r\x1b[2K"
+"""Takes what is on the terminal's line away."""
+line_shown = False
+"""Whether a line of progress is on standard error."""
+
 
 class Steady:
     """A text stream that drops what cannot be written, and keeps the first error.
@@ -75,7 +80,7 @@ def stop_while_loading(number: int, frame: FrameType | None) -> None:
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             with contextlib.suppress(OSError):
-                os.write(2, b"Stopped.\n")
+                os.write(2, (CLEAR * line_shown + "Stopped.\n").encode())
             os._exit(130)
         frame = frame.f_back
     raise KeyboardInterrupt

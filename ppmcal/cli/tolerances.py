@@ -12,13 +12,12 @@ from ppmcal.cli.common import (
     MODEL,
     Console,
     cluster_options,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
     plain_table,
-    quiet_option,
     seed_option,
 )
 from ppmcal.wording import number
@@ -55,12 +54,11 @@ if TYPE_CHECKING:
 @click.option("--tool", default=None, metavar="X,Y,Z", help="Tool point in platform axes.")
 @cluster_options
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, out: Path, accuracy: float | None, rotation: float | None, share: float,
             method: str, poses: Path | None, instrument: Path | None, measure: int,
             machines: int, metric: float | None, tool: str | None, cores: int | None,
-            scheduler: str | None, seed: int | None, quiet: bool, as_json: bool) -> None:
+            scheduler: str | None, seed: int | None, console: Console) -> None:
     """Find tolerances with which MECH keeps an accuracy, and count the machines that do.
 
     Writes tolerances.csv, errors.csv, allocated.yaml (the machine with these tolerances),
@@ -69,12 +67,10 @@ def command(mech: Path, out: Path, accuracy: float | None, rotation: float | Non
     from ppmcal.api.tolerances import tolerances
     from ppmcal.io.results.tolerance_tables import slot_table
 
-    console = Console(quiet, as_json)
-    with console.progress("Simulating machines") as progress:
-        result = tolerances(mech, accuracy=accuracy, rotation=rotation, share=share,
-                            method=method, poses=poses, instrument=instrument, measure=measure,
-                            machines=machines, metric=metric, tool=tool, cores=cores,
-                            scheduler=scheduler, seed=seed or 0, progress=progress)
+    result = tolerances(mech, accuracy=accuracy, rotation=rotation, share=share,
+                        method=method, poses=poses, instrument=instrument, measure=measure,
+                        machines=machines, metric=metric, tool=tool, cores=cores,
+                        scheduler=scheduler, seed=seed or 0)
     written = result.save(out)
     for sentence in result.record.said:
         console.say(sentence)

@@ -11,13 +11,12 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
     plain_table,
-    quiet_option,
     seed_option,
 )
 from ppmcal.wording import number
@@ -40,11 +39,9 @@ WORDS = ("frame", "target", "rotation", "homing", "none")
               "the data demand beyond it].")
 @click.option("--png", is_flag=True, help="Write the picture as PNG too.")
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(model: Path, data: tuple[Path, ...], out: Path, against: tuple[Path, ...],
-            register: tuple[str, ...], png: bool, seed: int | None, quiet: bool,
-            as_json: bool) -> None:
+            register: tuple[str, ...], png: bool, seed: int | None, console: Console) -> None:
     """Predict the measurements DATA, which no fit has seen, with MODEL as it is.
 
     MODEL is a mechanism file or a folder that identify or diagnose wrote. Only the registration is
@@ -53,10 +50,8 @@ def command(model: Path, data: tuple[Path, ...], out: Path, against: tuple[Path,
     """
     from ppmcal.api.validate import validate
 
-    console = Console(quiet, as_json)
-    with console.progress("Predicting") as show:
-        result = validate(model, data, against=against, register=register or None,
-                          seed=seed or 0, png=png, progress=show)
+    result = validate(model, data, against=against, register=register or None,
+                      seed=seed or 0, png=png)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)

@@ -11,13 +11,12 @@ from ppmcal.cli.common import (
     FILE,
     MODEL,
     Console,
+    console_options,
     examples,
     finish,
-    json_option,
     leave,
     out_option,
     plain_table,
-    quiet_option,
     seed_option,
 )
 
@@ -41,10 +40,9 @@ SHOWN = 10
               help="CSV of joint values to find assembly modes for. Default: home's.")
 @out_option("workspace")
 @seed_option
-@quiet_option
-@json_option
+@console_options
 def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: int | None,
-            quiet: bool, as_json: bool) -> None:
+            console: Console) -> None:
     """Show where MECH can go, its singularities, dexterity and assembly modes.
 
     Geometry only: effects in MECH are left out. Writes map.csv, singular.csv, modes.csv,
@@ -52,11 +50,8 @@ def command(mech: Path, grid: str | None, joints: Path | None, out: Path, seed: 
     """
     from ppmcal.api.workspace import workspace
 
-    console = Console(quiet, as_json)
-    with console.progress("Workspace") as show:
-        result = workspace(mech, grid=grid, joints=joints, seed=seed or 0, progress=show)
-        show("pictures")
-        written = result.save(out)
+    result = workspace(mech, grid=grid, joints=joints, seed=seed or 0)
+    written = result.save(out)
     _show(console, result.workspace, list(result.modes))
     console.warn([*result.mechanism.findings, *result.findings])
     finish(out, [p.name for p in written], console)

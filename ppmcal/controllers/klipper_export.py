@@ -21,6 +21,7 @@ from ppmcal.controllers.klipper_config import (
 from ppmcal.controllers.klipper_fit import DISC, HEIGHTS, Export, project
 from ppmcal.errors import BadInput, NoResult
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording import some
 
 CONFIG = "klipper.cfg"
 
@@ -38,7 +39,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     before, after = keys(found.old), keys(found.new)
     held = [] if present is None else _autosaved(present, after)
     advice = [f"Change these in the #*# lines of {old}, which win over all others: "
-              f"{', '.join(held)}."] if held else []
+              f"{some(held, CONFIG)}."] if held else []
     return Exported(
         "klipper", "Klipper", {CONFIG: text},
         f"Klipper's numbers hold {'all of the geometry' if found.exact else 'most of it, fitted'}",

@@ -14,6 +14,7 @@ from ppmcal.io.results.export import ModelUncertainty
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 KNOWLEDGE = "identification.json"
 
@@ -41,6 +42,7 @@ class PoseUncertainty:
 UNKNOWN = PoseUncertainty(None, None, "", f"{KNOWLEDGE} is not beside the model")
 
 
+@stage("how sure the model is")
 def pose_uncertainty(mechanism: Mechanism, poses: Array | None, model: Path) -> PoseUncertainty:
     """Return how well the file ``model`` is known at platform poses (N, 6), base frame.
 

@@ -28,6 +28,7 @@ from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.wording.progress import stage
 
 PLACES = {1: 101, 2: 31, 3: 11, 4: 7, 5: 5, 6: 5}
 TURNS = {1: 101, 2: 31, 3: 9, 4: 5, 5: 3, 6: 3}
@@ -97,6 +98,7 @@ def refuse_open(mechanism: Mechanism, what: str, mend: str = "") -> None:
                        f"Add `limits: {{{open_[0]}: [low, high]}}`{mend}")
 
 
+@stage("correcting the grid")
 def corrected(mechanism: Mechanism, wanted: Array) -> Corrected:
     """Return the corrected commands of wanted platform poses (N, 6), nan where open."""
     found = compensate(mechanism, wanted, Registration(),
@@ -173,6 +175,7 @@ def errors_between_poses(mechanism: Mechanism, grid: Grid, found: Corrected, see
             pose_errors(mechanism, after[both], pose_motor(full[both])))
 
 
+@stage("predicting errors of the grid")
 def errors_at_poses(mechanism: Mechanism, found: Corrected) -> tuple[ErrorSummary, ErrorSummary]:
     """Return errors at the poses themselves without and with their commands."""
     full = found.wanted[found.good]

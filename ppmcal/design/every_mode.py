@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.kinematics.tables import KinematicsTable, home_singular_value
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 OTHER = "other mode"
 """Status of a pose that is not the machine's own assembly mode."""
@@ -54,8 +55,8 @@ def require_rigid(mechanism: Mechanism) -> None:
                        "Leave --all out, or take the effects out of the file")
 
 
-def every_mode(model: Model, own: KinematicsTable, method: str, seed: int = 0,
-               progress: Callable[[str], None] | None = None) -> EveryMode:
+def every_mode(model: Model, own: KinematicsTable, method: str, seed: int = 0
+               ) -> EveryMode:
     """Return all assembly modes of the rows of a table of forward kinematics.
 
     Args:
@@ -63,7 +64,6 @@ def every_mode(model: Model, own: KinematicsTable, method: str, seed: int = 0,
         own: what forward kinematics found in home's mode, N rows.
         method: ``newton``: as :func:`assembly_modes`, or ``intersection``.
         seed: of a search, where there is no closed form.
-        progress: called with a line of text for each row.
 
     Raises:
         BadInput: the machine has effects, or no intersection where one is asked for.
@@ -72,18 +72,18 @@ def every_mode(model: Model, own: KinematicsTable, method: str, seed: int = 0,
     if method == "intersection":
         require_meet(model.mechanism)
     parts, methods, complete = [], dict[str, None](), True
-    for n, q in enumerate(own.q):
-        if progress is not None:
-            progress(f"row {n + 1} of {len(own.q)}")
-        try:
-            modes = _modes(model, q, method, seed)
-        except NoResult as refused:
-            parts.append(_row_without(own, n, own.reason[n] or refused.what))
-            continue
-        methods[modes.method] = None
-        complete &= modes.complete
-        parts.append(_row(model.mechanism, own, n, modes) if len(modes) else
-                     _row_without(own, n, "no pose closes at these joint values"))
+    with stage("assembly modes", len(own.q), "rows") as work:
+        for n, q in enumerate(own.q):
+            try:
+                modes = _modes(model, q, method, seed)
+            except NoResult as refused:
+                parts.append(_row_without(own, n, own.reason[n] or refused.what))
+            else:
+                methods[modes.method] = None
+                complete &= modes.complete
+                parts.append(_row(model.mechanism, own, n, modes) if len(modes) else
+                             _row_without(own, n, "no pose closes at these joint values"))
+            work.done()
     tables = [t for t, _ in parts]
     return EveryMode(
         _together(tables) if tables else own,

@@ -34,6 +34,7 @@ from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Unknown
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.wording.progress import stage
 
 CANDIDATES = 200
 FEWEST, MOST = 4, 60
@@ -46,6 +47,7 @@ BEYOND = 0.1
 NAME = "further poses"
 
 
+@stage("judging the poses")
 def weak_campaign(fit: Fit, seed: int) -> WeakCampaign | None:
     """Return what is weak about the poses of a fit, and the poses that it lacks.
 

@@ -35,6 +35,7 @@ from ppmcal.kinematics.tables import KinematicsTable, inverse_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
+from ppmcal.wording.progress import stage
 
 MULTIPLES = np.logspace(-3.0, 3.0, 25)
 """Multiples of the tolerances at which the linear model is tried."""
@@ -99,6 +100,7 @@ class Sensitivity:
         return np.asarray(part / whole if whole > 0.0 else part)
 
 
+@stage("what each error does")
 def analyse(
     mechanism: Mechanism, asked: SensitivityOptions, wanted: Array | None = None
 ) -> Sensitivity:

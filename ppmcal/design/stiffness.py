@@ -34,6 +34,7 @@ from ppmcal.kinematics.region import named, placed
 from ppmcal.kinematics.tables import KinematicsTable, home_singular_value, inverse_table
 from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 RIGID = 1e-11
 """A direction is rigid where the springs' largest motion is below this part of the largest of all
@@ -216,6 +217,7 @@ class Stiffnesses:
         return np.array([s == "ok" for s in self.table.status], dtype=np.bool_)
 
 
+@stage("mapping the stiffness")
 def stiffness_table(mechanism: Mechanism, coordinates: Array, tool: Array | None = None,
                     wrench: Array | None = None) -> Stiffnesses:
     """Return the stiffness at wanted poses (N, 6), nan = open coordinate.

@@ -7,7 +7,7 @@ the full nonlinear model, before and after a calibration.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,7 @@ from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 DRAWS, BEYOND, MOST_DRAWS = 4000, 400, 40_000
 """Machines of the linear model from which the common scale follows: at least so many, and so many
@@ -85,6 +86,7 @@ class Share:
         return low, high
 
 
+@stage("allocating tolerances")
 def allocate(mechanism: Mechanism, sources: tuple[Source, ...], tasks: Poses, wanted: Demand,
              unit: Array, weight: Array, exponent: Array, given: Array, seed: int
              ) -> Mapping[str, Allocation]:
@@ -202,14 +204,15 @@ def count(errors: MachineErrors, wanted: Demand) -> Share:
     return Share(int(good.sum()), len(good))
 
 
-def simulate(fleet: Fleet, machines: int, seed: int, processes: int, scheduler: str | None,
-             tell: Callable[[str], None]) -> MonteCarloErrors:
+def simulate(fleet: Fleet, machines: int, seed: int, processes: int, scheduler: str | None
+             ) -> MonteCarloErrors:
     """Return the errors of that many machines; the same for a seed whatever runs them."""
     items = batches(machines, seed)
     parts: list[MonteCarloErrors] = []
-    for part in over(run, fleet, items, processes, scheduler):
-        parts.append(part)
-        tell(f"{sum(len(p.built.position) for p in parts)} of {machines} machines")
+    with stage("simulating", machines, "machines") as work:
+        for part in over(run, fleet, items, processes, scheduler):
+            parts.append(part)
+            work.done(len(part.built.position))
     return together(parts)
 
 

@@ -32,6 +32,7 @@ from ppmcal.kinematics.tables import (
 )
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 ON_CURVE = 1e-5
 """A pose is on the singular curve where A's smallest singular value is below this part of home's:
@@ -111,6 +112,7 @@ class Workspace:
         return "angle" if all(c >= 3 for c in self.grid.coordinates) else "length"
 
 
+@stage("mapping the workspace")
 def workspace(mechanism: Mechanism, grid: Grid) -> Workspace:
     """Return reach, singularities and dexterity over a grid.
 
@@ -194,6 +196,7 @@ class _GridSpace:
         return measured(self.model, *self.poses(points))
 
 
+@stage("following singularities")
 def _singular_points(space: _GridSpace, grid: Grid, determinant: Array) -> Array:
     """Return points of the singular set (S, c) in the grid's coordinates.
 

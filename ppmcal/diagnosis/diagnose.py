@@ -43,7 +43,7 @@ from ppmcal.diagnosis.refit import nothing_named, with_mechanism
 from ppmcal.diagnosis.result import Diagnosis, Found, LearnedTerms, NamedEffect, Onset, Survival
 from ppmcal.diagnosis.rivals import rivals
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions as DiagnosisOptions
-from ppmcal.diagnosis.search_rounds import Say, confirm, found_in, training_part
+from ppmcal.diagnosis.search_rounds import confirm, found_in, training_part
 from ppmcal.diagnosis.selection import own_log_p
 from ppmcal.diagnosis.session_effects import with_sessions
 from ppmcal.diagnosis.stage import Stage, named_only
@@ -57,37 +57,36 @@ from ppmcal.diagnosis.verdict import (
     refuse_unconverged,
 )
 from ppmcal.model.dataset import Dataset
+from ppmcal.wording.progress import begin
 
 
-def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say | None = None
+def diagnose(problem: Problem, options: DiagnosisOptions | None = None
              ) -> Diagnosis:
     """Find what is missing in the machine's model, add it, and say how sure that is.
 
     Args:
         problem: machine, data and free geometry.
         options: seed and the like.
-        say: called with what is being done.
 
     Raises:
         BadInput, NoResult: as :func:`ppmcal.calibration.identify.identify`.
     """
     options = options or DiagnosisOptions()
-    say = say or (lambda text: None)
-    say("fitting geometry")
+    begin("fitting geometry")
     whole = identify(with_whole_rows(problem), options.fit)
     refuse_unconverged(whole)
     refuse_small_misreading(whole)
     refuse_wrong_rows(whole)
     training, held = training_part(whole, options)
-    found = found_in(training, options, say)
+    found = found_in(training, options)
     settled = without_first_rows(whole.problem, found.after)
     if settled is not whole.problem:
-        say("again without the first rows, before which nobody knows what was")
+        begin("again without the first rows, before which nobody knows what was")
         whole = identify(settled, options.fit)
         training, held = training_part(whole, options)
-        found = found_in(training, options, say)
+        found = found_in(training, options)
     wanders = found.last.wanders
-    say("confirming in all rows")
+    begin("confirming in all rows")
     found, final = confirm(found, whole, options)
     onsets: dict[str, Onset] = {}
     if final is not None:
@@ -101,7 +100,7 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     if odd is not None or (gap is not None and gap.worse):
         found, final = nothing_named(found), None
         gap = _gap(found, held, options)
-    say("judging what is left")
+    begin("judging what is left")
     left = left_over(found.last, options.seed)
     same = found.last.search is found.first.search and not found.last.chosen
     start = left if same or found.last is found.first else remainder(
@@ -132,11 +131,11 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
     named = verdict in NAMED
     if final is None or not named:
         final = whole
-    days = _days(final, options, say)
+    days = _days(final, options)
     told += worse_days(days)
     terms = None
     if verdict in LEARNED_AFTER:
-        say("learning what is left")
+        begin("learning what is left")
         terms = _terms(found, final, held, named, wanders, options)
     reported = report(terms.fit if terms else final, options.fit, 0.0, options.seed)
     refuse_other_machine(reported.fit)
@@ -157,11 +156,11 @@ def diagnose(problem: Problem, options: DiagnosisOptions | None = None, say: Say
             verdict == "weak") else (), terms, days)
 
 
-def _days(final: Fit, options: DiagnosisOptions, say: Say) -> tuple[Validated, ...]:
+def _days(final: Fit, options: DiagnosisOptions) -> tuple[Validated, ...]:
     """Return how well each session is predicted from the others; of one session: nothing."""
     if len(session_masks(final.problem.datasets)) < 2:
         return ()
-    say("predicting each session from the others")
+    begin("predicting each session from the others")
     return other_days(final, options.fit, options.seed)
 
 

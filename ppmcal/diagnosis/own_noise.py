@@ -11,27 +11,27 @@ from ppmcal.calibration.noise import typical_noise, with_own_noise
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.registration_rivals import diagnose_with_registration
 from ppmcal.diagnosis.result import Diagnosis
-from ppmcal.diagnosis.search_rounds import DiagnosisOptions, Say
+from ppmcal.diagnosis.search_rounds import DiagnosisOptions
+from ppmcal.wording.progress import begin
 
 LESS = 0.95
 """The noise is less where it falls below this part of what it was."""
 ROUNDS = 3
 
 
-def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions, say: Say
+def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions
                             ) -> tuple[Diagnosis, list[str]]:
     """Return the diagnosis with the noise that its own model leaves, and what that noise is.
 
     Args:
         problem: machine, data and free geometry; noise as the files state it.
         options: of the diagnosis.
-        say: called with what is being done.
 
     Raises:
         BadInput, NoResult: as :func:`ppmcal.diagnosis.diagnose.diagnose`.
     """
     own, told = with_own_noise(problem, options.fit)
-    found = diagnose_with_registration(own, options, say)
+    found = diagnose_with_registration(own, options)
     for _ in range(ROUNDS if told else 0):
         fit = found.identification.fit
         if not found.effects:
@@ -41,9 +41,9 @@ def diagnose_with_own_noise(problem: Problem, options: DiagnosisOptions, say: Sa
             replace(problem, mechanism=machine, free=machine.free), options.fit)
         if not _quieter(less, own):
             break
-        say("again with the noise that what was named leaves")
+        begin("again with the noise that what was named leaves")
         own, told = replace(own, datasets=less.datasets), sentences
-        again = diagnose_with_registration(own, options, say)
+        again = diagnose_with_registration(own, options)
         if not _names(found) <= _names(again):
             break    # what less noise takes back is no reason to believe what it brings
         found = again

@@ -21,11 +21,11 @@ from ppmcal.calibration.registration_freedoms import (
 from ppmcal.diagnosis.diagnose import DiagnosisOptions, diagnose
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.diagnosis.rivals import AS_GOOD, odds_between
-from ppmcal.diagnosis.search_rounds import Say
 from ppmcal.linalg import finite_rows
+from ppmcal.wording.progress import begin
 
 
-def diagnose_with_registration(problem: Problem, options: DiagnosisOptions, say: Say) -> Diagnosis:
+def diagnose_with_registration(problem: Problem, options: DiagnosisOptions) -> Diagnosis:
     """Return the diagnosis, registrations that files keep closed among the explanations.
 
     Where one lowers the error and nothing that is named explains it as well, effects are sought
@@ -34,20 +34,19 @@ def diagnose_with_registration(problem: Problem, options: DiagnosisOptions, say:
     Args:
         problem: machine, data and free geometry.
         options: of the diagnosis.
-        say: called with what is being done.
 
     Raises:
         BadInput, NoResult: as :func:`ppmcal.diagnosis.diagnose.diagnose`.
     """
-    found = diagnose(problem, options, say)
+    found = diagnose(problem, options)
     hints = registration_hints(found.before)
     if not hints:
         return found
     told = tuple(hint_sentences(found.before, hints))
     worse = _worse(found, hints[-1]) if found.effects else np.inf
     if worse > AS_GOOD:
-        say("again with " + " and ".join(hint_words(found.before, h) for h in hints))
-        found = diagnose(replace(hints[-1].opened, pivots=None, given=None), options, say)
+        begin("again with " + " and ".join(hint_words(found.before, h) for h in hints))
+        found = diagnose(replace(hints[-1].opened, pivots=None, given=None), options)
     elif worse > -AS_GOOD:
         label = hint_words(found.before, hints[0])
         found = replace(

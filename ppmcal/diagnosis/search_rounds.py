@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -30,8 +30,8 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.linalg import Bools
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import begin, note
 
-Say = Callable[[str], None]
 ROUNDS = 3
 
 
@@ -68,21 +68,21 @@ def training_part(whole: Fit, options: DiagnosisOptions) -> tuple[Fit, tuple[Dat
     return of_rows(whole, [~o for o in out], options.fit), held
 
 
-def found_in(before: Fit, options: DiagnosisOptions, say: Say) -> Found:
+def found_in(before: Fit, options: DiagnosisOptions) -> Found:
     """Fit, test, add what was chosen, and again at the new fit until the choice stands.
 
     Rows that look like outliers may be the effect itself: where there are many, the search
     is made with them too, and holds if its effects explain most of them.
     """
-    say("testing effects against simulated noise")
-    found = _searched(before, before.keep, options, say)
+    begin("testing effects against simulated noise")
+    found = _searched(before, before.keep, options)
     out = sum(len(r) for r in before.reasons)
     if out <= MANY_OUT * sum(k.size for k in before.keep):
         return found
-    say("testing effects with the outliers")
+    begin("testing effects with the outliers")
     everything = [k | (o & ~typo) for k, o, typo in zip(
         before.keep, before.outliers, _typed_wrong(before), strict=True)]
-    other = _searched(before, everything, options, say)
+    other = _searched(before, everything, options)
     explained = sum(len(r) for r in other.after.reasons) < 0.5 * sum(
         len(r) for r in found.after.reasons)
     return other if other.added and explained else found
@@ -145,18 +145,18 @@ def _typed_wrong(fit: Fit) -> list[Bools]:
     return out
 
 
-def _searched(before: Fit, keep: Sequence[Bools], options: DiagnosisOptions, say: Say) -> Found:
+def _searched(before: Fit, keep: Sequence[Bools], options: DiagnosisOptions) -> Found:
     """Search in some rows, and again where that ends at a value at which no effect is named."""
     for as_named in (False, True):
         first = run_stage(before.problem, before.state, keep, options.seed, options.kinds,
                           options.draws, as_named=as_named)
-        found = _settled(before, first, options, say)
+        found = _settled(before, first, options)
         if not never_named(found):
             break
     return found
 
 
-def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> Found:
+def _settled(before: Fit, first: Stage, options: DiagnosisOptions) -> Found:
     """Add what a stage chose, refit, test again, until the choice stands."""
     after, last = before, first
     added: tuple[Added, ...] = ()
@@ -164,7 +164,8 @@ def _settled(before: Fit, first: Stage, options: DiagnosisOptions, say: Say) -> 
         if not named_only(last):
             return Found(before, before, first, last, ())
         mechanism, added = with_named(before.problem.mechanism, last.search, named_only(last))
-        say("fitting geometry and " + ", ".join(f.label for f in last.named))
+        begin("fitting effects with the geometry")
+        note(", ".join(f.label for f in last.named))
         new = _machine(before, mechanism, options)
         if new is None:
             return nothing_named(Found(before, before, first, last, ()))

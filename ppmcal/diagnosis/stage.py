@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -27,6 +28,8 @@ from ppmcal.diagnosis.wandering import WANDERING, instead, wandered
 from ppmcal.diagnosis.white_columns import WhiteColumns
 from ppmcal.diagnosis.whitening import PureError, estimate, pure_error, simulated
 from ppmcal.linalg import Array, Bools, unit_columns
+
+log = logging.getLogger(__package__)
 
 DRAWS = 2000
 SURE_OF_NOISE = 2.0
@@ -122,6 +125,10 @@ def run_stage(problem: Problem, state: State, keep: Sequence[Bools], seed: int,
         if not grids or noise.rho == 0.0:
             break
         noise = estimate(system, found, grids)
+    log.info("%d hypotheses in %d columns of %d rows; noise correlated %.2g from row to row; "
+             "detected below p = %.2g, named below %.2g; chosen: %s", len(stage.hypotheses),
+             found.count, system.count, noise.rho, np.exp(stage.search.detect),
+             np.exp(stage.search.name), ", ".join(f.label for f in stage.named) or "none")
     return replace(stage, added=tuple(added), as_named=as_named)
 
 

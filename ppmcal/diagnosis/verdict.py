@@ -142,9 +142,8 @@ def next_step(stage: Stage, alternatives: Alternatives, verdict: str, seed: int,
     against = next(measured_against(stage), None) if verdict == "unnamed" else None
     if against is not None and against.hypothesis.effect is not None:
         return nothing(against.hypothesis.effect.remedy, joints)
-    return nothing({"none": "no further measurement is needed: no missing effect is detectable",
+    return nothing({"none": "nothing more to measure: no missing effect is detectable",
                     "weak": "repeat the campaign: the suspicion grows or goes with more rows",
-                    "named": "no further measurement is needed: the named effects explain the "
-                    "residuals"}.get(
-                        verdict, "record more of what might matter (load, temperature, time)"),
+                    "named": "nothing more to measure: the named effects explain the residuals",
+                    }.get(verdict, "record more of what might matter (load, temperature, time)"),
                    joints)

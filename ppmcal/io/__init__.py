@@ -11,9 +11,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ppmcal.io.campaign import read_campaign
     from ppmcal.io.csv import Table
     from ppmcal.io.csv_writer import csv_text
-    from ppmcal.io.dataset_reader import read_campaign, read_dataset
+    from ppmcal.io.dataset_reader import read_dataset
     from ppmcal.io.mechanism_reader import read_mechanism
     from ppmcal.io.mechanism_writer import write_mechanism
     from ppmcal.io.output import Output, json_text, provenance
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from ppmcal.io.tables import read_table
 
 _HOME = {
-    "read_campaign": "dataset_reader", "read_dataset": "dataset_reader",
+    "read_campaign": "campaign", "read_dataset": "dataset_reader",
     "read_mechanism": "mechanism_reader", "write_mechanism": "mechanism_writer",
     "Output": "output", "csv_text": "csv_writer", "json_text": "output", "provenance": "output",
     "unit_findings": "plausibility",

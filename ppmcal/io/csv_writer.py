@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.wording.progress import note
+
 CHUNK = 20_000
 
 
@@ -65,6 +67,8 @@ def csv_lines(header: Sequence[str], columns: Sequence[Any],
     def parts() -> Iterator[str]:
         yield ",".join(_cell(h) for h in header) + "\n"
         for start in range(0, size, CHUNK):
+            if start:
+                note(f"row {start} of {size}")
             own = [a[start:start + CHUNK] if unit is None else a[start:start + CHUNK] / unit
                    for (_, a), unit in zip(arrays, units, strict=True)]
             if plain:

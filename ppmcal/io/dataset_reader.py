@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,13 +12,17 @@ from numpy.typing import NDArray
 from ppmcal import algebra as cga
 from ppmcal.calibration.readings import shifted_rows
 from ppmcal.calibration.registration import refuse_flat
-from ppmcal.errors import BadInput, unknown
+from ppmcal.errors import BadInput
 from ppmcal.io import measurement_columns as cols
+from ppmcal.io.clock import clock_of_words
 from ppmcal.io.csv import Table
 from ppmcal.io.header_units import with_units, without_units
+from ppmcal.io.joint_columns import joint_values, second_joints
 from ppmcal.io.measured import measured
-from ppmcal.io.measurement_columns import further_columns, row_list, stacked
-from ppmcal.io.reading import MATRIX, ReadFile, as_declared, renamed
+from ppmcal.io.measurement_columns import further_columns, row_list
+from ppmcal.io.read_block import MATRIX, ReadFile
+from ppmcal.io.reading import as_declared, of_homogeneous, renamed
+from ppmcal.io.remarks import remark_data
 from ppmcal.io.sidecar import (
     SidecarFile,
     actuator_noise,
@@ -37,11 +40,13 @@ from ppmcal.linalg import Array
 from ppmcal.model.dataset import Dataset, Unknown
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
+from ppmcal.wording.progress import stage
 
-LABELS = ("pose", "session")
-"""Columns that may hold words."""
+LABELS = ("pose", "session", "time")
+"""Columns that may hold words: names, and times of a clock."""
 
 
+@stage("reading the measurements")
 def read_dataset(path: str | os.PathLike[str], mechanism: Mechanism) -> Dataset:
     """Return the measurements of one CSV with its sidecar, everything in SI.
 
@@ -85,21 +90,23 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
     """Return a table of measurements as a data set, with what its sidecar ``side`` says."""
     source, units = table.source, file.units.units()
     table, headed = without_units(table, file.read, [*cols.known_columns(mechanism), *MATRIX])
+    table = of_homogeneous(table, file.read)
     theirs = [h for h in table.header if h not in file.read.ignore]
     table, findings = cols.translate_foreign(renamed(table, file.read, mechanism, side), mechanism)
     headers = {own: h for own, h in zip(table.header, theirs, strict=True) if own != h}
     convention = file.read.rotation or ("quat-xyzw" if "quat_x" in table.header else "rotvec")
     headed = {own: headed[h] for own, h in zip(table.header, theirs, strict=True) if h in headed}
     read = with_units(file.read, headed, side)
+    table = _in_seconds(table, read)
     table = as_declared(table, read, mechanism, units, side, headed)
     cols.check_columns(table, mechanism)
     joint = mechanism.joint_factors(units)
-    q, commanded = _joints(table, mechanism, units, joint)
+    q, commanded = joint_values(table, mechanism, units, joint)
     seen = measured(table, mechanism, file, side)
     sigma_actuator = actuator_noise(file.instrument.sigma.actuator, mechanism, joint, side)
     extra_columns = further_columns(table, mechanism, joint)
     approach, more = _approach(file, table)
-    to_q = _second_joints(table, mechanism, joint, file.instrument.kind)
+    to_q = second_joints(table, mechanism, joint, file.instrument.kind)
     data = Dataset(
         name=file.name or Path(source).stem, source=source, kind=file.instrument.kind,
         rows=np.arange(1, len(table) + 1, dtype=np.int64), q=q, commanded=commanded,
@@ -117,7 +124,17 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         convention=convention, read=file.read.model_dump(exclude_unset=True),
         headers=headers)
     refuse_flat(data.kind, mechanism.motion, side)
+    remark_data(data, table, file, side)
     return _usable(shifted_rows(_from_point(data, side), file.read.shift), mechanism)
+
+
+def _in_seconds(table: Table, read: ReadFile) -> Table:
+    """Return the table with its times in s since the first where they are of a clock."""
+    if "time" not in table.text:
+        return table
+    clock = clock_of_words(table.text["time"], lambda i: table.at("time", i), read.dates, read.zone)
+    return replace(table, numbers={**table.numbers, "time": clock.seconds - clock.first},
+                   text={h: c for h, c in table.text.items() if h != "time"})
 
 
 def _from_point(data: Dataset, side: str) -> Dataset:
@@ -135,106 +152,6 @@ def _from_point(data: Dataset, side: str) -> Dataset:
     moved = cga.compose(cga.motor_from_rotation_vector(np.zeros(3), -point.value),
                         pose_motor(data.frame.value))
     return replace(data, frame=Unknown(point.fitted or data.frame.fitted, pose_vector(moved)))
-
-
-def read_campaign(paths: Sequence[str | os.PathLike[str]], mechanism: Mechanism
-                  ) -> tuple[Dataset, ...]:
-    """Return the data sets of one campaign, with unique names and ``same_as`` resolved.
-
-    A frame that is the same as one that is given is given too; a chain of ``same_as`` ends
-    at the data set whose frame is fitted.
-
-    Raises:
-        BadInput: as :func:`read_dataset`; two data sets of one name, or a name in
-            ``same_as`` that is not among them.
-    """
-    return joined([read_dataset(p, mechanism) for p in paths])
-
-
-def joined(data: Sequence[Dataset]) -> tuple[Dataset, ...]:
-    """Return data sets as one campaign; see :func:`read_campaign`."""
-    by_name: dict[str, Dataset] = {}
-    for d in data:
-        if d.name in by_name:
-            raise BadInput(f"two data sets are called '{d.name}' (the other is "
-                           f"{by_name[d.name].source})", d.source,
-                           "Give each sidecar its own `name`, and each file only once")
-        by_name[d.name] = d
-    before = np.cumsum([0, *(int(d.rows.max(initial=0)) for d in data)])
-    return tuple(replace(d, frame=_resolve(d, by_name), before=int(b))
-                 for d, b in zip(data, before[:-1], strict=True))
-
-
-def _resolve(data: Dataset, by_name: dict[str, Dataset]) -> Unknown:
-    frame, seen = data.frame, [data.name]
-    while frame.same_as is not None:
-        place = f"{sidecar_path(Path(by_name[seen[-1]].source))}: frame.same_as"
-        if frame.same_as not in by_name:
-            error = unknown("data set", frame.same_as, by_name, place)
-            raise BadInput(error.what, place, f"{error.mend} Give the other file on the command "
-                                              "line too")
-        if frame.same_as in seen:
-            raise BadInput(f"the data sets refer to each other in a circle "
-                           f"({' -> '.join([*seen, frame.same_as])})", place,
-                           "Write `frame: unknown` in one of them")
-        seen.append(frame.same_as)
-        frame = by_name[frame.same_as].frame
-    if len(seen) == 1 or not frame.fitted:
-        return frame
-    return Unknown(True, frame.value, seen[-1])
-
-
-def _joints(table: Table, mechanism: Mechanism, units: Units, joint: Array
-            ) -> tuple[Array, Array | None]:
-    """Return q (N, k) and commanded poses (N, 6) or None; refuse a file without either."""
-    names = [f"q_{a}" for a in mechanism.actuators]
-    have = [n for n in names if n in table.header]
-    commands = [c for c in table.header if c.startswith("cmd_")]
-    if not commands and len(have) < len(names):
-        missing = [n for n in names if n not in have]
-        raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
-                       "Give the joint values of all actuators, or commanded poses (cmd_x, ...)")
-    for name in have:
-        _not_empty(table, name)
-    q = stacked(table, names) * joint
-    if not commands:
-        return q, None
-    if len(have) == len(names):
-        raise BadInput("there are joint columns (q_...) and commanded poses (cmd_...)",
-                       f"{table.source}: header", "Keep the columns that the controller used: "
-                       f"remove {', '.join(commands)}, or the q_ columns")
-    if have and len(have) < len(names):
-        raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
-                       f"{table.source}: header", "Give all joint columns, or only cmd_ columns")
-    commanded = cols.poses(table, mechanism, units, "cmd_")
-    given = [mechanism.coordinates[i] for i, d in enumerate(mechanism.dof)
-             if np.isfinite(commanded[:, d]).any()]
-    if len(given) < len(mechanism.actuators):
-        lacking = [f"cmd_{c}" for c in mechanism.coordinates if c not in given]
-        raise BadInput(f"the commanded pose lacks {', '.join(lacking)}", f"{table.source}: header",
-                       f"A pose of this machine needs {len(mechanism.actuators)} of "
-                       f"{', '.join('cmd_' + c for c in mechanism.coordinates)}")
-    return q, commanded
-
-
-def _not_empty(table: Table, name: str) -> None:
-    if not np.isfinite(table.numbers[name]).any():
-        raise BadInput("all values of the column are missing", table.at(name),
-                       "Fill it in, or remove the column")
-
-
-def _second_joints(table: Table, mechanism: Mechanism, joint: Array, kind: str) -> Array | None:
-    names = [f"to_q_{a}" for a in mechanism.actuators]
-    have = [n for n in names if n in table.header]
-    if not have or kind != "distance":
-        return None
-    if len(have) < len(names):
-        raise BadInput(f"the columns {', '.join(n for n in names if n not in have)} are missing",
-                       f"{table.source}: header",
-                       "Give the second position's joint values of all actuators")
-    for name in have:
-        _not_empty(table, name)
-    return stacked(table, names) * joint
 
 
 def _fixed_point(file: SidecarFile, to_q: Array | None, mechanism: Mechanism, units: Units,

@@ -1,7 +1,9 @@
 """Which files a run may replace: never its own inputs, nothing that it did not write itself.
 
 A hidden file in every folder that a command wrote holds the names, the command and the SHA-256
-of what was written. A folder without it, or a file that is not as it says, is somebody else's.
+of what was written. A folder without it, or a file that is not as it says, is somebody else's, and
+so is a folder of another command, where old and new results would pass for one. What the command
+itself wrote there before and does not write again is stale, and goes.
 """
 
 from __future__ import annotations
@@ -106,14 +108,17 @@ def check_folder(folder: Path, run: Run) -> None:
     if run.force or not os.path.isdir(folder):
         return
     try:
-        held = sorted(p.name for p in folder.iterdir() if not p.name.startswith(LEFT))
+        held = sorted(p.name for p in folder.iterdir() if not p.name.startswith("."))
     except OSError as error:
         raise BadInput(f"cannot be read ({error.strerror})", str(folder),
                        "Check permissions, or name another folder in --out") from None
-    known = read_record(folder)
+    known, owners = read_record(folder), owners_of(folder)
     if known is None and held:
         raise BadInput(f"holds files that ppmcal did not write, or an older version of it "
                        f"({_some(held)})", str(folder), MEND)
+    if held and owners and run.command not in owners:
+        raise BadInput(f"holds results of another command, {', '.join(owners)} ({_some(held)})",
+                       str(folder), MEND)
     edited = [n for n, w in (known or {}).items() if w.command == run.command
               and _is_there(folder / n) and digest_of(folder / n) != w.digest]
     if edited:
@@ -143,12 +148,35 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
                            str(folder / name), MEND)
 
 
-def record_text(folder: Path, digests: Mapping[str, str], run: Run) -> str:
-    """Return the text of the record of a folder when files of these SHA-256 are written to it."""
+def stale_files(folder: Path, names: Iterable[str], run: Run) -> list[str]:
+    """Return what an earlier run of the command wrote and this one, with ``names``, does not.
+
+    What was edited since, or is an input, stays.
+    """
+    written = set(names)
+    if not (run.command and written):
+        return []
+    return [n for n, w in (read_record(folder) or {}).items()
+            if w.command == run.command and n not in written and _is_there(folder / n)
+            and digest_of(folder / n) == w.digest and _identity(folder / n) not in run.read]
+
+
+def record_text(folder: Path, digests: Mapping[str, str], run: Run, gone: Iterable[str] = ()
+                ) -> str:
+    """Return the text of the record of a folder when files of these SHA-256 are written to it.
+
+    Args:
+        folder: with the record that it has now.
+        digests: name -> SHA-256.
+        run: that writes them.
+        gone: names of files that are taken away.
+    """
+    away = set(gone)
     known = {name: w for name, w in (read_record(folder) or {}).items()
-             if _is_there(folder / name)}
+             if _is_there(folder / name) and name not in away}
     known |= {name: Written(run.command, digest) for name, digest in digests.items()}
-    return json.dumps({"format": FORM, "files": {
+    owners = dict.fromkeys([*owners_of(folder), run.command])
+    return json.dumps({"format": FORM, "commands": list(owners), "files": {
         name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())}},
         indent=1) + "\n"
 
@@ -163,6 +191,18 @@ def read_record(folder: Path) -> dict[str, Written] | None:
                 for name, entry in content["files"].items()}
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
+
+
+def owners_of(folder: Path) -> list[str]:
+    """Return the commands that wrote into a folder, none where there is no sound record."""
+    files = read_record(folder)
+    if files is None:
+        return []
+    try:
+        named = json.loads((folder / RECORD).read_text(encoding="utf-8")).get("commands", [])
+    except (OSError, ValueError):
+        named = []
+    return list(dict.fromkeys([*(str(n) for n in named), *(w.command for w in files.values())]))
 
 
 def _own_input(path: str) -> BadInput:

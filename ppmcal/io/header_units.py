@@ -6,13 +6,15 @@ A unit in a header says the same as one under ``read.units`` in the sidecar.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
-from ppmcal.io.reading import UNITS, ReadFile
+from ppmcal.io.read_block import UNITS, ReadFile
+from ppmcal.io.reading import as_declared
+from ppmcal.model.mechanism import Mechanism
 
 _WITH_UNIT = re.compile(r"(?P<name>.*\S)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))")
 _SPELT: Mapping[str, str] = {
@@ -21,6 +23,52 @@ _SPELT: Mapping[str, str] = {
 """Other ways to write a unit."""
 BARE = ("", "-", "1")
 """Written in the place of a unit where there is none."""
+CLOCKS = ("time", "timestamp", "time stamp", "date", "datetime", "date time")
+"""Columns in whose brackets the form of a clock may stand, or its zone."""
+_CLOCK = re.compile(r"[hHmMsSyYdDfFT:./\- ]{5,}|UTC|GMT|Z|UTC[+-]\d{1,2}|local|ISO ?8601", re.ASCII)
+RATES = ("vel_", "vx", "vy", "vz", "wx", "wy", "wz")
+"""Columns that begin so are per second: `mm/s` is the same as `mm`."""
+
+
+def bare_name(header: str) -> str:
+    """Return a header without what stands in brackets at its end."""
+    found = _WITH_UNIT.fullmatch(header.strip())
+    return found["name"] if found else header.strip()
+
+
+def zone_of(header: str) -> str | None:
+    """Return the zone in the brackets of a header such as ``Time (UTC)``, None without one."""
+    found = _WITH_UNIT.fullmatch(header.strip())
+    inside = (found["square"] or found["round"] or "").strip() if found else ""
+    if inside in ("UTC", "GMT", "Z"):
+        return "UTC"
+    away = re.fullmatch(r"UTC([+-])(\d{1,2})", inside)
+    return f"{away[1]}{int(away[2]):02d}:00" if away else None
+
+
+def in_own_units(table: Table, mechanism: Mechanism, known: Callable[[str], bool]) -> Table:
+    """Return a table without a sidecar in the mechanism file's units, with bare names.
+
+    Args:
+        table: as it was read.
+        mechanism: for its units and actuators.
+        known: says of a name whether it is one of our columns; others stay as they are.
+
+    Raises:
+        BadInput: an unknown unit, one that the column cannot be in, or two columns of one name.
+    """
+    strange = [h for h in table.header if not known(bare_name(h))]
+    read = ReadFile.model_construct(ignore=strange)
+    mine = {bare_name(h) for h in table.header} - set(strange)
+    table, units = without_units(table, read, mine)
+    for name, unit in units.items():
+        if unit == "counts":
+            raise BadInput(f"{name} is in counts, and how many make a turn is not known",
+                           f"{table.source}: header, column {name}", "Give it in turns or deg")
+    if not units:
+        return table
+    return as_declared(table, ReadFile.model_construct(units=units), mechanism, mechanism.units,
+                       table.source, units)
 
 
 def without_units(table: Table, read: ReadFile, known: Collection[str]
@@ -80,10 +128,12 @@ def _split(header: str, place: str, known: Collection[str]) -> tuple[str, str]:
         return header, ""
     name, unit = found["name"], (found["square"] or found["round"] or "").strip()
     unit = _SPELT.get(unit, unit)
-    if name.startswith("vel_"):
+    if name.startswith(RATES):
         unit = unit.removesuffix("/s")
     if unit in UNITS:
         return name, unit
+    if name.lower() in CLOCKS and _CLOCK.fullmatch(unit):
+        return name, ""
     ours = name in known or name.startswith("temperature_")
     if ours and unit not in BARE:
         error = unknown("unit", unit, UNITS)

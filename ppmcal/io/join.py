@@ -15,16 +15,27 @@ from ppmcal.io.yaml import number_text
 PARTIAL = "or leave out what matches nothing with --partial"
 
 
+CARRIED = ("dir_", "pose", "session")
+"""Columns that begin so are those of the nearest row, not interpolated."""
+MOVING = 1e-3
+"""Rows equally near matter where joints differ by more than this part of their range."""
+
+
 @dataclass(frozen=True)
 class Join:
-    """A joint log with points beside it, by ``name`` or ``time``; what was left out."""
+    """A joint log with points beside it, by ``name`` or ``time``.
+
+    ``findings``: what was left out; ``how``: how far apart in time the two are.
+    """
 
     table: Table
     by: str
     findings: tuple[str, ...]
+    how: str = ""
 
 
-def join(log: Table, points: Table, by: str | None, tolerance: float, partial: bool) -> Join:
+def join(log: Table, points: Table, by: str | None, tolerance: float, partial: bool,
+         interpolate: bool = False) -> Join:
     """Return the rows of a joint log that have a point, with its columns.
 
     Args:
@@ -32,8 +43,10 @@ def join(log: Table, points: Table, by: str | None, tolerance: float, partial: b
         points: with what was measured.
         by: ``name``: ``pose`` of both is the same; ``time``: the nearest row of the log
             [default: name where names agree, else time].
-        tolerance: how far two times may be apart, s.
+        tolerance: how far two times may be apart, s; of an interpolated point, from the row
+            before it and from that after it.
         partial: leave out points and named rows that match nothing, and say so.
+        interpolate: take joint values between the two rows about a point's time; needs ``time``.
 
     Raises:
         BadInput: nothing to join by, what matches nothing or several rows, or a column
@@ -44,22 +57,32 @@ def join(log: Table, points: Table, by: str | None, tolerance: float, partial: b
         raise BadInput(f"the joint log {log.source} has the column {', '.join(twice)} too",
                        f"{points.source}: header", "Write `ignore` for one of them in the sidecar, "
                        "by its header")
-    by = by or _by(log, points)
+    by = by or ("time" if interpolate else _by(log, points))
     for table in (log, points):
         column = "pose" if by == "name" else "time"
         if column not in table.header:
             raise BadInput(f"there is no column {column} to join by {by}", f"{table.source}: "
                            "header", "Name it in the header, or join by the other: --join")
-    rows, taken, findings = (_by_name(log, points, partial) if by == "name"
-                             else _by_time(log, points, tolerance, partial))
-    order = np.lexsort((taken, rows))
-    left, right = _rows(log, rows[order]), _rows(points, taken[order])
+    how = ""
+    if interpolate:
+        if by == "name":
+            raise BadInput("joint values are interpolated in time, not by name", "--interpolate",
+                           "Give --join time, or leave one of the two out")
+        left, taken, findings, how = _between(log, points, tolerance, partial)
+    else:
+        if by == "name":
+            rows, taken, findings = _by_name(log, points, partial)
+        else:
+            rows, taken, findings, how = _by_time(log, points, tolerance, partial)
+        order = np.lexsort((taken, rows))
+        left, taken = rows_of(log, rows[order]), taken[order]
+    right = rows_of(points, taken)
     more = [h for h in points.header if h not in log.header]
     return Join(replace(left, header=(*log.header, *more),
                         numbers={**left.numbers, **{h: right.numbers[h] for h in more
                                                     if h in right.numbers}},
                         text={**left.text, **{h: right.text[h] for h in more if h in right.text}},
-                        size=len(rows)), by, tuple(findings))
+                        size=len(taken)), by, tuple(findings), how)
 
 
 def _by(log: Table, points: Table) -> str:
@@ -93,6 +116,7 @@ def _by_name(log: Table, points: Table, partial: bool
         raise BadInput(f"the point '{mine[double[0]]}' belongs to several rows of {log.source} "
                        f"({row_list(np.array(double))})", points.source,
                        "Give each row of the log a name of its own, or join by time: --join time")
+    _refuse_unnamed_targets(theirs, points)
     there = set(theirs)
     alone = np.array([i for i, n in enumerate(theirs) if n not in where or not n], dtype=int)
     bare = np.array([i for i, n in enumerate(mine) if n not in there or not n], dtype=int)
@@ -103,15 +127,36 @@ def _by_name(log: Table, points: Table, partial: bool
                  findings)
 
 
-def _by_time(log: Table, points: Table, tolerance: float, partial: bool
-             ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return rows of log and points that are nearest in time, and what was left out."""
-    mine, theirs = log.numbers["time"], points.numbers["time"]
+def _refuse_unnamed_targets(names: list[str], points: Table) -> None:
+    """Refuse points of one name in several groups: they may be several targets."""
+    if "target" in points.header or "pose" not in points.text:
+        return
+    groups: dict[str, set[str]] = defaultdict(set)
+    for name, whole in zip(names, points.text["pose"], strict=True):
+        groups[name].add(whole)
+    name, several = next(((n, g) for n, g in groups.items() if len(g) > 1), ("", set()))
+    if several:
+        raise BadInput(f"the point '{name}' stands in several groups "
+                       f"({', '.join(sorted(several)[:3])})", points.source,
+                       "If they are targets on the platform, say how names are made, such as "
+                       "--names '{target}::{pose}'; else join by time, or split the file")
+
+
+def _in_time(log: Table) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of a log that have a time, in its order, and these times."""
+    mine = log.numbers["time"]
     known = np.flatnonzero(np.isfinite(mine))
     if not known.size:
         raise BadInput("no row has a time", f"{log.source}: column time", "Fill it in")
     order = known[np.argsort(mine[known], kind="stable")]
-    times = mine[order]
+    return order, mine[order]
+
+
+def _by_time(log: Table, points: Table, tolerance: float, partial: bool
+             ) -> tuple[np.ndarray, np.ndarray, list[str], str]:
+    """Return rows of log and points nearest in time, what was left out, and how far apart."""
+    theirs = points.numbers["time"]
+    order, times = _in_time(log)
     after = np.searchsorted(times, theirs)
     near = after + np.array([[-1], [0], [1]])
     inside = (near >= 0) & (near < len(times))
@@ -122,22 +167,77 @@ def _by_time(log: Table, points: Table, tolerance: float, partial: bool
     nearest, good = order[near[0]], apart[0] <= tolerance
     with np.errstate(invalid="ignore"):
         even = good & (apart[1] - apart[0] <= 1e-2 * tolerance)
+    step = _joint_steps(log, order[near[0]], order[near[1]])
+    even &= (step > MOVING) | (times[near[0]] == times[near[1]])
     if even.any():
         i = int(np.flatnonzero(even)[0])
         raise BadInput(f"{row_list(np.flatnonzero(even))}: two rows of {log.source} are equally "
                        f"near in time ({row_list(np.sort(order[near[:2, i]]))} for row {i + 1})",
-                       points.source, "Give a smaller --tolerance, or join by name: --join name")
+                       points.source, "Give a smaller --tolerance, join by name (--join name), or "
+                       "take joint values between the rows: --interpolate")
     taken = np.flatnonzero(good)
     rows = nearest[taken]
     crowded = np.flatnonzero(np.bincount(rows, minlength=1)[rows] > 1) if rows.size else rows
     if crowded.size:
         raise BadInput(f"{row_list(taken[crowded])} are nearest in time to the same row of "
                        f"{log.source} (row {rows[crowded[0]] + 1})", points.source,
-                       "Give a smaller --tolerance, or join by name: --join name")
+                       "Give a smaller --tolerance, join by name (--join name), or take joint "
+                       "values between the rows: --interpolate")
     alone = np.flatnonzero(~good)
     findings = _left(points, alone, [f"{theirs[i]:g} s" for i in alone], log, partial,
                      f" within {tolerance:g} s")
-    return _some(rows, taken, log, points, findings)
+    how = ""
+    if taken.size:
+        how = f"Times are at most {apart[0, taken].max():.3g} s apart"
+        beside = taken[apart[1, taken] <= tolerance]
+        most = float(step[beside].max()) if beside.size else 0.0
+        if most > MOVING:
+            how += (f", and joints move by up to {100 * most:.2g} % of their range between the "
+                    "rows about a point: --interpolate takes the values between them")
+    return *_some(rows, taken, log, points, findings), how
+
+
+def _joint_steps(log: Table, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the largest difference of two rows' joint values, in parts of the joint's range."""
+    out = np.zeros(len(one))
+    for name, values in log.numbers.items():
+        if name.startswith(("q_", "cmd_")) and np.isfinite(values).any():
+            reach = float(np.nanmax(values) - np.nanmin(values))
+            if reach > 0.0:
+                out = np.fmax(out, np.abs(values[one] - values[other]) / reach)
+    return out
+
+
+def _between(log: Table, points: Table, tolerance: float, partial: bool
+             ) -> tuple[Table, np.ndarray, list[str], str]:
+    """Return the log between its rows at the times of points, those points, and what is left."""
+    turned = [h for h in log.header if h.startswith(("cmd_r", "cmd_quat"))]
+    if turned:
+        raise BadInput(f"{turned[0]} is of a rotation, which is not interpolated", log.source,
+                       "Give joint values, or leave --interpolate out")
+    order, times = _in_time(log)
+    theirs = points.numbers["time"]
+    after = np.clip(np.searchsorted(times, theirs, side="left"), 0, len(times) - 1)
+    before = np.where(times[after] <= theirs, after, np.maximum(after - 1, 0))
+    with np.errstate(invalid="ignore"):
+        good = ((times[before] <= theirs) & (theirs <= times[after])
+                & (theirs - times[before] <= tolerance) & (times[after] - theirs <= tolerance))
+    alone, taken = np.flatnonzero(~good), np.flatnonzero(good)
+    findings = _left(points, alone, [f"{theirs[i]:g} s" for i in alone], log, partial,
+                     f" on both sides within {tolerance:g} s")
+    _some(taken, taken, log, points, findings)
+    taken = taken[np.argsort(theirs[taken], kind="stable")]
+    low, high, at = before[taken], after[taken], theirs[taken]
+    width = times[high] - times[low]
+    part = np.where(width > 0.0, (at - times[low]) / np.where(width > 0.0, width, 1.0), 0.0)
+    near = rows_of(log, order[np.where(part < 0.5, low, high)])
+    numbers = {h: v if h.startswith(CARRIED) else
+               log.numbers[h][order[low]] * (1.0 - part) + log.numbers[h][order[high]] * part
+               for h, v in near.numbers.items()}
+    step = _joint_steps(log, order[low], order[high])
+    how = (f"Joint values are interpolated between rows at most {width.max():.3g} s apart, over "
+           f"which joints move by up to {100 * step.max():.2g} % of their range")
+    return replace(near, numbers={**numbers, "time": at}), taken, findings, how
 
 
 def _left(table: Table, rows: np.ndarray, called: list[str], other: Table, partial: bool,
@@ -160,6 +260,7 @@ def _some(rows: np.ndarray, taken: np.ndarray, log: Table, points: Table, findin
     return rows, taken, findings
 
 
-def _rows(table: Table, rows: np.ndarray) -> Table:
-    return replace(table, numbers={h: v[rows] for h, v in table.numbers.items()},
+def rows_of(table: Table, rows: np.ndarray) -> Table:
+    """Return some rows of a table."""
+    return replace(table, size=len(rows), numbers={h: v[rows] for h, v in table.numbers.items()},
                    text={h: tuple(v[i] for i in rows) for h, v in table.text.items()})

@@ -17,6 +17,7 @@ from ppmcal.io.limb_reader import LimbReader, limb_kind
 from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
 from ppmcal.io.parameter_reader import Draft
 from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity
+from ppmcal.io.remarks import remark_machine
 from ppmcal.io.schema import check, dotted
 from ppmcal.io.stiffness import read_stiffness
 from ppmcal.io.yaml import decimals, to_file
@@ -68,7 +69,9 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
         inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
         tolerances=tolerances, cost=_cost(file, source))
-    return with_effects(mechanism, file.effects, units, source)
+    machine = with_effects(mechanism, file.effects, units, source)
+    remark_machine(machine)
+    return machine
 
 
 def _right_format(tree: Mapping[str, Any], source: str) -> None:

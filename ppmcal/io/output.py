@@ -21,7 +21,8 @@ import numpy as np
 from ppmcal import __version__
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import Content, encoded
-from ppmcal.io.folder import RECORD, Run, check_files, current, note_read, record_text
+from ppmcal.io.folder import RECORD, Run, check_files, current, note_read, record_text, stale_files
+from ppmcal.wording.progress import note
 
 
 class Output:
@@ -34,9 +35,13 @@ class Output:
     the block ends without an error. Or call :meth:`write`.
     """
 
-    def __init__(self, directory: str | os.PathLike[str]) -> None:
-        """Collect for ``directory``, which need not exist yet."""
-        self.directory = Path(directory)
+    def __init__(self, directory: str | os.PathLike[str], loose: bool = False) -> None:
+        """Collect for ``directory``, which need not exist yet.
+
+        With ``loose`` files go among the user's own, and keep no record: whoever writes them has
+        asked before what they may replace.
+        """
+        self.directory, self.loose = Path(directory), loose
         self.files: dict[str, Content] = {}
 
     def add(self, name: str, content: Content) -> None:
@@ -61,7 +66,8 @@ class Output:
         run = current()
         try:
             self._check()
-            check_files(self.directory, self.files, run)
+            if not self.loose:
+                check_files(self.directory, self.files, run)
             with self._stage() as stage:
                 self._stage_and_move(stage, run)
         except (OSError, ValueError) as error:
@@ -95,19 +101,26 @@ class Output:
         new, old = stage / "new", stage / "old"
         new.mkdir()
         old.mkdir()
-        digests = {name: _written(new / name, content) for name, content in self.files.items()}
-        files = (*digests, RECORD)
-        (new / RECORD).write_text(record_text(self.directory, digests, run), encoding="utf-8")
+        digests = {}
+        for name, content in self.files.items():
+            note(name)
+            digests[name] = _written(new / name, content)
+        stale = [] if self.loose else stale_files(self.directory, digests, run)
+        files = [*digests] if self.loose else [*digests, RECORD]
+        if not self.loose:
+            (new / RECORD).write_text(record_text(self.directory, digests, run, stale),
+                                      encoding="utf-8")
         if not self.directory.exists():
             new.replace(self.directory)
             return
         moved: list[str] = []
         try:
-            for name in files:
+            for name in [*files, *stale]:
                 if (self.directory / name).exists():
                     (self.directory / name).replace(old / name)
                 moved.append(name)
-                (new / name).replace(self.directory / name)
+                if name not in stale:
+                    (new / name).replace(self.directory / name)
         except BaseException:
             for name in moved:
                 (self.directory / name).unlink(missing_ok=True)

@@ -76,8 +76,14 @@ def parquet_bytes(columns: Mapping[str, tuple[str, Sequence[Any]]]) -> bytes:
 
 
 def _values(column: Any) -> Any:
-    """Return the cells of a column (N,): floats where it holds numbers, else objects."""
+    """Return the cells of a column (N,): floats where it holds numbers, else objects.
+
+    Moments are words such as 2026-03-04T10:00:00.25Z, Z where the column has a zone.
+    """
     cells = column.to_numpy()
+    if np.issubdtype(cells.dtype, np.datetime64):
+        zone = "Z" if getattr(column.type, "tz", None) else ""
+        return [None if np.isnat(c) else f"{np.datetime_as_string(c)}{zone}" for c in cells]
     return cells.astype(float) if np.issubdtype(cells.dtype, np.number) else cells
 
 

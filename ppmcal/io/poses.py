@@ -1,8 +1,11 @@
-"""Pose, target and joint files: CSV without a sidecar, in the mechanism file's units."""
+"""Pose, target and joint files: CSV without a sidecar, in the mechanism file's units.
+
+A column whose header names another unit (``x [m]``) is converted.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,13 +15,16 @@ from ppmcal.errors import BadInput
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import Tabular, as_table, is_path
+from ppmcal.io.header_units import bare_name, in_own_units
 from ppmcal.io.measurement_columns import further_columns, stacked
 from ppmcal.io.pose_fields import COORDINATES, QUATERNION
+from ppmcal.io.remarks import remark_table
 from ppmcal.io.rotations import EULER, under_vector_names
 from ppmcal.io.schema import hint
 from ppmcal.io.tables import read_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
@@ -59,6 +65,7 @@ class JointTable(NamedTuple):
     given: Given
 
 
+@stage("reading the table")
 def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") -> PoseTable:
     """Return the poses of a table: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
 
@@ -78,8 +85,8 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") 
     def loose(name: str) -> bool:
         return _may_be_text(name) and not (name in EULER and rotation.startswith("euler"))
 
-    table = read_table(source, loose=loose) if is_path(source) else as_table(
-        source, mechanism.coordinates, "poses", loose)
+    table = _table(source, mechanism, mechanism.coordinates, "poses", loose)
+    remark_table(table)
     given = _as_given(table)
     if mechanism.motion == "spatial":
         table = under_vector_names(table, rotation)
@@ -110,6 +117,7 @@ def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:
                        + (f" Is '{near[0]}' meant for one of them?" if near else ""))
 
 
+@stage("reading the table")
 def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     """Return the joint values of a table with a column ``q_<actuator>`` for each actuator.
 
@@ -119,8 +127,7 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
         BadInput: a joint column is missing, or any fault of the CSV.
     """
     names = [f"q_{a}" for a in mechanism.actuators]
-    table = read_table(source, loose=_may_be_text) if is_path(source) else as_table(
-        source, names, "joints", _may_be_text)
+    table = _table(source, mechanism, names, "joints", _may_be_text)
     missing = [n for n in names if n not in table.header]
     if missing:
         raise BadInput(f"there is no column {', '.join(missing)}", f"{table.source}: header",
@@ -130,6 +137,19 @@ def read_joints(source: Tabular, mechanism: Mechanism) -> JointTable:
     q = stacked(table, names) * mechanism.joint_factors(units)
     return JointTable(_rows(table), q, _extra(table, names), table.header,
                       _environment(table, mechanism), _as_given(table))
+
+
+def _table(source: Tabular, mechanism: Mechanism, names: Sequence[str], what: str,
+           loose: Callable[[str], bool]) -> Table:
+    """Return a table in the mechanism file's units, whatever unit its header names."""
+    def may_be_text(header: str) -> bool:
+        return loose(header) and loose(bare_name(header))
+
+    known = {*cols.known_columns(mechanism), *TWIST, *EULER}
+    table = (read_table(source, loose=may_be_text) if is_path(source)
+             else as_table(source, names, what, may_be_text))
+    return in_own_units(table, mechanism,
+                        lambda name: name in known or name.startswith("temperature_"))
 
 
 def _environment(table: Table, mechanism: Mechanism) -> dict[str, Array]:

@@ -7,13 +7,12 @@ the rows have their numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Annotated, Any
+from typing import TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field
 
 from ppmcal.calibration.readings import (
     AXES,
@@ -27,93 +26,13 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import known_columns
 from ppmcal.io.pose_fields import QUATERNION
-from ppmcal.io.schema import Label, Strict, choice, hint, refuse, show
-from ppmcal.kinematics.rotations import ORDERS
+from ppmcal.io.read_block import ANGULAR, FURTHER, HOMOGENEOUS, MATRIX, TEMPERATURES, ReadFile
+from ppmcal.io.schema import hint
 from ppmcal.linalg import Array, finite_rows
-from ppmcal.model.dataset import PAYLOADS, POUND, STANDARD_GRAVITY, ZERO_CELSIUS
 from ppmcal.model.mechanism import Mechanism
-from ppmcal.units import ANGLES, LENGTHS, TURN, Units
+from ppmcal.units import LENGTHS, TURN, Units
 
-MATRIX = tuple(f"r{i}{j}" for i in "123" for j in "123")
-ROTATIONS = ("rotvec", *QUATERNIONS, *(f"euler-{o}" for o in ORDERS), "matrix")
-FURTHER: Mapping[str, Mapping[str, float]] = {
-    "payload": PAYLOADS,
-    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
-    "force": {"N": 1.0, "kN": 1e3, "lbf": POUND * STANDARD_GRAVITY},
-    "moment": {"N m": 1.0},
-}
-TEMPERATURES: Mapping[str, Callable[[Array], Array]] = {
-    "C": lambda t: t, "K": lambda t: t - ZERO_CELSIUS, "F": lambda t: (t - 32.0) / 1.8}
-ANGULAR = {**ANGLES, "turn": TURN}
-UNITS = tuple(dict.fromkeys((*LENGTHS, *ANGULAR, "counts", *TEMPERATURES, *FURTHER["payload"],
-                             *FURTHER["time"], *FURTHER["force"], *FURTHER["moment"])))
-
-
-def _mapping(what: str, one: Callable[[object], object]) -> BeforeValidator:
-    def check(value: object) -> dict[str, Any]:
-        if not isinstance(value, dict):
-            raise refuse(f"{show(value)} is not a mapping", f"Write a column and its {what}, such "
-                         "as {q_leg2: ...}")
-        return {str(k): one(v) for k, v in value.items()}
-
-    return BeforeValidator(check)
-
-
-def _sign(value: object) -> object:
-    if isinstance(value, bool) or value not in (1, -1):
-        raise refuse(f"{show(value)} is not a sign", "Write 1 or -1")
-    return int(value)
-
-
-def _unit(value: object) -> object:
-    if value not in UNITS:
-        error = unknown("unit", value, UNITS)
-        raise refuse(error.what, error.mend)
-    return value
-
-
-def _header_name(value: object) -> object:
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise refuse(f"{show(value)} is not the name of a column", "Write the file's header there")
-    return str(value).strip()
-
-
-def _whole(value: object) -> object:
-    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > 1_000_000:
-        raise refuse(f"{show(value)} is not a number of rows", "Write a whole number such as 1")
-    return value
-
-
-def _turn(value: object) -> object:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e12:
-        raise refuse(f"{show(value)} is not a number of counts", "Write a positive number")
-    return float(value)
-
-
-class ReadFile(Strict):
-    """How to read the CSV where it is not as the program has it."""
-
-    columns: Annotated[dict[str, str], _mapping("header in the file", _header_name)] = Field(
-        default_factory=dict)
-    """Our column: the file's header."""
-    sheet: Label | None = None
-    """Sheet of a spreadsheet  [default: the first]."""
-    ignore: list[Label] = Field(default_factory=list)
-    """Headers of the file to leave alone."""
-    units: Annotated[dict[str, str], _mapping("unit", _unit)] = Field(default_factory=dict)
-    """Unit of a column (or of all that a pattern such as q_* names), if not the file's."""
-    counts_per_turn: Annotated[float, BeforeValidator(_turn)] | None = None
-    """Counts in a turn of the drive, for columns in counts."""
-    signs: Annotated[dict[str, int], _mapping("sign", _sign)] = Field(default_factory=dict)
-    """Sign of a column (or pattern): 1 or -1."""
-    rotation: Annotated[str, choice("rotation convention", *ROTATIONS)] | None = None
-    """What the rotation columns hold; Euler angles: small letters fixed axes, capitals moving."""
-    pose: Annotated[str, choice("pose", "direct", "inverse")] = "direct"
-    """inverse: the measuring frame seen from the platform."""
-    mirror: Annotated[str, choice("axis", *AXES)] | None = None
-    """An axis of the instrument that points the other way (left-handed)."""
-    shift: Annotated[int, BeforeValidator(_whole)] = 0
-    """The measured columns are so many rows behind the joint columns."""
+T = TypeVar("T")
 
 
 def renamed(table: Table, read: ReadFile, mechanism: Mechanism, side: str) -> Table:
@@ -151,24 +70,53 @@ def renamed(table: Table, read: ReadFile, mechanism: Mechanism, side: str) -> Ta
                    text={names.get(h, h): v for h, v in table.text.items() if h not in left})
 
 
+def of_homogeneous(table: Table, read: ReadFile) -> Table:
+    """Return the table with the entries of matrices (m00 ... m23, t14 ...) under our own names.
+
+    Raises:
+        BadInput: a last row that is not 0, 0, 0, 1.
+    """
+    if read.rotation != "matrix":
+        return table
+    names = next((m for m in HOMOGENEOUS if set(list(m)[:9]) <= set(table.header)), None)
+    if names is None:
+        return table
+    first = next(iter(names))
+    low = int(first[1:2])
+    last = [f"{first[0]}{low + 3}{low + j}" for j in range(4)]
+    for name, wanted in zip(last, (0.0, 0.0, 0.0, 1.0), strict=True):
+        with np.errstate(invalid="ignore"):
+            bad = np.flatnonzero(np.abs(table.numbers.get(name, np.array([])) - wanted) > 1e-9)
+        if bad.size:
+            raise BadInput(f"the last row of the matrix is not 0, 0, 0, 1 in row {bad[0] + 1}",
+                           table.at(name, int(bad[0])), "Check that the columns are row by row")
+    others = set(table.header) - set(names) - set(last)
+    mine = {h: own for h, own in names.items()
+            if h in table.header and h not in read.columns.values() and own not in others}
+    kept = [h for h in table.header if h not in last]
+    return replace(table, header=tuple(mine.get(h, h) for h in kept),
+                   numbers={mine.get(h, h): v for h, v in table.numbers.items() if h in kept},
+                   text={h: c for h, c in table.text.items() if h in kept})
+
+
 def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units, side: str,
-                headed: Collection[str] = ()) -> Table:
+                headed: Collection[str] = (), done: Collection[str] = ()) -> Table:
     """Return the table in the units, axes and conventions of section 2.
 
-    The units of the columns ``headed`` stand in the header, not in the sidecar.
+    The units of the columns ``headed`` stand in the header, not in the sidecar; those of the
+    columns ``done`` have been dealt with.
 
     Raises:
         BadInput: a column that the file does not have, a unit that it cannot be in, or rotation
             columns that a convention lacks.
     """
     numbers = dict(table.numbers)
-    for pattern, sign in read.signs.items():
-        for name in _matching(table, pattern, f"{side}: read.signs"):
-            numbers[name] = sign * numbers[name]
-    for pattern, unit in read.units.items():
-        for name in _matching(table, pattern, f"{side}: read.units"):
+    for name, (_, sign) in _by_column(table, read.signs, f"{side}: read.signs").items():
+        numbers[name] = sign * numbers[name]
+    for name, (pattern, unit) in _by_column(table, read.units, f"{side}: read.units").items():
+        if name not in done:
             place = (f"{table.source}: header, column {name}" if name in headed
-                     else f"{side}: read.units.{name}")
+                     else f"{side}: read.units.{pattern}")
             numbers[name] = _in_declared(numbers[name], name, unit, read, mechanism, units, place)
     table = replace(table, numbers=numbers)
     if read.rotation not in (None, "rotvec"):
@@ -176,6 +124,37 @@ def as_declared(table: Table, read: ReadFile, mechanism: Mechanism, units: Units
     if read.mirror or read.pose == "inverse":
         table = _seen_right(table, read, mechanism, units.factor("angle"), side)
     return table
+
+
+def _by_column(table: Table, declared: Mapping[str, T], place: str) -> dict[str, tuple[str, T]]:
+    """Return what is declared for columns and patterns, by column: the pattern and its value.
+
+    Raises:
+        BadInput: a pattern of no column or of words, or two for one column.
+    """
+    out: dict[str, tuple[str, T]] = {}
+    for pattern, value in declared.items():
+        for name in _matching(table, pattern, place):
+            if name in out:
+                first, one = out[name]
+                raise BadInput(f"the column {name} is declared twice, by '{first}' ({one}) and by "
+                               f"'{pattern}' ({value})", f"{place}.{pattern}",
+                               "Leave one of the two, or name the columns one by one")
+            out[name] = (pattern, value)
+    return out
+
+
+def unit_of(name: str, read: ReadFile, side: str) -> str | None:
+    """Return the unit that the block declares for a column, None where it says nothing.
+
+    Raises:
+        BadInput: two patterns name it.
+    """
+    said = [p for p in read.units if fnmatchcase(name, p)]
+    if len(said) > 1:
+        raise BadInput(f"the column {name} is declared twice, by '{said[0]}' and by '{said[1]}'",
+                       f"{side}: read.units.{said[1]}", "Leave one of the two")
+    return read.units[said[0]] if said else None
 
 
 def _matching(table: Table, pattern: str, place: str) -> list[str]:
@@ -215,13 +194,25 @@ def _choices(name: str, mechanism: Mechanism, units: Units) -> tuple[Mapping[str
                 return ANGULAR, TURN
             return (LENGTHS if quantity == "length" else ANGULAR), units.factor(quantity)
     bare_name = name.removeprefix("cmd_").removeprefix("sigma_")
-    if bare_name in (*TURNS, "rotation"):
+    if bare_name in (*TURNS, "rotation", "wx", "wy", "wz") or name.startswith("euler_"):
         return ANGULAR, units.factor("angle")
-    if bare_name in (*AXES, "height", "distance", "position"):
+    if bare_name in (*AXES, "height", "distance", "position", "vx", "vy", "vz"):
         return LENGTHS, units.factor("length")
     kind = {"payload": "payload", "time": "time", **dict.fromkeys(("fx", "fy", "fz"), "force"),
             **dict.fromkeys(("mx", "my", "mz"), "moment")}
     return FURTHER.get(kind.get(name, ""), {}), 1.0
+
+
+def declared_unit(name: str, mechanism: Mechanism, units: Units) -> str:
+    """Return the unit of a column for which nobody names another; empty for a bare number."""
+    if name == "temperature" or name.startswith("temperature_"):
+        return "C"
+    known, factor = _choices(name, mechanism, units)
+    if known is LENGTHS:
+        return units.length
+    if known is ANGULAR:
+        return units.angle if factor == units.factor("angle") else ""
+    return next((u for u, f in known.items() if f == 1.0), "")
 
 
 def _allowed(unit: str, allowed: Mapping[str, object], name: str, place: str) -> None:
@@ -259,9 +250,12 @@ def _refuse_no_rotation(raw: Array, table: Table, place: str) -> None:
         bad = np.flatnonzero(whole & ((off > 1e-3) | (np.linalg.det(np.where(
             whole[:, None, None], matrices, 0.0)) < 0.0)))
     if bad.size:
-        raise BadInput(f"r11 ... r33 are no rotation in row {bad[0] + 1} ({off[bad[0]]:.2g} from "
-                       "orthogonal, or left-handed)", f"{table.source}: row {bad[0] + 1}",
-                       f"Check the columns; see {place}")
+        left = off[bad[0]] <= 1e-3
+        raise BadInput(f"the matrix is no rotation in row {bad[0] + 1}: "
+                       + ("it is left-handed (its determinant is negative)" if left else
+                          f"R R^T is {off[bad[0]]:.2g} from the unit matrix"),
+                       f"{table.source}: row {bad[0] + 1}", "Check the order of the columns (row "
+                       f"by row) and the digits; see {place}")
 
 
 def _with_columns(table: Table, new: Mapping[str, Array], old: tuple[str, ...]) -> Table:

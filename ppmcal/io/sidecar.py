@@ -15,7 +15,7 @@ from ppmcal.calibration.registration import refuse_flat
 from ppmcal.design.virtual_instrument import Instrument
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io.pose_fields import OF_FRAME, pose_from_map
-from ppmcal.io.reading import ReadFile
+from ppmcal.io.read_block import ReadFile
 from ppmcal.io.schema import (
     LARGEST,
     Flag,

@@ -28,6 +28,7 @@ from ppmcal.linalg import Array, finite_rows
 from ppmcal.model.dataset import Dataset, Environment, unknown_environment
 from ppmcal.model.limbs.chain import cross_matrix
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import stage
 
 SINGULAR = 0.02
 """A pose counts as singular below this part of the singular value at home."""
@@ -53,6 +54,7 @@ class KinematicsTable:
     reason: tuple[str, ...]
 
 
+@stage("inverse kinematics")
 def inverse_table(model: Model, coordinates: Array, rows: Environment | None = None,
                   convention: PoseConvention | None = None) -> KinematicsTable:
     """Return joint values of poses, as a path in row order.
@@ -81,6 +83,7 @@ def tool_poses(model: Model, pose: Array, tool: Array) -> Array:
     return out
 
 
+@stage("forward kinematics")
 def forward_table(model: Model, q: Array, rows: Environment | None = None,
                   found: Forward | None = None) -> KinematicsTable:
     """Return the poses of joint values, in home's assembly mode, as a path.
@@ -175,6 +178,7 @@ def with_joints(mechanism: Mechanism, data: Dataset) -> Dataset:
     return replace(data, q=q, whole=whole)
 
 
+@stage("checking limits and singularities")
 def _judged(
     model: Model, q: Array, pose: Array, status: list[str], reason: list[str]
 ) -> KinematicsTable:
@@ -225,6 +229,7 @@ def home_singular_value(mechanism: Mechanism) -> tuple[float, float]:
     return float(value[0]), float(sign[0])
 
 
+@stage("following the path")
 def _mark_jumps(model: Model, q: Array, pose: Array, status: list[str], reason: list[str]) -> None:
     """Mark rows at which a path from the row before ends in another pose than from home."""
     good = np.array([s == "ok" for s in status])
@@ -232,13 +237,13 @@ def _mark_jumps(model: Model, q: Array, pose: Array, status: list[str], reason: 
     if not rows.size:
         return
     onward = forward(model, q[rows], start=pose[rows - 1], start_q=q[rows - 1])
-    scale = model.mechanism.length_scale
-    for i, n in enumerate(rows):
-        if not onward.converged[i]:
-            status[n], reason[n] = "crossed", "the way from the row before meets a singularity"
-            continue
-        away = cga.motor_log(cga.compose(cga.reverse(pose[n]), onward.pose[i]))
-        if np.hypot(np.linalg.norm(away[:3]), np.linalg.norm(away[3:]) / scale) > 1e-6:
+    for n in rows[~onward.converged]:
+        status[n], reason[n] = "crossed", "the way from the row before meets a singularity"
+    there = rows[onward.converged]
+    if there.size:
+        away = cga.motor_log(cga.compose(cga.reverse(pose[there]), onward.pose[onward.converged]))
+        turn, way = (np.linalg.norm(part, axis=-1) for part in (away[:, :3], away[:, 3:]))
+        for n in there[np.hypot(turn, way / model.mechanism.length_scale) > 1e-6]:
             status[n] = "jump"
             reason[n] = "the way from the row before leads to another assembly mode"
 

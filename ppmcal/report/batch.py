@@ -9,7 +9,8 @@ from urllib.parse import quote
 
 import numpy as np
 
-from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord
+from ppmcal.calibration.before import DEFINITION
+from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, needing_a_look
 from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
 from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes
 from ppmcal.report.batch_changes import changes, effect_changes
@@ -43,8 +44,8 @@ def batch_page(records: Sequence[CampaignRecord]) -> str:
             f"{sum(r.exit_code == 1 for r in own)} to look at, {len(failed)} failed."]
     common = [s for some in designs.values() for s in common_sentences(some)]
     return page(title=f"Batch: {count(machines, 'machine')}", lead=[*lead, *common],
-                look=_look(records, failed), folders=count(len(own), "campaign"),
-                chapters=chapters)
+                look=[typeset(t) for t in needing_a_look(records)],
+                folders=count(len(own), "campaign"), chapters=chapters)
 
 
 def _design(records: Sequence[CampaignRecord]) -> tuple[Section, ...]:
@@ -109,7 +110,7 @@ def _ranking(ranked: Sequence[CampaignRecord], latest: Sequence[CampaignRecord]
     heads = ["machine", "rank", "date", "by", "rms error before", "after", "on unseen poses", "of",
              "after / noise", "farthest parameter", "tolerances off", "effects", "status"]
     note = ("Ranked by what is left: the rms error on poses that the fit has not seen, else on its "
-            "own; of each machine the latest fit.")
+            f"own; of each machine the latest fit. Before: {DEFINITION}.")
     used = [i for i in range(len(heads)) if any(row[i].html not in ("", "–") for row in rows)]
     return Section("Machines, worst first", paragraph(note, "note") + table(
         "", [heads[i] for i in used], [[row[i] for i in used] for row in rows], sort=True)
@@ -194,17 +195,3 @@ def _campaigns(records: Sequence[CampaignRecord]) -> Section:
         count(len(rows), "campaign"), table(
             "", ["campaign", "date", "exit code", "verdict", "result"], rows, sort=True),
         folded=True),))
-
-
-def _look(records: Sequence[CampaignRecord], failed: Sequence[CampaignRecord]) -> list[str]:
-    """Return what the user must look at: who failed, changed, or has findings."""
-    out = [f"{r.campaign} failed: {r.message}" for r in failed[:10]]
-    if len(failed) > 10:
-        out.append(f"and {len(failed) - 10} more failed, see below")
-    changed = [r.machine for r in records if r.command == "compare" and r.verdict == "changed"]
-    if changed:
-        out.append(f"changed since last time: {listed(changed, 12)}")
-    found = [r.campaign for r in records if r.exit_code == 1 and r.command != "compare"]
-    if found:
-        out.append(f"{count(len(found), 'campaign')} with findings: {listed(found)}")
-    return out

@@ -43,6 +43,7 @@ from ppmcal.report.sources import (
     read_columns,
 )
 from ppmcal.report.truth import compare
+from ppmcal.wording.progress import stage
 
 COMPARE_WORDS = frozenset({"name", "unit", "status"})
 """Columns of compare.csv that are words; the others are numbers."""
@@ -57,6 +58,7 @@ KNOWN = ("measurements.csv", "truth.json", "identification.json", "parameters.cs
 """Files by which a folder is recognised as a command's output."""
 
 
+@stage("reading the results")
 def collect(dirs: Sequence[Path]) -> ReportData:
     """Return what the folders hold.
 
@@ -119,7 +121,8 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
             has("residuals.csv") and not diagnosed):
         found = _with_parameters(_record(IdentificationRecord, folder),
                                  lambda: table("parameters.csv"))
-        out.append(("identified", Identified(name, found, table("residuals.csv"))))
+        out.append(("identified", Identified(name, found, table("residuals.csv"),
+                                             diagnosed=diagnosed)))
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),

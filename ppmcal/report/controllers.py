@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ppmcal.io.results.export import DECIMALS, CommandErrors, ExportRecord, RotationErrors
+from ppmcal.io.results.export import (
+    CommandErrors,
+    ExportRecord,
+    RotationErrors,
+    error_size,
+)
 from ppmcal.plotting.bars import Chart, Row
 from ppmcal.plotting.canvas import Drawing
 from ppmcal.plotting.style import SMALLEST
@@ -64,14 +69,21 @@ def _gain(r: ExportRecord) -> Section | None:
             part = _errors(r, stage, kind)
             values = [getattr(part, key) for key, _ in ERRORS]
             if any(number(v) is not None for v in values):
-                rows.append([words(f"{kind}, {name}"), words(part.unit),
-                             *(amount(v, fixed(v, DECIMALS.get(part.unit, 4))) for v in values)])
+                rows.append([words(f"{kind}, {name}{', model exact' * (stage == 'after')}"),
+                             words(part.unit),
+                             *(amount(v, error_size(v, part.unit) or "–") for v in values)])
+    after = r.predicted.after
+    for kind, size in (("position", after), ("rotation", after.rotation)):
+        if size is not None and number(size.rms) is not None:
+            rows.append([words(f"{kind}, new, expected"), words(size.unit),
+                         amount(size.rms, error_size(size.rms, size.unit)), amount(None, "")])
     if not rows:
         return None
     over = f", over {r.over.rstrip('.')}" if r.over else ""
-    return Section("Error predicted with the old and with the new numbers", paragraph(
-        f"The machine driven through the controller's arithmetic{over}, if the model is exact.",
-        "note") + paragraph(r.predicted.sentence())
+    note = (f"The machine driven through the controller's arithmetic{over}, if the model is "
+            "exact; expected: with the model's own uncertainty.")
+    return Section("Error predicted with the old and with the new numbers",
+                   paragraph(note, "note") + paragraph(r.predicted.sentence())
             + table("", ["error", "unit", "rms", "max"], rows)
             + figures([_bars(r, k) for k in ("position", "rotation")]))
 
@@ -86,7 +98,7 @@ def _bars(r: ExportRecord, kind: str) -> Drawing | None:
         return None
     unit = parts["after"].unit
     rows = [Row(f"{key}, {name}", ((values[stage, key], name),),
-                f"{fixed(values[stage, key], DECIMALS.get(unit, 4))} {unit}".strip())
+                f"{error_size(values[stage, key], unit)} {unit}".strip())
             for key, _ in ERRORS for stage, name in STAGES]
     return Chart(rows, "linear", 0.0, top, unit, beside=True).drawing(
         f"Predicted error of {kind}", "Rms and largest.",

@@ -15,6 +15,8 @@ from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, 
 from ppmcal.report.other import scalars
 from ppmcal.report.records import Designed, Picture, ReportData
 from ppmcal.report.section import Section, filled
+from ppmcal.report.verdict import verdicts
+from ppmcal.wording import sentence
 
 TITLES = {"sensitivity": "Sensitivity", "tolerances": "Tolerances", "stiffness": "Stiffness",
           "workspace": "Workspace and singularities", "plan": "Measuring plan"}
@@ -63,7 +65,7 @@ def _table(one: Designed, shown: ShownTable) -> Section:
     body = list(zip(*across, strict=True))
     more = (f"The first {SHOWN} of {count(len(rows), 'row')}; {one.kind}.json has them all."
             if len(rows) > SHOWN else "")
-    note = " ".join(t for t in (_sentence(shown.note), more) if t)
+    note = " ".join(t for t in (sentence(shown.note), more) if t)
     html = table("", heads, body, sort=True) if heads else ""
     return Section(shown.title or "Table", (html or paragraph("No rows.", "note"))
                    + paragraph(note, "note"), count(len(rows), "row"))
@@ -112,19 +114,13 @@ def _pictures(one: Designed) -> str:
 
 def _figure(p: Picture, section: str) -> str:
     """Return a picture on a light card; its words are drawn dark."""
-    caption = _sentence(p.caption) or p.file
+    caption = sentence(p.caption) or p.file
     alt = escape(f"{section}: {caption}", quote=True)
     data = base64.b64encode(p.png).decode("ascii")
     width, height = (max(round(v * CSS_DOTS), 1) for v in p.size)
     return (f'<figure class="picture"><img alt="{alt}" width="{width}" height="{height}" '
             f'src="data:image/png;base64,{data}"><figcaption>{escape(caption)}</figcaption>'
             "</figure>")
-
-
-def _sentence(text: str) -> str:
-    """Return text as a sentence, empty if there is none."""
-    plain = text.strip()
-    return f"{plain[:1].upper()}{plain[1:].rstrip('.')}." if plain else ""
 
 
 def look_at(data: ReportData) -> list[tuple[str, str]]:
@@ -135,4 +131,7 @@ def look_at(data: ReportData) -> list[tuple[str, str]]:
         out += [(one.folder, f"the picture {p.file} is missing" if p.problem == "missing" else
                  f"the picture {p.file} cannot be shown: {p.problem}") for p in one.pictures
                 if p.problem and not p.problem.startswith("left out")]
+    if not out:    # a doubt that is no finding is none the less a doubt
+        out = [(v.of, f"{line.question} {line.word}. {line.text}") for v in verdicts(data)
+               for line in v.lines if line.state != "ok"]
     return list(dict.fromkeys(out))

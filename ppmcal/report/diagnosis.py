@@ -18,9 +18,11 @@ from ppmcal.io.results.diagnosis_wording import (
     next_step,
     own_values,
     rivals,
+    stages,
     survives,
     together,
     tried_sets,
+    unconfirmed,
     worst_block,
 )
 from ppmcal.plotting.canvas import Drawing
@@ -53,11 +55,9 @@ def diagnosis_section(d: Diagnosed) -> Section:
 
 def _lead(r: DiagnosisRecord) -> str:
     text = paragraph(headline(r), "big")
-    facts = [gap_closed(r), worst_block(r)]
+    facts = [stages(r), gap_closed(r), worst_block(r)]
     if r.confirmed is False and r.effects:
-        facts.append("Sessions that no fit has seen do not bear the effects out."
-                     if r.validation else
-                     "The held-out poses alone do not prove the improvement.")
+        facts.append(unconfirmed(r))
     return text + paragraph(" ".join(f for f in facts if f))
 
 

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ppmcal.io.results.identification import IdentificationRecord
-from ppmcal.io.results.identification_parts import ExcludedRow, NoiseCheck, ParameterEstimate
+from ppmcal.io.results.identification_parts import (
+    ExcludedRow,
+    NoiseCheck,
+    ParameterEstimate,
+    before_words,
+)
 from ppmcal.io.results.identification_wording import combination
 from ppmcal.report.format import (
     NBSP,
@@ -38,6 +43,7 @@ from ppmcal.report.residual_figures import residual_figures
 from ppmcal.report.residuals import quantity_of, used
 from ppmcal.report.rows import row_key, rows_section
 from ppmcal.report.section import Section, filled
+from ppmcal.wording import MOST, some
 
 STAGES = (("before", "before"), ("after", "after"), ("holdout", "held out"))
 COLUMNS = ("mean", "rms", "p95", "max")
@@ -73,7 +79,7 @@ def accuracy(one: Identified) -> Section | None:
                              *(amount(getattr(part, c)) for c in COLUMNS)])
     if not rows:
         return None
-    notes = [one.record.holdout_note]
+    notes = [one.record.holdout_note, before_words(residual.before_is).strip()]
     if "closure" in kinds:
         notes.append("Closure is the limb condition at the measured poses, as a length.")
     note = " ".join(n[0].upper() + n[1:].rstrip(".") + "." for n in notes if n)
@@ -172,8 +178,12 @@ def redundant(r: IdentificationRecord) -> Section | None:
     note = ("A change of the quantity and this change of the others act alike: only their "
             "combination can be identified, and predictions do not depend on how it is split; the "
             "prior splits it by the tolerances. Coefficients are in the file's units.")
-    return Section("Unidentifiable combinations", table("", ["one unit of", "acts like"], rows)
-                   + paragraph(note, "note"), count(len(rows), "combination"), folded=True)
+    names = some([c.name or "?" for c in r.redundant])
+    said = "" if len(rows) <= MOST else paragraph(
+        f"{len(rows)} parameters are only identified in combination with others: {names}.")
+    return Section("Unidentifiable combinations", said
+                   + table("", ["one unit of", "acts like"], rows) + paragraph(note, "note"),
+                   count(len(rows), "combination"), folded=True)
 
 
 def correlations(r: IdentificationRecord) -> Section | None:

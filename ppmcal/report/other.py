@@ -10,7 +10,7 @@ import numpy as np
 from ppmcal.io.results.commands import accepted_sentence
 from ppmcal.io.results.kinematics import KinematicsRecord, modes_sentence, solved_sentence
 from ppmcal.report.format import count, sig, to_sigma, whole
-from ppmcal.report.headlines import finding_text
+from ppmcal.report.headlines import finding_text, other_machine
 from ppmcal.report.html import (
     MAX_ROWS,
     Cell,
@@ -26,7 +26,9 @@ from ppmcal.report.html import (
 from ppmcal.report.kinematics_figures import kinematics_figures
 from ppmcal.report.records import Columns, ComparedMachines, Other, ResidualRows, Simulated
 from ppmcal.report.residual_figures import command_figure, truth_figures
+from ppmcal.report.residuals import predicted
 from ppmcal.report.section import Section, filled
+from ppmcal.wording import sentence
 
 SHOWN = 30
 """Rows of commands.csv that are shown; the file holds them all."""
@@ -45,16 +47,20 @@ def compensation_section(rows: ResidualRows, lengths: Mapping[str, str]) -> Sect
     out.append(paragraph(f"{accepted_sentence(int(good.sum()), t.size)}."))
     stats = []
     for kind, quantity in (("position", "length"), ("rotation", "angle")):
-        for stage in ("before", "after"):
-            values = t.number(f"error_{kind}_{stage}")[good]
+        for stage, values in predicted(t, kind).items():
+            values = values[good]
+            if not np.isfinite(values).any():
+                continue
             values = values[np.isfinite(values)]
-            if values.size:
-                stats.append([words(f"{kind}, {stage}"), words(lengths.get(quantity, "")),
-                              amount(float(values.mean())),
-                              amount(float(np.sqrt(np.mean(values**2)))),
-                              amount(float(values.max()))])
-    out.append(table("Error predicted by the identified model, accepted targets",
-                     ["error", "unit", "mean", "rms", "max"], stats))
+            stats.append([words(f"{kind}, {stage}"), words(lengths.get(quantity, "")),
+                          amount(float(values.mean())), amount(_rms(values)),
+                          amount(float(values.max()))])
+    out.append(table("Error predicted, accepted targets; corrected: the model's own uncertainty, "
+                     "1 sigma", ["error", "unit", "mean", "rms", "max"], stats))
+    if not any(np.isfinite(predicted(t, kind)["corrected"][good]).any()
+               for kind in ("position", "rotation")):
+        out.append(paragraph("What corrected commands leave is unknown: the model's own "
+                             "uncertainty is not in the file.", "note"))
     out.append(figures([command_figure(rows, k, lengths.get(q, ""))
                         for k, q in (("position", "length"), ("rotation", "angle"))]))
     return Section("Compensation", "".join(out), rows.folder,
@@ -173,8 +179,9 @@ def truth_section(c: ComparedMachines) -> Section:
                 f"(about {sig(0.0455 * z.size, 2)} expected); rms of z {sig(_rms(z))}.")
     heads = ["parameter", "error true", "error found", "found − true", "sigma", "unit", "z",
              "status"]
+    told = " ".join(t for t in (sentence(other_machine(c)), c.note) if t)
     return Section("Simulated truth against identified", paragraph(text)
-                   + paragraph(c.note, "bad") + figures(truth_figures(c))
+                   + paragraph(told, "bad") + figures(truth_figures(c))
                    + table("z = (found − true) / sigma", heads, body, sort=True),
                    f"{c.truth} and {c.identified}")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ppmcal import __version__
 from ppmcal.io.output import plain
-from ppmcal.io.results.diagnosis_wording import headline as diagnosis_headline
+from ppmcal.io.results.diagnosis_wording import lead as diagnosis_headline
 from ppmcal.report.comparison import comparison_section
 from ppmcal.report.comparison import verdict as comparison_verdict
 from ppmcal.report.controllers import export_section
@@ -41,10 +41,13 @@ from ppmcal.report.truth import stray_note
 from ppmcal.report.validation import lead as validation_lead
 from ppmcal.report.validation import validation_section
 from ppmcal.report.verdict import verdicts
+from ppmcal.wording import gathered
+from ppmcal.wording.progress import stage
 
 MOST_LOOKED_AT = 60
 
 
+@stage("drawing the page")
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
     verdict = verdicts(data)
@@ -132,9 +135,10 @@ def _look(data: ReportData) -> list[str]:
     """Return what the user must look at."""
     items = look_at(data)
     several = len({where for where, _ in items}) > 1
-    lines = [f"{where}: {text}" if several else text for where, text in items[:MOST_LOOKED_AT]]
-    more = len(items) - MOST_LOOKED_AT
-    return lines + ([f"and {more} more, in the JSON files"] if more > 0 else [])
+    lines = [f"{where}: {text}" if several else text for where in dict.fromkeys(w for w, _ in items)
+             for text in gathered([t for w, t in items if w == where], "all in the JSON file")]
+    more = len(lines) - MOST_LOOKED_AT
+    return lines[:MOST_LOOKED_AT] + ([f"and {more} more, in the JSON files"] if more > 0 else [])
 
 
 def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
@@ -244,7 +248,7 @@ def _table(rows: ResidualRows) -> dict[str, Any]:
     good = np.ones(t.size, dtype=bool)
     good[list(rows.flagged)] = False
     out["rows"], out["accepted"] = t.size, int(good.sum())
-    for name in (h for h in t.header if h.startswith("error_")):
+    for name in (h for h in t.header if h.startswith(("error_", "sigma_"))):
         values = t.number(name)[good]
         values = values[np.isfinite(values)]
         if values.size:
@@ -272,4 +276,5 @@ def _rows(table: Columns | None) -> list[dict[str, Any]]:
 
 def _comparison(c: ComparedMachines) -> dict[str, Any]:
     return {"truth": c.truth, "identified": c.identified, "note": c.note,
+            "other_nominal_values": list(c.other),
             "parameters": [{**asdict(r), "z": r.z} for r in c.rows]}

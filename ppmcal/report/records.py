@@ -58,12 +58,14 @@ class Identified:
         residuals: residuals.csv.
         positions: measured x, y (N, 2) of the residual rows, nan where unknown; None where
             no measurement file with the right check sum was at hand.
+        diagnosed: whether it is the fit behind a diagnosis in the same folder.
     """
 
     folder: str
     record: IdentificationRecord
     residuals: Columns | None = None
     positions: Array | None = None
+    diagnosed: bool = False
 
     @property
     def name(self) -> str:
@@ -204,12 +206,16 @@ class TruthRow:
 
 @dataclass(frozen=True)
 class ComparedMachines:
-    """Simulated truth against what was identified; ``note`` says what is left out."""
+    """Simulated truth against what was identified; ``note`` says what is left out.
+
+    ``other``: parameters whose nominal values are not those of the simulated machine.
+    """
 
     truth: str
     identified: str
     rows: tuple[TruthRow, ...]
     note: str = ""
+    other: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from ppmcal.report.residuals import (
     envelope,
     evenly_spread,
     groups,
+    predicted,
     quantity_of,
     used,
     white,
@@ -212,12 +213,12 @@ def command_figure(rows: ResidualRows, kind: str, unit: str) -> Drawing | None:
     table = rows.table
     if table is None or f"error_{kind}_after" not in table.numbers:
         return None
-    values = [np.where(v > 0.0, v, np.nan) for v in
-              (table.number(f"error_{kind}_before"), table.number(f"error_{kind}_after"))]
+    values = [np.where(v > 0.0, v, np.nan) for v in predicted(table, kind).values()]
     if not np.isfinite(values).any():
         return None
     return plotted(
-        f"Predicted error of {kind} by target", subsampled(table.size),
+        f"Predicted error of {kind} by target",
+        f"After: the model's own uncertainty, 1 sigma. {subsampled(table.size)}".strip(),
         f"{table.size} targets on a logarithmic scale.", Axis(0.0, table.size + 1.0),
         span(values, log=True), ("target, in the order of the file", with_label(kind, unit)),
         [*series(values[0], "before"), *series(values[1], "after")], BEFORE_AFTER)

@@ -117,3 +117,14 @@ def boundaries(table: Columns) -> list[tuple[int, str]]:
         if not out or name != out[-1][1]:
             out.append((i, name))
     return out
+
+
+def predicted(table: Columns, kind: str) -> dict[str, Array]:
+    """Return by stage the errors (N,) that commands.csv predicts of one kind, in its units.
+
+    What corrected commands leave is the model's own uncertainty: the arithmetic's round-off is
+    none; nan where that is unknown.
+    """
+    left = np.nan_to_num(table.number(f"error_{kind}_after"))
+    return {"uncorrected": table.number(f"error_{kind}_before"),
+            "corrected": np.hypot(left, table.number(f"sigma_{kind}"))}

@@ -27,7 +27,7 @@ CHUNK = 50_000
 _NUMBERS = frozenset({"row", "used", "x", "y", "nominal", "value", "error", "sigma", "sigma_data",
                       "tolerance", "low", "high", "p_value", "survival", "sigma_position",
                       "sigma_rotation"})
-_PREFIXES = ("before_", "after_", "sigma_", "error_", "q_", "cmd_", "rate_")
+_PREFIXES = ("before_", "after_", "geometry_", "sigma_", "error_", "q_", "cmd_", "rate_")
 _COMMANDS = re.compile(r"x|y|(q|cmd)_.+|(error_(position|rotation)_(before|after))"
                        r"|sigma_(position|rotation)")
 _KINEMATICS = re.compile(r"[xyz]|r[xyz]|euler_[123]|quat_[xyzw]|(q|rate)_.+"

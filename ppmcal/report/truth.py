@@ -2,31 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
+from ppmcal.io.results.identification_parts import ParameterEstimate
 from ppmcal.io.results.record import UnitNames
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.report.format import number
 from ppmcal.report.records import ComparedMachines, Identified, Simulated, TruthRow
 from ppmcal.units import ANGLES, LENGTHS
+from ppmcal.wording import some
 
 PER_UNIT = "/unit"
 """Ends the unit of a drive's ratio."""
+SAME = 1e-9
+"""Nominal values are the same where they differ by less than this part of them."""
+NOT_THERE = "not in the simulated machine, so there is nothing to compare"
+OTHER_UNITS = "units do not match and are left out"
+
+
+@dataclass(frozen=True)
+class TrueParameter:
+    """What a truth file says of a parameter, in its units; None where it does not."""
+
+    error: float | None
+    value: float | None = None
+
+    @property
+    def nominal(self) -> float | None:
+        """The simulated machine's nominal value."""
+        return None if self.value is None or self.error is None else self.value - self.error
 
 
 def compare(identified: Sequence[Identified], simulated: Sequence[Simulated]
             ) -> tuple[ComparedMachines, ...]:
     """Return one comparison for each identification whose measurements were simulated here."""
-    out = []
-    for one in identified:
-        for source in simulated:
-            if source.truth is None or not belongs(source, one):
-                continue
-            rows, skipped = _rows(one, source.truth)
-            units = f"Units do not match and are left out: {', '.join(skipped)}." * bool(skipped)
-            if rows:
-                out.append(ComparedMachines(source.folder, one.folder, rows, units))
-    return tuple(out)
+    found = [compared(source.folder, one, source.truth) for one in identified
+             for source in simulated if source.truth is not None and belongs(source, one)]
+    return tuple(c for c in found if c.rows)
 
 
 def belongs(source: Simulated, one: Identified) -> bool:
@@ -46,20 +60,65 @@ def stray_note(source: Simulated, identified: Sequence[Identified]) -> str:
             "used other measurements, so nothing is compared.")
 
 
-def _rows(one: Identified, truth: TruthRecord) -> tuple[tuple[TruthRow, ...], list[str]]:
-    """Return the parameters that both know, and those whose units do not match."""
-    errors = {n: e for n, value in truth.errors.items() if (e := number(value)) is not None}
-    rows, skipped = [], []
-    for p in one.record.parameters if errors else ():
-        if p.error is None or (p.name not in errors and p.status == "fixed"):
+def compared(folder: str, one: Identified, truth: TruthRecord) -> ComparedMachines:
+    """Return the errors put in and found, against the nominal values of the model identified.
+
+    A model with other nominal values than the simulated machine's is another machine: its true
+    errors are those that its own nominal values have, and it is named.
+    """
+    rows, other, lacking = list[TruthRow](), list[str](), dict[str, list[str]]()
+    for p in one.record.parameters:
+        known = _known(p.name, truth)
+        if p.error is None or (known is None and p.status == "fixed"):
             continue
-        factor = _factor(_same_quantity(p.unit, truth.units), p.unit)
-        if factor is None:
-            skipped.append(p.name)
+        factor = None if known is None else _factor(_same_quantity(p.unit, truth.units), p.unit)
+        if known is None or factor is None:
+            lacking.setdefault(NOT_THERE if known is None else OTHER_UNITS, []).append(p.name)
             continue
-        rows.append(TruthRow(p.name, p.unit, errors.get(p.name, 0.0) * factor, p.error, p.sigma,
-                             p.status))
-    return tuple(rows), skipped
+        true, differs = _true_error(p, known, factor)
+        if differs:
+            other.append(p.name)
+        if p.status != "fixed" or true != 0.0:
+            rows.append(TruthRow(p.name, p.unit, true, p.error, p.sigma, p.status))
+    note = [f"{what[0].upper()}{what[1:]}: {some(names)}." for what, names in lacking.items()]
+    return ComparedMachines(folder, one.folder, tuple(rows), " ".join(note), tuple(other))
+
+
+def _known(name: str, truth: TruthRecord) -> TrueParameter | None:
+    """Return what is true of a parameter, None where the simulated machine has none such."""
+    value, error = (number(values.get(name)) for values in (truth.parameters, truth.errors))
+    if value is not None:
+        return TrueParameter(error or 0.0, value)
+    if name in truth.errors or not truth.parameters:    # a file of errors alone
+        return TrueParameter(error or 0.0) if truth.errors else None
+    found = list(_of_effect(name, truth))
+    return TrueParameter(None, found[0]) if len(found) == 1 else None
+
+
+def _of_effect(name: str, truth: TruthRecord) -> Iterator[float]:
+    """Yield the values of ``kind.place.what`` in the simulated effects that hold there."""
+    kind, _, rest = name.partition(".")
+    place, _, what = rest.rpartition(".")
+    for effect in truth.effects:
+        on, values = effect.get("on"), effect.get("parameters")
+        here = not on or (isinstance(on, list) and bool(place) and set(place.split("+")) <= set(on))
+        if effect.get("kind") == kind and here and isinstance(values, dict):
+            entry = values.get(what)
+            value = number(entry.get("value") if isinstance(entry, dict) else entry)
+            if value is not None:
+                yield value
+
+
+def _true_error(p: ParameterEstimate, known: TrueParameter, factor: float) -> tuple[float, bool]:
+    """Return the true error against the model's own nominal value, and whether that is another."""
+    nominal = 0.0 if p.nominal is None else p.nominal
+    if known.error is None:
+        return (known.value or 0.0) * factor - nominal, False
+    away = 0.0 if known.nominal is None or p.nominal is None else known.nominal * factor - nominal
+    if p.unit in ANGLES:    # 348 degrees is -12
+        away = math.remainder(away, math.tau / ANGLES[p.unit])
+    differs = abs(away) > SAME * max(abs(nominal), abs(p.tolerance or 0.0), abs(p.error or 0.0))
+    return known.error * factor + (away if differs else 0.0), differs
 
 
 def _same_quantity(unit: str, units: UnitNames) -> str:

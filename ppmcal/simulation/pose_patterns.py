@@ -10,11 +10,13 @@ from ppmcal.kinematics.tables import inverse_table
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.simulation.scenario import Circle, GridPattern, Helix, Listed, Random, Scenario
+from ppmcal.wording.progress import stage
 
 MOST_TRIALS = 200
 HOPELESS_TRIALS = 10
 
 
+@stage("choosing poses")
 def commands(mechanism: Mechanism, scenario: Scenario, rng: np.random.Generator
              ) -> tuple[Array, list[str], Listed | None]:
     """Return the joint values (N, k) of the wanted poses, and why others were left out.

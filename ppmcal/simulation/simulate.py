@@ -28,6 +28,7 @@ from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.simulation.pose_patterns import commands
 from ppmcal.simulation.scenario import Scenario
+from ppmcal.wording.progress import stage
 
 SECONDS_PER_ROW = 60.0
 OUTLIER_SIGMAS = 20.0
@@ -63,6 +64,7 @@ class Campaign:
     to_q: Array | None = None
 
 
+@stage("simulating")
 def simulate(mechanism: Mechanism, scenario: Scenario, seed: int | None = None) -> Campaign:
     """Return a simulated campaign.
 
@@ -169,6 +171,7 @@ def _measured(pose: Array, other: Array, stretch: Array | None, mechanism: Mecha
             _value(position, far, error[:, 0], scenario.kind), outlier)
 
 
+@stage("moving the machine")
 def _visited(model: Model, q: Array, rows: Environment, scenario: Scenario,
              rng: np.random.Generator) -> tuple[Array, Array | None]:
     """Return the poses (N, 8) reached at joint values (N, k), and the instrument's stretch."""

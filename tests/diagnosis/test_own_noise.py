@@ -10,6 +10,7 @@ import ppmcal
 from ppmcal.calibration.problem import Problem
 from ppmcal.diagnosis.own_noise import diagnose_with_own_noise
 from ppmcal.diagnosis.search_rounds import DiagnosisOptions
+from ppmcal.wording.progress import Watch, watching
 
 pytestmark = pytest.mark.slow
 
@@ -37,8 +38,9 @@ def day(stage):
 def test_noise_is_that_of_the_model_with_what_was_named(stage, day):
     said: list[str] = []
     guess = replace(day, estimated=True).noisier(3.0)
-    found, told = diagnose_with_own_noise(
-        Problem(stage, (guess,), stage.free), DiagnosisOptions(draws=400), said.append)
+    with watching(Watch(said.append)):
+        found, told = diagnose_with_own_noise(
+            Problem(stage, (guess,), stage.free), DiagnosisOptions(draws=400))
     assert {(e.kind, e.on) for e in found.effects} == {("curvature", ("leg2",)),
                                                        ("backlash", ("leg1",))}
     assert any("again with the noise" in s for s in said)
@@ -48,6 +50,7 @@ def test_noise_is_that_of_the_model_with_what_was_named(stage, day):
 
 def test_stated_noise_stays(stage, day):
     said: list[str] = []
-    _, told = diagnose_with_own_noise(
-        Problem(stage, (day,), stage.free), DiagnosisOptions(draws=400), said.append)
+    with watching(Watch(said.append)):
+        _, told = diagnose_with_own_noise(
+            Problem(stage, (day,), stage.free), DiagnosisOptions(draws=400))
     assert told == [] and not any("again with the noise" in s for s in said)

@@ -134,7 +134,7 @@ def test_next_step_agrees_with_the_findings() -> None:
                         LeftOut(0, 1, False, "", 0.0, 1.0), ())
         step = next_step(last, {}, "named", 0, seen).reason
         assert any("do not confirm" in f for f in said) == (not confirmed)
-        assert ("no further measurement is needed" in step) == confirmed
+        assert ("nothing more to measure" in step) == confirmed
         assert ("do not confirm" in step) == (not confirmed)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shlex
 import shutil
 from pathlib import Path
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 
 from helpers.paths import ROOT
 from ppmcal.cli import cli
+from ppmcal.cli.common import WIDTH
 
 SAMPLES = ROOT / "sample_data"
 COPIES = {"hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
@@ -34,6 +36,11 @@ def run(line: str) -> None:
     result = CliRunner().invoke(cli, shlex.split(line)[1:])
     # 1: done, and something needs a look
     assert result.exit_code in (0, 1), f"{line}\n{result.output}\n{result.exception!r}"
+    if not line.startswith("ppmcal schema"):    # JSON, for programs
+        wide = [shown for shown in result.stdout.splitlines() if len(shown) > WIDTH]
+        assert not wide, f"{line}\n" + "\n".join(wide)
+        # a column too narrow for its numbers or words goes on in the next line
+        assert not re.search(r"^ {8,}(?:ied|ed|d|ifie?d?|nt|t) *$", result.stdout, re.M), line
 
 
 def lay_desk(folder: Path) -> None:

@@ -94,6 +94,9 @@ def test_what_is_ignored_may_be_words(tmp_path: Path) -> None:
                                   "Allowed: m, mm, um, in"]),
     ({"x": "x [deg]"}, None, ["run.csv: header, column x", "cannot be in deg", "m or mm"]),
     ({"x": "x [mm]", "payload": "x (in)"}, None, ["two columns are called 'x'", "ignore"]),
+    ({}, {"units": {"q_leg*": "in", "q_?eg1": "mm"}},
+     ["q_leg1", "'q_leg*' (in)", "'q_?eg1' (mm)", "run.yaml: read.units.q_", "Leave one"]),
+    ({}, {"signs": {"q_*": -1, "q_leg2": -1}}, ["q_leg2", "'q_*' (-1)", "read.signs.q_"]),
     ({"x": "what (ever)"}, None, ["unknown column 'what (ever)'"])])
 def test_what_cannot_be_is_refused(tmp_path: Path, headers: dict[str, str],
                                    read: dict[str, Any] | None, says: list[str]) -> None:

@@ -41,17 +41,18 @@ def write(folder, command="identify", force=False, **files):
 
 def held(folder):
     """Return name -> text of what a folder shows."""
-    return {p.name: p.read_text() for p in folder.iterdir() if not p.name.startswith(".")}
+    return {p.name: p.read_text() for p in folder.iterdir()
+            if p.is_file() and not p.name.startswith(".")}
 
 
 def test_output_replaces_its_own_beside_others(tmp_path):
     folder = tmp_path / "out"
     write(folder, a="old", b="old")
     (folder / "mine.txt").write_text("keep")
-    write(folder, a="new")
-    assert held(folder) == {"a.csv": "new", "b.csv": "old", "mine.txt": "keep"}
-    write(folder, b="new")    # what an earlier run wrote stays its own
-    assert held(folder) == {"a.csv": "new", "b.csv": "new", "mine.txt": "keep"}
+    write(folder, a="new")    # b would pass for a result of this run
+    assert held(folder) == {"a.csv": "new", "mine.txt": "keep"}
+    write(folder, b="new")
+    assert held(folder) == {"b.csv": "new", "mine.txt": "keep"}
     assert os.listdir(tmp_path) == ["out"]
 
 
@@ -69,6 +70,16 @@ def anothers(folder):
     write(folder, "diagnose", a="old")
 
 
+def anothers_of_other_names(folder):
+    write(folder, "diagnose", b="old")
+
+
+def claimed(folder):
+    """Make a folder that a command claimed for what it will put in folders of their own."""
+    write(folder, "batch")
+    (folder / "deeper").mkdir()
+
+
 def beside(folder):
     write(folder, b="old")
     (folder / "a.csv").write_text("mine")
@@ -81,6 +92,7 @@ def damaged(folder):
 
 @pytest.mark.parametrize(("make", "said"), [
     (foreign, "mine.txt"), (edited, "a.csv was edited"), (anothers, "another command, diagnose"),
+    (anothers_of_other_names, r"another command, diagnose \(b.csv\)"), (claimed, "command, batch"),
     (beside, "a.csv: was there before"), (damaged, "did not write")])
 def test_output_replaces_nothing_else_unless_forced(tmp_path, make, said):
     folder = tmp_path / "out"
@@ -94,6 +106,52 @@ def test_output_replaces_nothing_else_unless_forced(tmp_path, make, said):
     assert held(folder)["a.csv"] == "new"
     write(folder, a="newer")    # and from now on it is this command's own
     assert held(folder)["a.csv"] == "newer"
+
+
+def test_a_folder_that_shows_nothing_is_empty(tmp_path):
+    (tmp_path / ".DS_Store").write_text("")
+    write(tmp_path, a="new")
+    assert held(tmp_path) == {"a.csv": "new"}
+
+
+def test_what_was_edited_is_no_stale_result(tmp_path):
+    folder = tmp_path / "out"
+    write(folder, a="old", b="old")
+    (folder / "b.csv").write_text("mine")
+    write(folder, force=True, a="new")
+    assert held(folder) == {"a.csv": "new", "b.csv": "mine"}
+
+
+def test_a_claim_takes_nothing_away(tmp_path):
+    folder = tmp_path / "out"
+    write(folder, "batch", a="old")
+    write(folder, "batch")
+    assert held(folder) == {"a.csv": "old"}
+
+
+def test_stale_results_come_back_where_the_new_ones_fail(tmp_path, monkeypatch):
+    folder = tmp_path / "out"
+    write(folder, a="old", b="old")
+    before = tree(folder)
+    replace = Path.replace
+
+    def failing(self, other):
+        if self.name == "b.csv" and "old" in str(other):
+            raise OSError(28, "No space left on device")
+        return replace(self, other)
+
+    monkeypatch.setattr(Path, "replace", failing)
+    with pytest.raises(BadInput, match="No space"):
+        write(folder, a="new")
+    assert tree(folder) == before
+
+
+def test_loose_files_go_among_others_without_a_record(tmp_path):
+    (tmp_path / "mine.txt").write_text("keep")
+    out = Output(tmp_path, loose=True)
+    out.add("run.csv", "x\n")
+    assert out.write() == [tmp_path / "run.csv"]
+    assert sorted(os.listdir(tmp_path)) == ["mine.txt", "run.csv"]
 
 
 def test_an_edited_file_is_refused_before_the_work(tmp_path):

@@ -331,3 +331,54 @@ def test_an_inverse_pose_needs_its_rotation(tmp_path: Path, machine: Mechanism) 
         read_dataset(with_read(path, {"pose": "inverse"}), machine)
     assert "there is no rx, ry, rz" in refused.value.what
     assert "run.yaml" in refused.value.where and "read.pose" in refused.value.where
+
+
+@pytest.mark.parametrize(("letter", "low"), [("m", 0), ("t", 1), ("r", 0), ("T", 0)])
+def test_homogeneous_matrices_under_their_usual_names(tmp_path, letter, low):
+    """m00 ... m33 hold position and rotation; one that is none is refused with its deviation."""
+    import numpy as np
+    import yaml
+    from helpers.mistakes import MACHINE, session
+    from scipy.spatial.transform import Rotation
+
+    from ppmcal.api.inputs import load
+    from ppmcal.errors import BadInput
+    from ppmcal.io import read_dataset
+
+    def change(rows):
+        for row in rows:
+            matrix = np.eye(4)
+            matrix[:3, 3] = [float(row.pop(a)) for a in "xyz"]
+            matrix[:3, :3] = Rotation.from_rotvec(
+                [float(row.pop(a)) for a in ("rx", "ry", "rz")], degrees=True).as_matrix()
+            row |= {f"{letter}{i + low}{j + low}": repr(float(matrix[i, j]))
+                    for i in range(4) for j in range(4)}
+
+    machine = load(MACHINE)
+    plain = read_dataset(session(tmp_path / "plain"), machine)
+    path = session(tmp_path / "matrix", change)
+    side = path.with_suffix(".yaml")
+    content = yaml.safe_load(side.read_text())
+    side.write_text(yaml.safe_dump({**content, "read": {"rotation": "matrix"}}))
+    found = read_dataset(path, machine)
+    np.testing.assert_array_equal(found.position, plain.position)
+    np.testing.assert_allclose(found.rotation, plain.rotation, atol=1e-13)
+    lines = path.read_text().splitlines()
+    name = f"{letter}{low}{low + 1}"
+    for column, value, says in ((name, "0.25", r"R R\^T is 0\.\d+ from the unit matrix"),
+                                (f"{letter}{low + 3}{low}", "0.5", "last row of the matrix")):
+        cells = lines[1].split(",")
+        cells[lines[0].split(",").index(column)] = value
+        path.write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]))
+        with pytest.raises(BadInput, match=says):
+            read_dataset(path, machine)
+
+
+def test_singular_euler_angles_are_one_rotation(tmp_path):
+    """In gimbal lock two triples are one rotation, and are read as one."""
+    import numpy as np
+
+    from ppmcal.calibration.readings import understood
+
+    one, two = (understood(np.radians([[a, 90.0, b]]), "euler-ZYX") for a, b in ((30, 10), (20, 0)))
+    np.testing.assert_allclose(one, two, atol=1e-7)

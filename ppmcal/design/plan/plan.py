@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from ppmcal.errors import BadInput, NoResult
 from ppmcal.kinematics.tables import home_singular_value
 from ppmcal.linalg import Array, Ints
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.wording.progress import begin
 
 CANDIDATES = 400
 TASKS = 50
@@ -48,7 +49,7 @@ class PlanOptions:
 
 def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | None = None,
          given: tuple[Array, str] | None = None, tasks: tuple[Array, str] | None = None,
-         wanted: float | None = None, progress: Callable[[str], None] = lambda text: None) -> Plan:
+         wanted: float | None = None) -> Plan:
     """Return which poses to measure.
 
     Args:
@@ -58,7 +59,6 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
         given: the user's candidates (N, 6) and their file; default: drawn in the region.
         tasks: poses (N, 6) at which the machine has to be exact, and their file.
         wanted: standard deviation of the position there, m.
-        progress: called with what is being done.
 
     Raises:
         BadInput: nothing to identify, no usable pose, a kind that cannot be planned for.
@@ -77,17 +77,17 @@ def plan(mechanism: Mechanism, instrument: Instrument, options: PlanOptions | No
         raise BadInput("touches happen where the flat is, which only you know", "--instrument",
                        "Give --candidates: poses at which the machine touches the flat")
     refuse(mechanism, options.asked)
-    progress("drawing candidates")
+    begin("drawing candidates")
     region = None if given else region_of(nominal)
     pool = listed(nominal, *given) if given else draw(nominal, region_of(nominal),
                                                       options.candidates, options.seed)
     with_effects = with_kinds(mechanism, options.asked, pool.q)
     pose, columns = offered(with_effects, options.asked, pool.q, options.seed)
-    progress("information of each candidate")
+    begin("information of each candidate")
     space = _PoseSpace(nominal, region if not columns else None, instrument, pool,
                        offer(with_effects, instrument, pool, pose, columns), columns)
     aims = _aims(space, options, tasks)
-    progress("choosing")
+    begin("choosing")
     return _planned(space, options, aims, wanted)
 
 

@@ -13,6 +13,7 @@ from ppmcal.io.results.comparison import ComparisonRecord
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.identification_parts import ParameterEstimate, summaries
 from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.wording import MOST, counted, some
 
 TABLE = "campaigns.parquet"
 
@@ -79,6 +80,26 @@ class CampaignRecord(Record):
     def of_kind(self, what: str) -> list[CampaignQuantity]:
         """Return the quantities of one kind."""
         return [q for q in self.quantities if q.what == what]
+
+
+def needing_a_look(records: Sequence[CampaignRecord]) -> list[str]:
+    """Return what a person must look at: who failed, changed or has findings; nothing: all is fine.
+
+    Headline, console and page say that nothing needs a look where this is empty, only there.
+    """
+    failed = [f"{r.campaign} failed: {r.message}" for r in records if r.failed]
+    changed = [r.machine for r in records if r.command == "compare" and r.verdict == "changed"]
+    found = [r.campaign for r in records if r.exit_code == 1 and not (
+        r.command == "compare" and r.verdict == "changed")]
+    out = failed if len(failed) <= MOST else [
+        f"{len(failed)} campaigns failed: "
+        f"{some(failed, 'the table of those that failed', joint='; ')}"]
+    if changed:
+        out.append(f"changed since last time: {some(changed, 'the table of changes')}")
+    if found:
+        out.append(f"{counted(len(found), 'campaign')} with findings: "
+                   f"{some(found, 'the table of campaigns')}")
+    return out
 
 
 def fit_quantities(found: Identification) -> Iterator[CampaignQuantity]:

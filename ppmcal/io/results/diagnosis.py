@@ -12,6 +12,7 @@ from ppmcal.diagnosis import other_days
 from ppmcal.diagnosis.plot_data import plot_data
 from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.io.results.campaign import CampaignSummary
+from ppmcal.io.results.diagnosed_errors import DiagnosedErrors
 from ppmcal.io.results.diagnosis_parts import (
     DiagnosedEffect,
     FitRatios,
@@ -45,6 +46,7 @@ class DiagnosisRecord(Record):
     effects: tuple[DiagnosedEffect, ...] = ()
     possible: tuple[SuspectedEffect, ...] = ()
     learned: tuple[LearnedEntry, ...] = ()
+    residual: DiagnosedErrors = DiagnosedErrors()
     remainder: ResidualAfter = ResidualAfter()
     gap: HeldOutGap = HeldOutGap()
     confirmed: Flag | None = None
@@ -78,6 +80,7 @@ class DiagnosisRecord(Record):
             effects=tuple(DiagnosedEffect.of(result, e) for e in result.effects),
             possible=tuple(SuspectedEffect.of(c) for c in result.possible),
             learned=LearnedEntry.all_of(result),
+            residual=DiagnosedErrors.of(result),
             remainder=ResidualAfter(
                 follows=None if left.p_value >= 0.01 else left.follows, p_value=left.p_value,
                 rms_ratio=left.ratio, noise_reference=left.source, noise_ratio=left.reference,

@@ -26,14 +26,14 @@ def files(result: Diagnosis, provenance: Mapping[str, Any], record: DiagnosisRec
           ) -> dict[str, Content]:
     """Return file name -> text of everything that diagnose writes but pictures."""
     found, fit = result.identification, result.identification.fit
-    before = residuals(result.before.problem, result.before.state)
+    alone = residuals(result.before.problem, result.before.state)
     out: dict[str, Content] = {
         "model.yaml": write_mechanism(
             found.mechanism,
             f"diagnosed by ppmcal {provenance.get('version', '')}: {result.verdict}; from "
             + ", ".join(d.name for d in fit.problem.datasets)),
         "effects.csv": effects_csv(result),
-        "residuals.csv": residuals_csv(fit, before, found.after),
+        "residuals.csv": residuals_csv(fit, found.before, found.after, alone),
         record.FILE: record.text(),
         "identification.json": IdentificationRecord.of(found, provenance, "prior").text(),
     }

@@ -47,6 +47,16 @@ def headline(record: DiagnosisRecord) -> str:
     return f"{text} Named: {'; '.join(names)}."
 
 
+def lead(record: DiagnosisRecord) -> str:
+    """Return the machine, the verdict, what was named, and the error at each stage."""
+    first = f"{record.name}, diagnosed: " if record.name else ""
+    text = headline(record)
+    if not text:
+        return ""
+    sizes = record.residual.sizes(bool(record.effects or record.learned))
+    return f"{first}{text[0].lower() if first else text[0]}{text[1:]} {sizes}".strip()
+
+
 def together(record: DiagnosisRecord) -> list[Group]:
     """Return the named effects, those of one kind and with the same alternatives as one group.
 
@@ -69,6 +79,11 @@ def group_name(record: DiagnosisRecord, group: Group) -> str:
     """Return ``backlash on leg2, leg5`` for effects that are told as one."""
     on = dict.fromkeys(a for e in group for a in e.on)
     return name_of(record, " ".join([group[0].kind, *_geometry(group[0])]), list(on))
+
+
+def stages(record: DiagnosisRecord) -> str:
+    """Return the rms error of the nominal machine, of geometry alone and with what was found."""
+    return record.residual.sentence(bool(record.effects or record.learned))
 
 
 FEW = 2
@@ -237,6 +252,12 @@ def _look(entry: LearnedEntry) -> str:
     like = [f"{n.effect} (cosine {number(n.cosine, 2)})" for n in entry.near[:1]]
     return (f"; it looks {', '.join(words)}" if words else "") + (
         f"; nearest in the library: {like[0]}" if like else "")
+
+
+def unconfirmed(record: DiagnosisRecord) -> str:
+    """Return that what no fit has seen does not bear the effects out."""
+    return ("Sessions that no fit has seen do not bear the effects out." if record.validation else
+            "The held-out poses alone do not prove the improvement.")
 
 
 def worst_block(record: DiagnosisRecord) -> str:

@@ -10,11 +10,13 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from ppmcal.io.results.record import Flag, Part, Provenance, Record, Shown, Text, Whole
+from ppmcal.wording import MOST
 
 NO_GAIN = 1e-6
 """Further than this the new numbers are worse than the old ones, mm."""
 LEAST = 1e-4
 """Below so many mm or degrees it is arithmetic."""
+LACKS = "cannot be expressed: "
 DECIMALS = {"mm": 4, "deg": 5}
 LARGEST_FIXED = 1e7
 
@@ -44,12 +46,15 @@ class CommandErrors(Part):
     taken_out: RemovedMotion | None = None
 
     def words(self) -> str:
-        """Return ``0.0123 mm rms, 0.0456 mm at most; 0.00120 deg rms, ...``, empty for none."""
+        """Return ``0.0123 mm rms, 0.0456 mm at most; 0.00120 deg rms, ...``, empty for none.
+
+        What is no more than arithmetic is ``below 0.0001 mm``.
+        """
         out = []
         for part in (self, self.rotation):
             if part is not None:
-                values = ((fixed(part.rms, part.unit), "rms"), (fixed(part.max, part.unit),
-                                                               "at most"))
+                values = ((error_size(part.rms, part.unit), "rms"),
+                          (error_size(part.max, part.unit), "at most"))
                 shown = [f"{value} {part.unit} {word}" for value, word in values if value]
                 out += [", ".join(shown)] if shown else []
         return "; ".join(out)
@@ -111,7 +116,7 @@ class NotExpressedEntry(Part):
     def words(self) -> str:
         """Return what cannot be expressed, with its cost where it is known."""
         cost = "" if self.cost is None else self.cost.words()
-        return f"cannot be expressed: {self.what or '?'}" + (f": costs {cost}" if cost else "")
+        return f"{LACKS}{self.what or '?'}" + (f": costs {cost}" if cost else "")
 
 
 class ExportRecord(Record):
@@ -154,14 +159,28 @@ class ExportRecord(Record):
         """What people call the controller."""
         return self.title or self.controller or "controller"
 
+    def lacking(self) -> list[str]:
+        """Return what cannot be expressed with its cost, of many the costliest in one sentence."""
+        many = sorted(self.not_expressed, key=_cost, reverse=True)
+        if len(many) <= MOST:
+            return [entry.words() for entry in self.not_expressed]
+        first = "; ".join(e.words().removeprefix(LACKS) for e in many[:MOST])
+        return [f"{LACKS}{first}; and {len(many) - MOST} more, of which each costs less (all in "
+                f"{self.FILE})"]
+
     def attention(self) -> list[str]:
         """Return what the user must look at: what cannot be expressed, numbers that are worse."""
-        out = [entry.words() for entry in self.not_expressed]
+        out = self.lacking()
         before, after = self.gain.before.rms, self.gain.after.rms
         if before is not None and after is not None and after > before + NO_GAIN:
             out.append(f"the new {self.called} numbers are worse than the old ones over this "
                        "workspace")
         return out
+
+
+def _cost(entry: NotExpressedEntry) -> float:
+    """Return what an entry costs, in the unit of its position; unknown is most."""
+    return math.inf if entry.cost is None or not is_known(entry.cost.rms) else entry.cost.rms or 0.0
 
 
 def is_known(value: float | None) -> bool:
@@ -174,6 +193,13 @@ def fixed(value: float | None, unit: str = "") -> str:
     if value is None or not math.isfinite(value):
         return ""
     return f"{value:.8g}" if abs(value) >= LARGEST_FIXED else f"{value:.{DECIMALS.get(unit, 4)}f}"
+
+
+def error_size(value: float | None, unit: str = "") -> str:
+    """Return an error as :func:`fixed`, of one that is only arithmetic what it is below."""
+    text, decimals = fixed(value, unit), DECIMALS.get(unit, 4)
+    smallest = 10.0**-decimals
+    return f"below {smallest:.{decimals}f}" if text and abs(value or 0.0) < smallest else text
 
 
 def _rms_words(position: float | None, unit: str, rotation: RotationErrors | None) -> str:

@@ -16,7 +16,7 @@ from ppmcal.io.results.units import column_factor, parameter_unit
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
 Z95 = 1.96
-SHOWN = 5
+SHOWN = 3
 CHANGED = 3
 ROWS = 8
 
@@ -130,7 +130,7 @@ def row_sentences(found: GrossErrorSummary, mechanism: Mechanism) -> list[str]:
     """Return which rows were left out, what for, and what they would change."""
     out = [f"  {r.dataset}, row {r.row}: {r.coordinate} {_six(r.value)} {r.unit}, where the "
            f"others say {_six(r.predicted)} {r.unit} ({_six(r.times, 3)} times the noise)."
-           for r in found.rows[:SHOWN]]
+           for r in sorted(found.rows, key=lambda r: -(r.times or 0.0))[:SHOWN]]
     if len(found.rows) > SHOWN:
         out.append(f"  ... and {len(found.rows) - SHOWN} more rows, see residuals.csv.")
     return out + [f"  With them {name} would be {_six(e.with_them)} in place of {_six(e.now)} "

@@ -17,6 +17,7 @@ from ppmcal.calibration.identifiability import (
 from ppmcal.io.results.record import Finite, Flag, Part, Text, Whole
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.units import Units
+from ppmcal.wording import MOST, some
 
 Z95 = 1.96
 SMOOTH = 0.01
@@ -114,8 +115,21 @@ class IdentifiabilitySummary(Part):
 
     def sentences(self) -> list[str]:
         """Return what a person should know before believing every digit."""
-        return list(filter(None, [self.scale.sentence() if self.scale else "",
-                                  *(p.sentence() for p in self.collinear)]))
+        pairs = [s for p in sorted(self.collinear, key=lambda p: -abs(p.correlation or 0.0))
+                 if (s := p.sentence())]
+        return list(filter(None, [self.scale.sentence() if self.scale else "", *gathered_pairs(
+            self.collinear, pairs)]))
+
+
+def gathered_pairs(found: Sequence[CollinearPair], each: Sequence[str]) -> list[str]:
+    """Return the sentences of pairs, of many one with a count and the strongest."""
+    if len(each) <= MOST:
+        return list(each)
+    strongest = sorted(found, key=lambda p: -abs(p.correlation or 0.0))
+    names = some([f"{p.a} and {p.b}" for p in strongest], "identification.json, identifiability",
+                 joint="; ")
+    return [f"{len(each)} pairs of kinds of parameter are correlated exactly or almost exactly: "
+            f"{names}; constrained by the prior."]
 
 
 class FlatShape(Part):

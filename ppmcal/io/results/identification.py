@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from ppmcal.calibration.before import DEFINITION
 from ppmcal.calibration.freedom_choice import FreedomChoice
 from ppmcal.calibration.summary import Identification
 from ppmcal.io import write_mechanism
@@ -97,7 +98,8 @@ class IdentificationRecord(Record):
         """Return the record of an identification."""
         fit, mechanism, units = result.fit, result.mechanism, result.mechanism.units
         carried = {} if result.earlier is None else {"earlier": dict(result.earlier.inputs)}
-        stages = ResidualStages(before=summaries(result.before.figures(fit.keep), units),
+        stages = ResidualStages(before_is=DEFINITION,
+                                before=summaries(result.before.figures(fit.keep), units),
                                 after=summaries(result.after.figures(fit.keep), units),
                                 holdout=summaries(result.holdout, units))
         return cls(

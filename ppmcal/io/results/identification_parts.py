@@ -108,11 +108,17 @@ Summaries = Mapping[Text, ResidualSummary]
 
 
 class ResidualStages(Part):
-    """Errors before the fit, after it, and on what was held out."""
+    """Errors before the fit, after it, and on what was held out; ``before_is``: of what machine."""
 
+    before_is: Text = ""
     before: Summaries = Field(default_factory=dict)
     after: Summaries = Field(default_factory=dict)
     holdout: Summaries = Field(default_factory=dict)
+
+
+def before_words(before_is: str) -> str:
+    """Return `` Before: the nominal machine ...``, empty where a file does not say it."""
+    return f" Before: {before_is}." if before_is else ""
 
 
 class NoiseCheck(Part):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -48,10 +48,12 @@ def missing_csv(mechanism: Mechanism, missing: MissingPoses) -> str:
     return table_text(columns, mechanism.units)
 
 
-def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> LongText:
+def residuals_csv(fit: Fit, before: Residuals, after: Residuals,
+                  geometry: Residuals | None = None) -> LongText:
     """Return residuals.csv: one line per input row, data set by data set.
 
-    Rows that held nothing usable come last, with their reason.
+    Rows that held nothing usable come last, with their reason. ``geometry``: of a fit of geometry
+    alone, where the model has more.
     """
     sets = fit.problem.datasets
     dropped = [(d.name, row, reason) for d in sets for row, reason in d.dropped]
@@ -60,27 +62,31 @@ def residuals_csv(fit: Fit, before: Residuals, after: Residuals) -> LongText:
     for begin, own in zip(np.cumsum([0, *sizes]), fit.reasons, strict=False):
         reasons[[begin + n for n in own]] = list(own.values())
     reasons[len(reasons) - lost:] = [reason for _, _, reason in dropped]
+    stages = {"before": before.vector, "after": after.vector, "sigma": after.sigma,
+              **({} if geometry is None else {"geometry": geometry.vector})}
     columns = [
         Column("row", np.concatenate([*(d.rows for d in sets),
                                       np.array([row for _, row, _ in dropped], dtype=np.int64)])),
         Column("dataset", np.repeat(
             np.array([*(d.name for d in sets), *(n for n, _, _ in dropped)], dtype=object),
             [*sizes, *(1 for _ in dropped)])),
-        *_coordinate_columns(fit.problem, before, after, lost),
+        *_coordinate_columns(fit.problem, stages, lost),
         Column("used", np.concatenate([*fit.keep, np.zeros(lost, dtype=bool)]).astype(int)),
         Column("reason", reasons)]
     return table_lines(columns, fit.problem.mechanism.units)
 
 
-def _coordinate_columns(problem: Problem, before: Residuals, after: Residuals, dropped: int
+def _coordinate_columns(problem: Problem, stages: Mapping[str, Sequence[Array]], dropped: int
                         ) -> Iterator[Column]:
-    """Yield residuals and sigma of every measured coordinate; nan for rows without it."""
+    """Yield residuals and sigma of every measured coordinate; nan for rows without it.
+
+    ``stages``: by name, m or rad of each data set (N, m).
+    """
     motion = problem.mechanism.motion
     measured = {label for d in problem.datasets for label in labels(d, motion)}
     for name in (c for c in COORDINATES if c in measured):
         quantity = "angle" if name in POSE_COORDINATES[3:] else "length"
-        for stage, source in (("before", before.vector), ("after", after.vector),
-                              ("sigma", after.sigma)):
+        for stage, source in stages.items():
             parts: list[Array] = []
             for d, values in zip(problem.datasets, source, strict=True):
                 own = labels(d, motion)

@@ -194,5 +194,18 @@ def effects_sentence(data: ValidatedDataset) -> str:
     return f"It is {'; '.join(told)}." if told else ""
 
 
+def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
+    """Return what a person must look at: effects that make it worse, machines that do better."""
+    out = []
+    for data in datasets:
+        for e in data.errors:
+            if e.verdict == "better" and e.closer is not None:
+                size = f"by {number(abs(e.closer), 2)} {e.unit} rms"
+                out.append(f"{data.name}: {e.model.removeprefix('without ')} makes the prediction "
+                           f"worse {size}" if e.model.startswith("without ") else
+                           f"{data.name}: {e.model} predicts better than the model {size}")
+    return out
+
+
 def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]

@@ -1,0 +1,208 @@
+"""What a run says on standard error while it works: a line of progress, and ``-v``.
+
+The line is there at a terminal only, and gone before anything else is printed.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from time import perf_counter
+
+from ppmcal import __version__
+from ppmcal.cli import streams
+from ppmcal.cli.shares import INNER
+from ppmcal.wording.progress import Watch, course, watched, watching
+
+WIDTH = 80
+EVERY = 0.25
+"""Seconds between two drawings."""
+FIRST = 0.5
+"""Seconds before the first one: what is over by then needs no line."""
+INDENT = 10
+LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)
+log = logging.getLogger("ppmcal")
+
+
+class ProgressLine:
+    """One line on standard error: what is being done, and how long it will still take."""
+
+    def __init__(self, watch: Watch) -> None:
+        """Show what ``watch`` sees, between :meth:`start` and :meth:`stop`."""
+        self.watch = watch
+        self._lock = threading.RLock()
+        self._stop = threading.Event()
+        self._begun = perf_counter()
+        self._thread = threading.Thread(target=self._run, name="progress", daemon=True)
+
+    def start(self) -> None:
+        """Begin to draw."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Draw no more, and leave a clean line."""
+        self._stop.set()
+        with self._lock:
+            self._clear()
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Take the line away while something else is printed."""
+        with self._lock:
+            self._clear()
+            yield
+
+    def text(self) -> str:
+        """Return the line, at most as wide as the terminal; empty where nothing is under way."""
+        what = self.watch.line()
+        if not what:
+            return ""
+        left = self.watch.left()
+        gone = perf_counter() - self._begun
+        end = f"  {duration(gone)} so far" if left is None else f"  about {duration(left)} left"
+        return shortened(what, terminal_width() - 1 - len(end)) + end
+
+    def _run(self) -> None:
+        while not self._stop.wait(EVERY):
+            if perf_counter() - self._begun < FIRST:
+                continue
+            with self._lock:
+                if self._stop.is_set():
+                    return
+                text = self.text()
+                if text:
+                    streams.line_shown = True
+                    _write(f"{streams.CLEAR}{text}")
+                else:
+                    self._clear()
+
+    def _clear(self) -> None:
+        if streams.line_shown:
+            _write(streams.CLEAR)
+            streams.line_shown = False
+
+
+def _write(text: str) -> None:
+    sys.stderr.write(text)
+    sys.stderr.flush()
+
+
+def terminal_width() -> int:
+    """Return how wide lines may be: as the terminal, at most 80 columns."""
+    try:
+        found = os.get_terminal_size(sys.stderr.fileno()).columns
+    except (OSError, ValueError):
+        found = 0
+    return min(found or WIDTH, WIDTH)
+
+
+def shortened(text: str, width: int) -> str:
+    """Return text of at most so many columns, cut in the middle."""
+    from rich.cells import cell_len, set_cell_size
+
+    if cell_len(text) <= width:
+        return text
+    if width < 8:
+        return ""
+    head = (width - 1) // 2
+    tail = text[-(width - 1 - head):]
+    return set_cell_size(f"{set_cell_size(text, head)}…{tail}", width).rstrip()
+
+
+def duration(seconds: float) -> str:
+    """Return ``12 s``, ``3 min``, ``2.5 h``: no finer than anybody can know."""
+    if seconds < 100.0:
+        return f"{max(math.ceil(seconds), 1)} s"
+    if seconds < 5400.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h"
+
+
+_LINE: ContextVar[ProgressLine | None] = ContextVar("line", default=None)
+
+
+@contextmanager
+def aside() -> Iterator[None]:
+    """Take the line of progress away, if there is one, while something else is printed."""
+    line = _LINE.get()
+    if line is None:
+        yield
+        return
+    with line.aside():
+        yield
+
+
+class Remarks(logging.Handler):
+    """Prints what the layers below say of their decisions, with the time since the start."""
+
+    def __init__(self) -> None:
+        """Begin to count."""
+        super().__init__()
+        self._begun = perf_counter()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one remark, wrapped at 80 columns."""
+        import textwrap
+
+        part = record.name.removeprefix("ppmcal").lstrip(".")
+        head = f"{perf_counter() - self._begun:7.2f} s "
+        text = (f"{part}: " if part else "") + record.getMessage()
+        lines = textwrap.wrap(text, WIDTH - INDENT, break_on_hyphens=False) or [""]
+        with aside():
+            _write(head + ("\n" + " " * INDENT).join(lines) + "\n")
+
+
+@contextmanager
+def remarks(verbose: int) -> Iterator[None]:
+    """Print remarks of the layers below: with 1 their decisions, with 2 each iteration too."""
+    if not verbose:
+        yield
+        return
+    import importlib.metadata
+    import platform
+
+    handler, level = Remarks(), log.level
+    log.addHandler(handler)
+    log.setLevel(LEVELS[min(verbose, 2)])
+    try:
+        packages = ", ".join(f"{name} {importlib.metadata.version(name)}"
+                             for name in ("numpy", "scipy", "numba"))
+        log.info("ppmcal %s, Python %s, %s", __version__, platform.python_version(), packages)
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+
+
+@contextmanager
+def shown(shares: Mapping[str, float], quiet: bool) -> Iterator[None]:
+    """Show how far a command is, at a terminal; within another command, as a part of that.
+
+    Args:
+        shares: of the command's stages of its time.
+        quiet: show nothing.
+    """
+    if watched() is not None:
+        with course(shares):
+            yield
+        return
+    with watching(Watch(shares=INNER)) as watch:
+        if quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+            with course(shares):
+                yield
+            return
+        line = ProgressLine(watch)
+        token = _LINE.set(line)
+        line.start()
+        try:
+            with course(shares):
+                yield
+        finally:
+            line.stop()
+            _LINE.reset(token)

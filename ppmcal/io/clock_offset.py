@@ -1,0 +1,169 @@
+"""By how much the clocks of two recorders differ, found from what both saw of the motion.
+
+A point that is fixed to the platform is m = F (p + R b): whatever frame F and target b are, its
+coordinates are a linear function of the entries of p and R. So for each trial offset the measured
+points are regressed on the nominal machine's poses at these times; at the true offset the
+residuals are those of an uncalibrated machine, elsewhere those of one that stood somewhere else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.errors import BadInput
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.equilibrium import reached_poses
+from ppmcal.linalg import Array, finite_rows
+from ppmcal.model.mechanism import Mechanism
+
+FEWEST = 10
+TRIALS = 4000
+MOST_ROWS = 5000
+"""Rows of a log at which poses are computed."""
+INSIDE = 0.8
+"""At least this part of the points must be taken while the log ran."""
+CLEAR = 2.0
+"""The next best offset must fit so many times worse (rms)."""
+FOLLOWS = 0.05
+"""Residuals, as a part of the points' spread, above which nothing fits."""
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """What the points' clock is ahead of the log's, s, with what fits as well.
+
+    ``low``, ``high``: the interval; ``next_best``: another offset, and how many times worse it
+    fits (rms); ``rest``: residual rms over the points' spread.
+    """
+
+    value: float
+    low: float
+    high: float
+    rest: float
+    next_best: float = np.nan
+    worse: float = np.inf
+
+    def __str__(self) -> str:
+        """Return a sentence."""
+        text = (f"The points' clock is {abs(self.value):.3f} s "
+                f"{'ahead of' if self.value >= 0.0 else 'behind'} the log's: found from the motion "
+                f"({self.low:.3f} to {self.high:.3f} s fit as well")
+        if np.isfinite(self.next_best):
+            text += f"; the next best, {self.next_best:.3f} s, {self.worse:.2g} times worse"
+        return text + ")."
+
+
+def find_clock_offset(mechanism: Mechanism, times: Array, q: Array, seen_at: Array, seen: Array,
+                      place: str) -> ClockOffset:
+    """Return what the clock of the points is ahead of that of a joint log.
+
+    Args:
+        mechanism: whose nominal geometry tells where the platform was.
+        times: of the log's N rows, s, ascending.
+        q: joint values (N, k), SI.
+        seen_at: times of M points, s, on their own clock.
+        seen: points (M, 3), in any unit; nan where not measured.
+        place: what messages call the points.
+
+    Raises:
+        BadInput: too few points, a log shorter than they are, or no offset that is clearly best.
+    """
+    axes = np.flatnonzero(np.isfinite(seen).any(axis=0))
+    good = np.isfinite(seen_at) & finite_rows(seen[:, axes])
+    seen, seen_at = seen[good][:, axes], seen_at[good]
+    if len(seen) < FEWEST:
+        raise BadInput(f"{len(seen)} points with a time are too few to find a clock's offset",
+                       place, f"Give it, --clock-offset S, or {FEWEST} points")
+    rows, poses = _poses(mechanism, times, q)
+    late = float(np.quantile(seen_at, 0.5 + INSIDE / 2)) - rows[-1]
+    early = float(np.quantile(seen_at, 0.5 - INSIDE / 2)) - rows[0]
+    if not early > late:
+        raise BadInput("the points were taken over a longer time than the joint log holds", place,
+                       "Give the whole log")
+    columns = poses if len(seen) >= 2 * poses.shape[1] + FEWEST else poses[:, :4]
+    trial = _PoseRegression(rows, columns, seen_at, seen)
+    trials = np.linspace(late, early, TRIALS)
+    rms = np.array([trial.rms(o) for o in trials])
+    best = int(np.argmin(rms))
+    step = trials[1] - trials[0]
+    fine = np.linspace(trials[best] - 2 * step, trials[best] + 2 * step, 81)
+    trials = np.concatenate([trials, fine])
+    rms = np.concatenate([rms, [trial.rms(o) for o in fine]])
+    order = np.argsort(trials, kind="stable")
+    return _judged(trials[order], rms[order], trial, place)
+
+
+def _judged(trials: Array, rms: Array, trial: _PoseRegression, place: str) -> ClockOffset:
+    """Return the best trial with what fits as well; refuse one that is not clearly best."""
+    best, spread = int(np.argmin(rms)), trial.spread
+    if not rms[best] < FOLLOWS * spread:
+        raise BadInput("no offset of the clocks makes the points follow the machine (what is left "
+                       f"is {100 * rms[best] / spread:.2g} % of their spread)", place,
+                       "Check that log and points are of one run, and the machine (ppmcal check)")
+    # 95 % by the likelihood ratio of one parameter
+    alike = rms <= rms[best] * np.sqrt(1.0 + 3.84 / trial.freedom)
+    low = high = best
+    while low > 0 and alike[low - 1]:
+        low -= 1
+    while high < len(rms) - 1 and alike[high + 1]:
+        high += 1
+    inner = np.r_[False, (rms[1:-1] <= rms[:-2]) & (rms[1:-1] <= rms[2:]), False]
+    value = 0.5 * float(trials[low] + trials[high])
+    # steps of the log and of the trials make ripples beside the best
+    apart = max(5.0 * (trials[high] - trials[low]), 5.0 * trial.step)
+    inner &= np.abs(trials - value) > apart
+    other = np.flatnonzero(inner & np.isfinite(rms))
+    found = ClockOffset(value, float(trials[low]), float(trials[high]), float(rms[best] / spread))
+    if not other.size:
+        return found
+    rival = int(other[np.argmin(rms[other])])
+    worse = float(rms[rival] / rms[best])
+    if worse < CLEAR:
+        raise BadInput(f"two offsets of the clocks fit almost alike: {value:.3f} s and "
+                       f"{trials[rival]:.3f} s ({worse:.2g} times worse)", place,
+                       "Give the one that is right, --clock-offset S, or join by name")
+    return ClockOffset(value, found.low, found.high, found.rest, float(trials[rival]), worse)
+
+
+def _poses(mechanism: Mechanism, times: Array, q: Array) -> tuple[Array, Array]:
+    """Return some of a log's times, ascending, and 1, p and R of the nominal machine there."""
+    good = np.flatnonzero(finite_rows(q) & np.isfinite(times))
+    good = good[np.unique(np.linspace(0, len(good) - 1, MOST_ROWS).astype(int))]
+    motors = reached_poses(Model(mechanism.nominal()), q[good]).pose
+    whole = finite_rows(motors)
+    motors, times = motors[whole], times[good[whole]]
+    turn = cga.rotation_matrix(motors).reshape(-1, 9)
+    kept = turn[:, np.ptp(turn, axis=0) > 1e-9] if len(turn) else turn
+    return times, np.column_stack([np.ones(len(motors)), cga.translation(motors), kept])
+
+
+class _PoseRegression:
+    """The regression of measured points on poses at shifted times."""
+
+    def __init__(self, times: Array, columns: Array, seen_at: Array, seen: Array) -> None:
+        """Keep what all trials share."""
+        self.times, self.columns, self.seen_at, self.seen = times, columns, seen_at, seen
+        self.step = max(float(np.median(np.diff(times))),
+                        (np.ptp(times) - np.ptp(seen_at)) / TRIALS)
+        self.freedom = max(len(seen) - columns.shape[1], 1)
+        self.spread = float(np.sqrt(np.mean(np.var(seen, axis=0))))
+
+    def rms(self, offset: float) -> float:
+        """Return the residuals' rms, degrees of freedom taken off; inf with too few points."""
+        at = self.seen_at - offset
+        inside = (at >= self.times[0]) & (at <= self.times[-1])
+        if inside.sum() < max(INSIDE * len(at) - 1, self.columns.shape[1] + 2):
+            return np.inf
+        at, seen = at[inside], self.seen[inside]
+        i = np.clip(np.searchsorted(self.times, at) - 1, 0, len(self.times) - 2)
+        width = self.times[i + 1] - self.times[i]
+        part = (np.where(width > 0.0, (at - self.times[i]) / np.where(width > 0, width, 1.0), 0.0)
+                )[:, None]
+        design = self.columns[i] * (1.0 - part) + self.columns[i + 1] * part
+        left, values, _ = np.linalg.svd(design, full_matrices=False)
+        left = left[:, values > 1e-9 * values[0]]
+        rest = seen - left @ (left.T @ seen)
+        return float(np.sqrt(np.sum(rest ** 2) / seen.shape[1] / (len(seen) - left.shape[1])))

@@ -1,0 +1,190 @@
+"""What commands replace: their own results of before; never inputs, nor the work of others."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.commands import ppmcal, tree
+
+from ppmcal.cli import COMMANDS
+from ppmcal.io.folder import RECORD
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+FOLDERS = {
+    "import": "klipper printer.cfg",
+    "kinematics": "inverse mine.yaml poses.csv",
+    "simulate": "mine.yaml mine.scenario.yaml",
+    "identify": "mine.yaml run1.csv",
+    "validate": "identified run2.csv",
+    "compare": "identified identified-may",
+    "diagnose": "mine.yaml run2.csv --draws 200",
+    "compensate": "identified targets.csv",
+    "sensitivity": "mine.yaml --home-only",
+    "tolerances": "mine.yaml --accuracy 0.2 --machines 50",
+    "stiffness": "stiff.yaml",
+    "workspace": "mine.yaml --grid x=-20:20:3,y=-20:20:3",
+    "plan": "mine.yaml --count 12",
+    "export": "grid identified --poses poses.csv",
+    "batch": "fleet.yaml --cores 1",
+    "report": "identified compensated",
+    "demo": "",
+}
+"""Commands that write into a folder, and their words before --out."""
+FILES = {
+    "init": "6-UPS --out mine.yaml",
+    "read": "log.csv --mechanism mine.yaml --sidecar run1.yaml --out run1.csv",
+    "check": "mine.yaml --draw mine.yaml",
+}
+"""Those that write single files, in a way that would replace what is there."""
+SLOW = {"tolerances", "workspace", "plan", "diagnose", "demo", "batch", "validate", "compare",
+        "stiffness"}
+
+
+def slowly(names: object) -> list[object]:
+    return [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in list(names)]
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with everything that the commands read."""
+    folder = tmp_path_factory.mktemp("desk")
+    for source, name in {
+            "hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
+            "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
+            "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
+            "targets.csv": "targets.csv", "poses.csv": "poses.csv",
+            "printer/printer.cfg": "printer.cfg"}.items():
+        shutil.copy(SAMPLES / source, folder / name)
+    shutil.copy(folder / "run1.csv", folder / "log.csv")
+    (folder / "stiff.yaml").write_text("extends: mine.yaml\nstiffness: {bar: 50, drive: 50}\n")
+    (folder / "fleet.yaml").write_text(
+        "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n"
+        "  - {machine: hexapod-07, date: 2026-03-14, data: run1.csv}\n", encoding="utf-8")
+    for line in ("identify mine.yaml run1.csv --out identified",
+                 "simulate mine.yaml mine.scenario.yaml --seed 5 --out may",
+                 "identify mine.yaml may/measurements.csv --out identified-may",
+                 "compensate identified targets.csv --out compensated"):
+        assert ppmcal(*shlex.split(line), "-q", cwd=folder).code in (0, 1)
+    return folder
+
+
+@pytest.fixture
+def here(desk: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(desk, tmp_path / "desk"))
+
+
+def test_every_command_that_writes_is_tried() -> None:
+    assert {*FOLDERS, *FILES} == set(COMMANDS) - {"schema"}
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_folder_with_other_work_is_refused(name: str, here: Path) -> None:
+    (here / "mine").mkdir()
+    for number in range(5):
+        (here / "mine" / f"notes{number}.txt").write_text("mine")
+    before = tree(here)
+    run = ppmcal(name, *shlex.split(FOLDERS[name]), "--out", "mine", cwd=here, expect=2)
+    assert "notes0.txt, notes1.txt, notes2.txt and 2 more" in " ".join(run.err.split())
+    assert "--force" in run.err and "--out" in run.err
+    assert not run.out and tree(here) == before
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_folder_of_another_command_is_refused(name: str, here: Path) -> None:
+    other = "may" if name != "simulate" else "identified"
+    before = tree(here)
+    run = ppmcal(name, *shlex.split(FOLDERS[name]), "--out", other, cwd=here, expect=2)
+    owner = "simulate" if name != "simulate" else "identify"
+    assert f"results of another command, {owner}" in " ".join(run.err.split())
+    assert tree(here) == before
+
+
+@pytest.mark.parametrize("name", slowly(FOLDERS))
+def test_a_command_replaces_its_own_results_and_takes_stale_ones_away(name: str, here: Path
+                                                                      ) -> None:
+    words = [name, *shlex.split(FOLDERS[name]), "--out", "o"]
+    if name == "stiffness":
+        pytest.importorskip("matplotlib")
+    first = ppmcal(*words, cwd=here)
+    assert first.code in (0, 1), first.err
+    record = json.loads((here / "o" / RECORD).read_text())
+    if record["files"]:
+        (here / "o" / "old.csv").write_text("x\n")
+        digest = "73cb3858a687a8494ca3323053016282f3dad39d42cf62ca4e79dda2aac7d9ac"
+        record["files"]["old.csv"] = {"command": name, "sha256": digest}
+        (here / "o" / RECORD).write_text(json.dumps(record))
+    (here / "o" / "notes.txt").write_text("mine")
+    again = ppmcal(*words, cwd=here)
+    assert again.code == first.code, again.err
+    assert not (here / "o" / "old.csv").exists()
+    assert (here / "o" / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", slowly(FOLDERS))
+def test_no_force_replaces_an_input(name: str, here: Path) -> None:
+    """Every input stands in the folder of the results too, under each name that is written."""
+    words = [name, *shlex.split(FOLDERS[name])]
+    ppmcal(*words, "--out", "o", cwd=here)
+    names = list(json.loads((here / "o" / RECORD).read_text())["files"])
+    shutil.rmtree(here / "o")
+    inputs = [here / w for w in words[1:] if (here / w).is_file()]
+    if not names or not inputs:
+        return
+    (here / "o").mkdir()
+    for target in names:
+        (here / "o" / target).hardlink_to(inputs[-1])
+    before = {path: path.read_bytes() for path in inputs}
+    run = ppmcal(*words, "--out", "o", "--force", cwd=here, expect=2)
+    assert "is an input of this run" in " ".join(run.err.split())
+    assert {path: path.read_bytes() for path in inputs} == before
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_single_files_do_not_replace_what_is_there(name: str, here: Path) -> None:
+    before = tree(here)
+    run = ppmcal(name, *shlex.split(FILES[name]), cwd=here, expect=2)
+    assert "mine.yaml" in run.err or "run1.csv" in run.err
+    assert tree(here) == before
+
+
+def test_the_data_of_a_run_is_no_place_for_its_results(here: Path) -> None:
+    """Where the data is, `simulate --out .` would write over real measurements."""
+    shutil.copy(here / "run1.csv", here / "measurements.csv")
+    shutil.copy(here / "run1.yaml", here / "measurements.yaml")
+    before = tree(here)
+    for words in ("simulate mine.yaml mine.scenario.yaml --out .",
+                  "identify mine.yaml measurements.csv --out .",
+                  "import klipper printer.cfg --out ."):
+        run = ppmcal(*shlex.split(words), cwd=here, expect=2)
+        assert "holds files that ppmcal did not write" in " ".join(run.err.split())
+    assert tree(here) == before
+
+
+def test_an_edited_machine_is_not_imported_over(here: Path) -> None:
+    ppmcal("import", "klipper", "printer.cfg", cwd=here, expect=0)
+    machine = here / "imported" / "machine.yaml"
+    machine.write_text(machine.read_text() + "# my rods\n")
+    before = tree(here)
+    run = ppmcal("import", "klipper", "printer.cfg", cwd=here, expect=2)
+    assert "machine.yaml was edited" in " ".join(run.err.split())
+    assert tree(here) == before
+
+
+def test_read_leaves_no_half_of_its_two_files(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    replace = Path.replace
+
+    def failing(self: Path, other: Path) -> Path:
+        if Path(other).name == "run.yaml":
+            raise OSError(28, "No space left on device")
+        return replace(self, other)
+
+    monkeypatch.setattr(Path, "replace", failing)
+    before = tree(here)
+    run = ppmcal("read", "log.csv", "--mechanism", "mine.yaml", "--sidecar", "run1.yaml", "--out",
+                 "run.csv", cwd=here, expect=2)
+    assert "No space left" in run.err
+    assert tree(here) == before

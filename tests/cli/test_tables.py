@@ -1,0 +1,34 @@
+"""Tables of the console: 80 columns, names cut in the middle, numbers whole."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.console import Console as Rich
+
+from ppmcal.cli.common import WIDTH, plain_table
+
+
+def shown(*table: object) -> list[str]:
+    out = io.StringIO()
+    Rich(width=WIDTH, file=out).print(plain_table(*table))
+    return out.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("name", ["leg1.offset", "hexapod.upper.leg12.platform.point.radius.x"])
+@pytest.mark.parametrize("words", ["", "redundant", "changed +0.187 and more than can be said"])
+def test_numbers_stay_whole(name: str, words: str) -> None:
+    numbers = ["-0.0695764", "+0.32", "0.24", "1.234e-05"]
+    lines = shown(["parameter", "new", "new - old", "+- 95 %", "by noise", "unit", ""],
+                  [[name, *numbers, "mm", words]], (1, 2, 3, 4))
+    assert max(map(len, lines)) <= WIDTH
+    row = next(line for line in lines if "-0.0695764" in line)
+    assert all(number in row.split() for number in numbers)
+    cut = row.split()[0]
+    assert cut == name or ("…" in cut and name.startswith(cut.partition("…")[0])
+                           and name.endswith(cut.partition("…")[2]))
+
+
+def test_a_table_without_rows() -> None:
+    assert any("parameter" in line for line in shown(["parameter", "new"], [], (1,)))
