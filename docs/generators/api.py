@@ -19,9 +19,9 @@ frames, mappings of columns and arrays are taken alike. Tables are in the units 
 file, attributes of results in SI. [A notebook](calibration.md) goes from a drawing to corrected
 commands.
 
-In the signatures `Machine` is a mechanism, its file, the folder of a result or a mapping such as the
-file holds; `Measurements` are data sets, or paths of measurement files; `Path_` is a path; `Progress`
-is called with a line of text now and then.
+In the signatures `Machine` is a mechanism, its file, the folder of a result or a mapping such as
+the file holds; `Measurements` are data sets, or paths of measurement files; `Path_` is a path;
+`Progress` is called with a line of text now and then.
 """
 
 

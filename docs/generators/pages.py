@@ -25,7 +25,7 @@ from generators.paths import ROOT
 FENCE = re.compile(r"^```(?P<head>[^\n`]*)\n(?P<body>.*?)^```$", re.M | re.S)
 COMMAND = re.compile(r"(ppmcal|make|python|pytest|pip|pipx|eval|cat|head|cp)\b")
 WHOLE = "<!-- one folder -->"
-"""On a page whose blocks belong together: they run in one folder, empty but for `sample_data`."""
+"""Begins a page whose blocks belong together: they run in one folder, which has `sample_data`."""
 DONE = (0, 1)
 """Exit codes of what is done, with or without findings."""
 
@@ -91,7 +91,7 @@ def units(page: str) -> list[list[Step]]:
     Files that a page shows are there in every block after them.
     """
     found = list(steps(page))
-    if WHOLE in page:
+    if page.startswith(WHOLE):
         return [found]
     files = [s for s in found if s.name]
     return [[*(f for f in files if f.block < block), *(s for s in found if s.block == block)]
