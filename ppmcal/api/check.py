@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from ppmcal.api.inputs import Machine, Measurements, Path_, data_files, prepared
 from ppmcal.calibration.check import Check
 from ppmcal.calibration.check import check as checked
 from ppmcal.io import unit_findings
 from ppmcal.io.results.scene import Scene
+from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -25,6 +29,12 @@ class CheckResult(Check):
 
     mechanism: Mechanism | None = None
     inputs: tuple[str, ...] = ()
+
+    @classmethod
+    def of_machine(cls, mechanism: Mechanism, datasets: Sequence[Dataset] = ()) -> CheckResult:
+        """Return a machine that nothing is found of, to be drawn: it may not reach home."""
+        return cls((), (), float("nan"), np.full(len(mechanism.actuators), np.nan), 0, 0, (), (),
+                   mechanism=mechanism, inputs=(*mechanism.inputs, *data_files(datasets)))
 
     @cached_property
     def scene(self) -> Scene:

@@ -27,10 +27,10 @@ from ppmcal.calibration.reading_trial import Misreading
 from ppmcal.calibration.wrong_rows import wrong_parts
 from ppmcal.kinematics.closure import Closure, Model
 from ppmcal.kinematics.inverse import home_state, to_joint
-from ppmcal.kinematics.limb_roots import limb_roots
 from ppmcal.kinematics.needed_columns import remembers
 from ppmcal.kinematics.partial_pose import named_only
 from ppmcal.kinematics.tables import home_singular_value, inverse_table
+from ppmcal.kinematics.transmission import transmissions_at
 from ppmcal.linalg import Array, finite_rows, ways
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Mechanism
@@ -196,14 +196,12 @@ def transmissions(mechanism: Mechanism) -> tuple[Transmission, ...]:
         BadInput: the home pose cannot be reached.
     """
     model, pose, state = Model(mechanism), mechanism.home[None], home_state(mechanism)
-    slope = model.closure(state.q).joint_matrix(pose, drive=False)[0]
+    values, roots = transmissions_at(model, pose, state.q[None])
     everything = tuple(range(len(mechanism.parameters)))
     out, row = [], 0
     for i, limb in enumerate(mechanism.limbs):
-        pair = limb_roots(model, i, pose)[0][0]
+        pair, value = roots[0, i], float(values[0, i])
         half = float(pair[1] - pair[0]) / 2.0
-        value = abs(float(slope[row, limb.actuator])) if limb.kind.actuator == "length" else abs(
-            float(np.sin(half)))
         margin, allowed = np.inf, 0.0
         if value < GOOD_TRANSMISSION and half > 0.0:
             # the double root, on the side that this limb is nearer to

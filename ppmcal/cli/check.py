@@ -15,6 +15,7 @@ from ppmcal.cli.common import (
     leave,
     plain_table,
 )
+from ppmcal.errors import BadInput
 from ppmcal.wording import number, some
 
 
@@ -27,13 +28,19 @@ from ppmcal.wording import number, some
 @console_options
 def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Console) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
-    from ppmcal.api.check import check
+    from ppmcal.api.check import CheckResult, check
     from ppmcal.api.inputs import prepared
     from ppmcal.io.results.identifiability import IdentifiabilitySummary
     from ppmcal.io.results.misreading import misreading_entries
 
     mechanism, datasets = prepared(mech, data)
-    result = check(mechanism, datasets)
+    try:
+        result = check(mechanism, datasets)
+    except BadInput:
+        if draw is not None:    # what cannot be checked can still be looked at
+            shown = CheckResult.of_machine(mechanism, datasets).draw(draw)
+            console.say(f"The machine, drawn as far as it goes: {shown}")
+        raise
     drawn = None if draw is None else result.draw(draw)
     factor, unit = mechanism.units.factor("length"), mechanism.units.length
     console.say(f"{mechanism.name}: {mechanism.motion}, {len(mechanism.limbs)} limbs "

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ppmcal.errors import BadInput
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.limb_roots import limb_roots
+from ppmcal.kinematics.limb_roots import limb_roots, nearest_joint
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.scaled_points import other_radii
@@ -50,6 +50,46 @@ class Inverse:
         return np.array([not r for r in self.reason], dtype=bool)
 
 
+@dataclass(frozen=True)
+class HomeAttempt:
+    """What home selects, as far as each limb reaches.
+
+    ``q`` (k,) and ``roots`` (L,) as in :class:`HomeState`; ``missing`` (L,): the length that a
+    limb misses, m, 0 where it closes, nan where its joint cannot stand.
+    """
+
+    q: Array
+    roots: tuple[int, ...]
+    missing: Array
+
+    @property
+    def lost(self) -> tuple[int, ...]:
+        """Indices of the limbs that cannot reach."""
+        return tuple(np.flatnonzero(self.missing != 0.0).tolist())
+
+
+@lru_cache(maxsize=256)
+def home_attempt(mechanism: Mechanism) -> HomeAttempt:
+    """Return the joint values at home and each limb's root, the nearest where it has none."""
+    model = Model(mechanism)
+    pose = mechanism.home[None]
+    q = np.full(len(mechanism.actuators), np.nan)
+    chosen, lacking = [], []
+    for i, limb in enumerate(mechanism.limbs):
+        roots, missing = limb_roots(model, i, pose)
+        reached = bool(np.all(np.isfinite(roots)))
+        if not reached:
+            roots = np.repeat(nearest_joint(model, i, pose)[:, None], 2, axis=1)
+        candidates = np.array([to_joint(model, i, roots[:, j])[0] for j in range(2)])
+        side = _choose(mechanism, i, candidates)
+        candidates = _wrap(mechanism, limb.actuator, candidates, mechanism.home_q[limb.actuator])
+        chosen.append(1 if side else -1)
+        lacking.append(0.0 if reached else float(missing[0]))
+        if np.isnan(q[limb.actuator]):
+            q[limb.actuator] = candidates[side]
+    return HomeAttempt(q, tuple(chosen), np.array(lacking))
+
+
 @lru_cache(maxsize=256)
 def home_state(mechanism: Mechanism) -> HomeState:
     """Return the joint values at home and the root that each limb uses from there on.
@@ -57,25 +97,15 @@ def home_state(mechanism: Mechanism) -> HomeState:
     Raises:
         BadInput: a limb cannot reach the home pose; names it and the missing length.
     """
-    model = Model(mechanism)
-    pose = mechanism.home[None]
-    q = np.full(len(mechanism.actuators), np.nan)
-    chosen = []
-    for i, limb in enumerate(mechanism.limbs):
-        roots, missing = limb_roots(model, i, pose)
-        if not np.all(np.isfinite(roots)):
-            raise BadInput(
-                f"the home pose cannot be reached by limb '{limb.name}' ({limb.kind.name}): "
-                f"it {_how_far(mechanism, float(missing[0]), 'about ')}",
-                f"{mechanism.source}: home", "Check the limb's points and lengths, the home "
-                f"pose and the units.{_radius_hint(mechanism)}")
-        candidates = np.array([to_joint(model, i, roots[:, j])[0] for j in range(2)])
-        side = _choose(mechanism, i, candidates)
-        candidates = _wrap(mechanism, limb.actuator, candidates, mechanism.home_q[limb.actuator])
-        chosen.append(1 if side else -1)
-        if np.isnan(q[limb.actuator]):
-            q[limb.actuator] = candidates[side]
-    return HomeState(q, tuple(chosen))
+    found = home_attempt(mechanism)
+    for i in found.lost:
+        limb = mechanism.limbs[i]
+        raise BadInput(
+            f"the home pose cannot be reached by limb '{limb.name}' ({limb.kind.name}): "
+            f"it {_how_far(mechanism, float(found.missing[i]), 'about ')}",
+            f"{mechanism.source}: home", "Check the limb's points and lengths, the home "
+            f"pose and the units.{_radius_hint(mechanism)}")
+    return HomeState(found.q, found.roots)
 
 
 def _how_far(mechanism: Mechanism, missing: float, about: str = "") -> str:

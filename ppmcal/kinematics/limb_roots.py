@@ -43,6 +43,17 @@ def limb_roots(model: Model, index: int, pose: Array) -> tuple[Array, Array]:
         return _polished(model, index, pose, roots), missing
 
 
+def nearest_joint(model: Model, index: int, pose: Array) -> Array:
+    """Return the joint coordinate u at which one limb comes nearest to closing (N,).
+
+    Of use where it has no root: as far as the limb reaches.
+    """
+    nearest = _root_pair(model, index, pose)[1]
+    if model.mechanism.limbs[index].kind.turns(model.limb_values[index]):
+        nearest = _turned_root(model, index, pose, nearest, 0)[1]
+    return np.where(np.isfinite(nearest), nearest, 0.0)
+
+
 def _root_pair(model: Model, index: int, pose: Array, held: Mapping[str, Array] | None = None
                ) -> tuple[Array, Array]:
     """Return both roots u (N, 2) with a universal joint held at its turn, and the nearest u (N,).

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.inverse import home_state
+from ppmcal.kinematics.inverse import home_attempt
 from ppmcal.kinematics.partial_pose import inverse_partial, named_only, pose_vector
 from ppmcal.linalg import Array, Bools
 from ppmcal.model.mechanism import Mechanism
@@ -29,6 +29,8 @@ class PoseSweep:
         pose: full platform poses (N, 6); q: joint values (N, k), SI.
         still: indices of coordinates that could not be moved: the machine decides them, or
             every step is out of reach or beyond the limits.
+        lost: indices of limbs that do not reach home; then home is all that there is, as far as
+            each limb goes.
     """
 
     coordinate: tuple[int, ...]
@@ -36,6 +38,7 @@ class PoseSweep:
     pose: Array
     q: Array
     still: tuple[int, ...]
+    lost: tuple[int, ...] = ()
 
 
 def pose_sweep(model: Model) -> PoseSweep:
@@ -43,12 +46,12 @@ def pose_sweep(model: Model) -> PoseSweep:
 
     Each coordinate is moved by a tenth of the reach (a rotation by as much at the platform's
     joints), or by a half, a quarter, ... of that, and by half of it on the way.
-
-    Raises:
-        BadInput: the home pose cannot be reached.
     """
     mechanism = model.mechanism
-    state = home_state(mechanism)
+    state = home_attempt(mechanism)
+    if state.lost:
+        return PoseSweep((-1,), np.zeros(1), mechanism.home_pose[None], state.q[None],
+                         mechanism.dof, state.lost)
     asked, labels = _asked(mechanism)
     found = inverse_partial(model, asked)
     good = found.reached & _within_limits(mechanism, found.q, state.q)

@@ -84,6 +84,7 @@ class LimbSkeleton:
             joint to the platform's point.
         drive: its driven joint, None where no step says that it is driven.
         gap: distance between the ends of both sides (N,), m; round-off at a closed pose.
+        ends: of the base's side and of the platform's, between which the gap is (N, 3) each, m.
     """
 
     name: str
@@ -94,6 +95,7 @@ class LimbSkeleton:
     links: tuple[Link, ...]
     drive: Drive | None
     gap: Array
+    ends: tuple[Array, Array]
 
     @property
     def polyline(self) -> Array:
@@ -147,7 +149,7 @@ def _limb(model: Model, index: int, pose: Array, q: Array) -> LimbSkeleton:
     return LimbSkeleton(limb.name, kind.name, cga.translation(base[0].after),
                         cga.translation(platform[0].after), _joints(kind, values, steps),
                         tuple(links + back), _drive(values, steps, u),
-                        np.linalg.norm(held - end, axis=-1))
+                        np.linalg.norm(held - end, axis=-1), (end, held))
 
 
 def _walk(chain: Chain, values: Values, root: Array) -> list[_Placed]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -11,10 +10,9 @@ from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.errors import BadInput
-from ppmcal.io.output import json_text
 from ppmcal.io.results.scene import Scene
 from ppmcal.report.html import template_text, whole_page
-from ppmcal.wording import number
+from ppmcal.report.machine_scene import machine_css, machine_scripts, scene_html
 
 GENERATOR = "ppmcal machine drawing"
 """What a page says of itself, so that a later one may replace it."""
@@ -26,27 +24,13 @@ def drawing_page(scene: Scene, source: str = "") -> str:
     """Return the page of a scene; names in it are escaped.
 
     Args:
-        scene: machines and measured poses.
+        scene: machines and measured rows.
         source: the file that it was made from.
     """
-    order = _order(scene)
-    content = {**scene.model_dump(mode="json"), "order": order}
     return whole_page(
         "machine.html", scene=scene, generator=GENERATOR, version=__version__,
-        source=source or scene.name, lead=_lead(scene), notes=_notes(scene), at_home=order.index(0),
-        css=Markup(template_text("machine.css")), data=Markup(script_json(content)),
-        library=Markup(template_text("vendor/plotly-gl3d.min.js")),
-        script=Markup(template_text("machine.js")))
-
-
-def script_json(content: object) -> str:
-    r"""Return JSON that may stand in a script element, whatever its texts are.
-
-    >>> script_json({"name": "</script>"})
-    '{"name":"\\u003c/script\\u003e"}'
-    """
-    text = json.dumps(json.loads(json_text(content)), separators=(",", ":"), ensure_ascii=True)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+        source=source or scene.name, lead=_lead(scene), drawing=Markup(scene_html(scene)),
+        css=Markup(template_text("machine_page.css") + machine_css()), scripts=machine_scripts())
 
 
 def check_target(path: Path, inputs: Sequence[str] = ()) -> None:
@@ -101,38 +85,9 @@ def write_drawing(path: Path, page: str, inputs: Sequence[str] = ()) -> None:
                        str(path), "Check the folder and its permissions") from None
 
 
-def _order(scene: Scene) -> list[int]:
-    """Return the frames in the slider's order: each coordinate from below through home to above."""
-    out, group = [0], list[int]()
-    frames = scene.machines[0].frames
-    for n in range(1, len(frames)):
-        group.append(n)
-        last = n + 1 == len(frames) or _moved(frames[n + 1].label) != _moved(frames[n].label)
-        if last:
-            down = [m for m in group if "−" in frames[m].label]
-            out += [*down, 0, *(m for m in group if m not in down), 0]
-            group = []
-    return out[:-1] if len(out) > 1 else out
-
-
-def _moved(label: str) -> str:
-    return label.split(" ")[0]
-
-
 def _lead(scene: Scene) -> str:
     """Return what is to be seen."""
     kinds = ", ".join(dict.fromkeys(limb.kind for limb in scene.machines[0].limbs))
     lead = (f"{len(scene.machines[0].limbs)} limbs {kinds}, lengths in {scene.units.length}, equal "
             "scale on all axes. Move the slider: does each joint go as it does on the machine?")
     return lead if scene.flat else f"{lead} Drag to turn."
-
-
-def _notes(scene: Scene) -> list[str]:
-    out = list(scene.notes)
-    if scene.still:
-        out.append(f"Not moved, because the machine decides them or reaches no such pose: "
-                   f"{', '.join(scene.still)}.")
-    if len(scene.machines) > 1:
-        out.append(f"Over the {scene.machines[0].name} machine: {scene.machines[1].name}, their "
-                   f"differences drawn {number(scene.magnification, 6)} times as large.")
-    return out

@@ -119,6 +119,11 @@ def whole_page(template: str, **values: Any) -> str:
     return _environment().get_template(template).render(**values)
 
 
+def template_macro(template: str, name: str, *values: Any) -> str:
+    """Return a macro of a template; text among ``values`` is escaped unless it is marked safe."""
+    return str(getattr(_environment().get_template(template).module, name)(*values))
+
+
 def template_text(name: str) -> str:
     """Return the text of a file among the templates."""
     return (files("ppmcal.report") / "templates" / name).read_text("utf-8")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from ppmcal.report.format import exact, listed, with_unit
 from ppmcal.report.headlines import figure, headline
 from ppmcal.report.html import amount, definitions, part, table, words
 from ppmcal.report.identification import excluded_rows, identified_section
+from ppmcal.report.machine_section import machine_section
 from ppmcal.report.other import (
     compensation_section,
     kinematics_section,
@@ -36,7 +37,7 @@ from ppmcal.report.records import (
     ResidualRows,
 )
 from ppmcal.report.residuals import used, white
-from ppmcal.report.section import Section, page
+from ppmcal.report.section import Section, filled, page
 from ppmcal.report.truth import stray_note
 from ppmcal.report.validation import lead as validation_lead
 from ppmcal.report.validation import validation_section
@@ -63,7 +64,10 @@ def chapters(data: ReportData) -> list[Section]:
         days = listed([d.name for d in one.record.datasets], 2)
         name = ": ".join(filter(None, [f"Calibration of {one.name}", days])) if several else (
             "Calibration")
-        out.append(identified_section(one, n, name, part("tiles", _tiles(one))))
+        found = identified_section(one, n, name, part("tiles", _tiles(one)))
+        drawn = Section("The machine", machine_section(one, n, data.diagnosed,
+                                                       len(data.identified)))
+        out.append(replace(found, parts=filled([drawn, *found.parts])))
     out += [validation_section(v) for v in data.validated]
     out += [compensation_section(r, units_of(r, data)) for r in data.compensated]
     out += [kinematics_section(r) for r in data.kinematics]

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.report.html import part, template_text, whole_page
+from ppmcal.report.machine_scene import machine_css, page_scripts
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,9 @@ def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
         **values: ``lead`` (sentences), ``verdicts``, ``look`` (what needs a look), ``folders``.
     """
     css = "".join(template_text(f"page{name}.css") for name in ("", "_tables", "_end"))
-    return whole_page("page.html", title=title, chapters=placed(chapters), version=__version__,
-                      css=Markup(css), script=Markup(template_text("page.js")),
+    shown = placed(chapters)
+    machines = page_scripts([s.body for c in chapters for s in (c, *c.parts)])
+    css += machine_css() if machines else ""
+    return whole_page("page.html", title=title, chapters=shown, version=__version__,
+                      css=Markup(css), script=Markup(template_text("page.js")), machines=machines,
                       **{"verdicts": (), "lead": (), **values})

@@ -485,7 +485,7 @@ def test_residuals_before_and_after(made: Callable[[str], Path]) -> None:
     table = rows(folder / "d" / "residuals.csv")
     pose = ("x", "y", "z", "rx", "ry", "rz")
     assert list(table[0]) == ["row", "dataset", *(f"{part}_{c}" for c in pose for part in (
-        "before", "after", "sigma")), "used", "reason"]
+        "before", "after", "sigma", "geometry")), "used", "reason"]
     assert [int(r["row"]) for r in table] == list(range(1, len(rows(folder / DATA)) + 1))
 
     def white(part: str) -> float:

@@ -104,7 +104,7 @@ class PosePoint(Part):
 
 
 class Conditioning(Part):
-    """The smallest singular value at home, and the one below which a pose counts as singular."""
+    """The smallest singular value at home, and below which a pose counts as singular; bare."""
 
     home: Shown | None = None
     singular: Shown | None = None

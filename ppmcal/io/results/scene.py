@@ -4,122 +4,68 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal import algebra as cga
-from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames, Whole
+from ppmcal.calibration.check import home_gaps
+from ppmcal.io.results.record import Finite, Flag, Part, Text, UnitNames
+from ppmcal.io.results.scene_machine import MachineStand, machine_frames, unit_of
+from ppmcal.io.results.scene_parts import (
+    MeasuredPose,
+    PlacedLimb,
+    Point,
+    SceneEffect,
+    SceneFrame,
+    SceneJoint,
+    SceneLimb,
+    SceneLink,
+    SceneMachine,
+    SceneMark,
+)
 from ppmcal.kinematics.closure import Model
-from ppmcal.kinematics.inverse import inverse
-from ppmcal.kinematics.partial_pose import pose_motor, pose_vector
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.partial_pose import pose_motor
 from ppmcal.kinematics.pose_sweep import PoseSweep, pose_sweep
-from ppmcal.kinematics.skeleton import GUIDE, LimbSkeleton, skeleton
-from ppmcal.linalg import Array
-from ppmcal.model.limbs.chain import U
+from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
-from ppmcal.units import Units
 from ppmcal.wording import number
+
+__all__ = ["MeasuredPose", "PlacedLimb", "Point", "Scene", "SceneEffect", "SceneFrame",
+           "SceneJoint", "SceneLimb", "SceneLink", "SceneMachine", "SceneMark", "ScenePoses"]
 
 FORMAT = "ppmcal/scene/1"
 SHOWN_PART = 0.05
 """Magnified, the largest difference is about this part of the reach."""
-
-Point = tuple[Finite, Finite, Finite]
-
-
-class SceneJoint(Part):
-    """A joint: its type R, P, U or S, and whether it is driven."""
-
-    number: Whole
-    kind: Text
-    driven: Flag
+SHOWN_ROOM = 0.15
+"""Magnified, the largest error is at most this part of the room that the rows take."""
 
 
-class SceneLink(Part):
-    """A piece of a limb: ``bar``, ``drive`` (a driven slide) or ``guide`` (a passive one)."""
+@dataclass(frozen=True)
+class ScenePoses:
+    """Poses to draw the machine at beside home and those about it, by their joint values.
 
-    name: Text
-    role: Text
-
-
-class SceneLimb(Part):
-    """One limb; ``travel``: the ends of a driven slide by its limits, where it has both."""
-
-    name: Text
-    kind: Text
-    actuator: Text
-    unit: Text
-    joints: tuple[SceneJoint, ...]
-    links: tuple[SceneLink, ...]
-    slides: Flag
-    travel: tuple[Finite, Finite] | None = None
-
-
-class PlacedLimb(Part):
-    """One limb at one pose, base axes: what is named in :class:`SceneLimb`, in its order.
-
-    ``axes`` are unit vectors; ``links`` hold start and end; ``drive`` is the centre of the driven
-    joint, ``drive_axis`` the direction in which or about which it grows, ``zero`` where the next
-    piece ends at u = 0; ``u`` is the joint coordinate, in units of length or angle; ``gap`` by how
-    much the limb does not close.
+    ``labels`` and ``keys`` of the rows; ``q`` (R, k), SI.
     """
 
-    base: Point
-    platform: Point
-    joints: tuple[Point, ...]
-    axes: tuple[Point, ...]
-    links: tuple[tuple[Point, Point], ...]
-    drive: Point | None = None
-    drive_axis: Point | None = None
-    zero: Point | None = None
-    u: Finite | None = None
-    gap: Finite = 0.0
-
-
-class SceneFrame(Part):
-    """The machine at one pose: label, coordinates and joint values as the file has them.
-
-    ``origin`` and ``axes`` are those of the platform, x, y and z, in base axes.
-    """
-
-    label: Text
-    pose: tuple[Finite, ...]
-    q: tuple[Finite, ...]
-    origin: Point
-    axes: tuple[Point, Point, Point]
-    limbs: tuple[PlacedLimb, ...]
-
-
-class SceneMachine(Part):
-    """One machine at every pose of the scene; ``outline``: the order of its platform's points."""
-
-    name: Text
-    limbs: tuple[SceneLimb, ...]
-    base_outline: tuple[Whole, ...]
-    platform_outline: tuple[Whole, ...]
-    frames: tuple[SceneFrame, ...]
-
-
-class MeasuredPose(Part):
-    """A measured pose: where it is, a value to colour by, and its error, not magnified."""
-
-    label: Text
-    point: Point
-    value: Finite | None = None
-    error: Point | None = None
+    labels: Sequence[str]
+    keys: Sequence[str]
+    q: Array
 
 
 class Scene(Part):
-    """A machine, if need be with a second one over it, and measured poses.
+    """A machine, if need be with a second one over it, and measured rows.
 
     Attributes:
         coordinates, coordinate_units: of every pose; actuators, joint_units: of every q.
         flat: whether all of it lies in the x-y plane.
         still: coordinates that are not moved among the poses.
         machines: the one that is drawn, then the one that is laid over it.
-        magnification: of the second machine's differences and of error vectors.
-        value, value_unit: what measured poses are coloured by.
+        about_home: so many of the poses are home and those about it, the first ones.
+        magnification: of the second machine's differences.
+        error_magnification, error_magnification_before: of the error vectors after and before.
+        value, value_unit, turn_unit: what measured rows are coloured by; of their rotations.
+        effects: what the model has beside its geometry, and where.
     """
 
     format: Text = FORMAT
@@ -134,152 +80,155 @@ class Scene(Part):
     joint_units: tuple[Text, ...]
     still: tuple[Text, ...] = ()
     machines: tuple[SceneMachine, ...]
+    about_home: int = 1
     magnification: Finite = 1.0
+    error_magnification: Finite = 1.0
+    error_magnification_before: Finite = 1.0
     measured: tuple[MeasuredPose, ...] = ()
     value: Text = ""
     value_unit: Text = ""
+    turn_unit: Text = ""
+    effects: tuple[SceneEffect, ...] = ()
     notes: tuple[Text, ...] = ()
 
     @classmethod
     def of(cls, mechanism: Mechanism, measured: Sequence[MeasuredPose] = (), value: str = "",
-           value_unit: str = "") -> Scene:
-        """Return the scene of a machine at home and at poses about it, without effects.
+           value_unit: str = "", poses: ScenePoses | None = None,
+           effects: Sequence[SceneEffect] = (), present: str = "present values",
+           notes: Sequence[str] = ()) -> Scene:
+        """Return the scene of a machine at home, at poses about it and at given ones.
 
-        A machine whose values are not its nominal ones is laid over the nominal one.
+        Without effects. A machine whose values are not its nominal ones is laid over the nominal
+        one, at the same joint values. One that does not reach home is drawn as far as it goes.
 
         Args:
             mechanism: the machine.
-            measured: poses with errors, in units of the file.
+            measured: rows with errors, in units of the file; their ``frame`` is one of ``poses``.
             value: what they are coloured by.
             value_unit: its unit.
-
-        Raises:
-            BadInput: the home pose cannot be reached.
+            poses: further poses to draw it at.
+            effects: what to light.
+            present: what the second machine is called.
+            notes: to be said beside the drawing.
         """
         units = mechanism.units
         plain = replace(mechanism, effects=())
         nominal = plain.nominal()
         moved = not np.array_equal(plain.values, plain.nominals)
-        sweep = pose_sweep(Model(nominal if moved else plain))
-        drawn = [_machine(nominal if moved else plain, "nominal" if moved else plain.name, sweep)]
+        first = nominal if moved else plain
+        sweep = pose_sweep(Model(first))
+        stand, kept = _stand(first, sweep, None if sweep.lost else poses)
+        drawn = [machine_frames(first, "nominal" if moved else plain.name, stand, True)]
         if moved:
-            drawn.append(_machine(plain, "present values", sweep))
+            drawn.append(machine_frames(plain, present, _other_stand(plain, stand), False))
         reach = mechanism.reach / units.factor("length")
+        about = len(sweep.pose)
+        rows = tuple(_with_frame(m, kept, about) for m in measured)
         return cls(
             name=mechanism.name, motion=mechanism.motion, flat=mechanism.motion == "planar",
             units=UnitNames.of(units), reach=reach, coordinates=mechanism.coordinates,
-            coordinate_units=tuple(_unit(mechanism, c)[1] for c in mechanism.dof),
+            coordinate_units=tuple(unit_of(mechanism, c)[1] for c in mechanism.dof),
             actuators=mechanism.actuators, joint_units=tuple(u for _, u in mechanism.joint_units),
-            still=tuple(POSE_COORDINATES[c] for c in sweep.still), machines=tuple(drawn),
-            magnification=_magnification(reach, drawn, measured), measured=tuple(measured),
-            value=value, value_unit=value_unit,
-            notes=("Effects of the file are left out: this is its geometry.",)
-            if mechanism.effects else ())
+            still=() if sweep.lost else tuple(POSE_COORDINATES[c] for c in sweep.still),
+            machines=tuple(drawn), about_home=about, magnification=_of_machines(reach, drawn),
+            error_magnification=_of_errors(reach, measured, [m.error for m in measured]),
+            error_magnification_before=_of_errors(reach, measured,
+                                                  [m.error_before for m in measured]),
+            measured=rows, value=value, value_unit=value_unit, turn_unit=units.name("angle"),
+            effects=tuple(effects), notes=(*notes, *_own_notes(mechanism, effects)))
 
 
-def _machine(mechanism: Mechanism, name: str, sweep: PoseSweep) -> SceneMachine:
-    """Return a machine at the poses of a sweep, with the joint values that are its own there."""
-    model, pose, q = Model(mechanism), pose_motor(sweep.pose), sweep.q
-    own = inverse(model, pose)
-    # off its surface or out of reach: as it stands with the drawn machine's joint values
-    q = np.where(own.reached[:, None], own.q, q)
-    limbs = skeleton(model, pose, q)
-    at_home = [np.stack([getattr(limb, side)[0] for limb in limbs])
-               for side in ("base_point", "platform_point")]
-    return SceneMachine(
-        name=name, limbs=tuple(_limb(mechanism, i, limb) for i, limb in enumerate(limbs)),
-        base_outline=around(at_home[0]), platform_outline=around(at_home[1]),
-        frames=tuple(_frame(mechanism, limbs, sweep, pose, q, n) for n in range(len(pose))))
+def _own_notes(mechanism: Mechanism, effects: Sequence[SceneEffect]) -> tuple[str, ...]:
+    if not mechanism.effects or effects:
+        return ()
+    return ("Effects of the file are left out: this is its geometry.",)
 
 
-def _limb(mechanism: Mechanism, index: int, placed: LimbSkeleton) -> SceneLimb:
-    limb = mechanism.limbs[index]
-    drive, role = placed.drive, {U: "drive", GUIDE: "guide"}
-    travel: tuple[float, float] | None = None
-    if drive is not None and drive.prismatic and np.all(np.isfinite(
-            mechanism.limits[limb.actuator])):
-        ends = [Model(mechanism).joint_coordinate(index, np.tile(v, (1, len(mechanism.actuators))))
-                for v in mechanism.limits[limb.actuator]]
-        low, high = sorted(float(e[0]) / mechanism.units.factor("length") for e in ends)
-        travel = low, high
-    return SceneLimb(
-        name=limb.name, kind=limb.kind.name, actuator=mechanism.actuators[limb.actuator],
-        unit=mechanism.joint_units[limb.actuator][1],
-        joints=tuple(SceneJoint(number=j.number, kind=j.kind, driven=j.driven)
-                     for j in placed.joints),
-        links=tuple(SceneLink(name=k.name, role=role.get(k.name, "bar")) for k in placed.links),
-        slides=drive is not None and drive.prismatic, travel=travel)
+def _with_frame(m: MeasuredPose, kept: Array, about: int) -> MeasuredPose:
+    """Return a row with its pose counted among those of the scene."""
+    if m.frame is None:
+        return m
+    frame = int(kept[m.frame]) if m.frame < len(kept) else -1
+    return m.model_copy(update={"frame": about + frame, "own": m.own} if frame >= 0
+                        else {"frame": None, "own": False})
 
 
-def _frame(mechanism: Mechanism, limbs: Sequence[LimbSkeleton], sweep: PoseSweep, pose: Array,
-           q: Array, n: int) -> SceneFrame:
-    f = mechanism.units.factor("length")
-    factors = [_unit(mechanism, c)[0] for c in mechanism.dof]
-    vector = pose_vector(pose[n:n + 1])[0]
-    label = "home"
-    if sweep.coordinate[n] >= 0:
-        c = sweep.coordinate[n]
-        factor, unit = _unit(mechanism, c)
-        by = sweep.step[n] / factor
-        label = f"{POSE_COORDINATES[c]} {'+' if by > 0 else '−'} {number(abs(by), 3)} {unit}"
-    turn = cga.rotation_matrix(pose[n])
-    return SceneFrame(
-        label=label, pose=tuple(vector[c] / u for c, u in zip(mechanism.dof, factors, strict=True)),
-        q=tuple((q[n] / mechanism.joint_factors()).tolist()), origin=_point(vector / f),
-        axes=(_point(turn[:, 0]), _point(turn[:, 1]), _point(turn[:, 2])),
-        limbs=tuple(_placed(limb, n, mechanism.units) for limb in limbs))
+def _stand(first: Mechanism, sweep: PoseSweep, poses: ScenePoses | None
+           ) -> tuple[MachineStand, Array]:
+    """Return where the drawn machine stands, and the place of each of ``poses`` there, or -1."""
+    labels = ["home", *(_label(first, sweep, n) for n in range(1, len(sweep.pose)))]
+    pose, keys, q = pose_motor(sweep.pose), [""] * len(labels), _with_given_home(first, sweep.q)
+    if poses is None or not len(poses.q):
+        return MachineStand(tuple(labels), tuple(keys), pose, q), np.full(
+            0 if poses is None else len(poses.q), -1)
+    found = forward(Model(first), poses.q).pose
+    good = finite_rows(found)
+    place = np.where(good, np.cumsum(good) - 1, -1)
+    rows = np.flatnonzero(good).tolist()
+    return MachineStand(
+        (*labels, *(poses.labels[n] for n in rows)), (*keys, *(poses.keys[n] for n in rows)),
+        np.concatenate([pose, found[good]]), np.concatenate([q, poses.q[good]])), place
 
 
-def _placed(limb: LimbSkeleton, n: int, units: Units) -> PlacedLimb:
-    drive, f = limb.drive, units.factor("length")
-    own = units.factor("length" if drive is not None and drive.prismatic else "angle")
-    return PlacedLimb(
-        base=_point(limb.base_point[n] / f), platform=_point(limb.platform_point[n] / f),
-        joints=tuple(_point(j.centre[n] / f) for j in limb.joints),
-        axes=tuple(_point(j.axis[n]) for j in limb.joints),
-        links=tuple((_point(k.start[n] / f), _point(k.end[n] / f)) for k in limb.links),
-        drive=None if drive is None else _point(drive.centre[n] / f),
-        drive_axis=None if drive is None else _point(drive.axis[n]),
-        zero=None if drive is None else _point(drive.zero[n] / f),
-        u=None if drive is None else float(drive.u[n]) / own, gap=float(limb.gap[n] / f))
+def _with_given_home(first: Mechanism, q: Array) -> Array:
+    """Return the joint values with the file's own at home for limbs that do not close there."""
+    out = np.array(q)
+    for limb, gap in zip(first.limbs, home_gaps(first), strict=False):
+        if gap.open:
+            out[0, limb.actuator] = first.home_q[limb.actuator]
+    return out
 
 
-def _point(vector: Array) -> Point:
-    x, y, z = vector[:3].tolist()
-    return x, y, z
+def _other_stand(plain: Mechanism, stand: MachineStand) -> MachineStand:
+    """Return where the machine at its present values stands with the same joint values.
 
-
-def _unit(mechanism: Mechanism, coordinate: int) -> tuple[float, str]:
-    quantity = "length" if coordinate < 3 else "angle"
-    return mechanism.units.factor(quantity), mechanism.units.name(quantity)
-
-
-def around(points: Array) -> tuple[int, ...]:
-    """Return the order in which points (L, 3) go round their middle, in the plane nearest to them.
-
-    >>> around(np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]]))
-    (3, 0, 2, 1)
+    At the same pose where it has none there.
     """
-    away = points - points.mean(axis=0)
-    normal = np.linalg.svd(away.T @ away)[0][:, 2]
-    normal = normal if normal[np.argmax(np.abs(normal))] > 0.0 else -normal
-    x = np.eye(3)[np.argmin(np.abs(normal))] if abs(normal[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    x = x - (x @ normal) * normal
-    angle = np.arctan2(away @ np.cross(normal, x), away @ x)
-    return tuple(np.argsort(angle, kind="stable").tolist())
+    pose = np.array(stand.pose)
+    good: Bools = np.zeros(len(pose), dtype=bool)
+    if not stand.lost(plain):
+        found = forward(Model(plain), stand.q, stand.pose, stand.q).pose
+        good = finite_rows(found)
+        pose[good] = found[good]
+    return replace(stand, pose=pose, own_joints=good)
 
 
-def _magnification(reach: float, drawn: Sequence[SceneMachine], measured: Sequence[MeasuredPose]
-                   ) -> float:
-    """Return 1, 2 or 5 times a power of ten, by which the largest difference can be seen."""
-    largest = max([math.dist(m.error, (0.0, 0.0, 0.0)) for m in measured if m.error], default=0.0)
-    if len(drawn) > 1:
-        a, b = (_points(machine.frames[0]) for machine in drawn)
-        if a.shape == b.shape:
-            largest = max(largest, float(np.max(np.linalg.norm(a - b, axis=-1), initial=0.0)))
-    if not largest > 0.0:
+def _label(mechanism: Mechanism, sweep: PoseSweep, n: int) -> str:
+    """Return what a pose about home is called: by how much which coordinate is moved."""
+    c = sweep.coordinate[n]
+    factor, unit = unit_of(mechanism, c)
+    by = sweep.step[n] / factor
+    return f"{POSE_COORDINATES[c]} {'+' if by > 0 else '−'} {number(abs(by), 3)} {unit}"
+
+
+def _of_machines(reach: float, drawn: Sequence[SceneMachine]) -> float:
+    """Return by how much the differences of two machines are magnified."""
+    if len(drawn) < 2:
         return 1.0
-    wanted = SHOWN_PART * reach / largest
+    a, b = (_points(machine.frames[0]) for machine in drawn)
+    return _magnification(reach, (a - b).tolist()) if a.shape == b.shape else 1.0
+
+
+def _of_errors(reach: float, measured: Sequence[MeasuredPose],
+               errors: Sequence[Point | None]) -> float:
+    """Return by how much errors are magnified, judged by the rows that were used.
+
+    The longest is as long as a part of the reach, or, where the rows lie close together, of the
+    room that they take.
+    """
+    own = [e for e, m in zip(errors, measured, strict=True) if m.used and e]
+    room = float(np.ptp([m.point for m in measured], axis=0).max(initial=0.0)) if measured else 0.0
+    size = min(SHOWN_PART * reach, SHOWN_ROOM * room) if room > 0.0 else SHOWN_PART * reach
+    return _magnification(reach, own or [e for e in errors if e], size)
+
+
+def _magnification(reach: float, differences: Sequence[Sequence[float]],
+                   size: float | None = None) -> float:
+    """Return 1, 2 or 5 times a power of ten, by which the largest difference can be seen."""
+    largest = max([math.hypot(*d) for d in differences], default=0.0)
+    if not largest > 1e-300:
+        return 1.0
+    wanted = (SHOWN_PART * reach if size is None else size) / largest
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(1.0, float(power * max(s for s in (1.0, 2.0, 5.0) if s * power <= wanted)))
 

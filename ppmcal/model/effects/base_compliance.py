@@ -139,7 +139,7 @@ ABOUT_BASE = EffectKind(
     "base_compliance", "base twist = C W, C symmetric, W the wrench at the base's origin",
     "[LIN] section 4.3; Maxwell's and Betti's reciprocity", _of_base, ("wrench",), _base_terms,
     per_actuator=False, uses_load=True, motions=("planar", "spatial"), from_file=FILE,
-    written=lambda units: {"about": "base"}, title="base_compliance about base",
+    written=lambda units: {"about": "base"}, title="base_compliance about base", body="base",
     contains=("base_compliance", "compliance", "plate_compliance", "creep"),
     derived=tuple(Derived(f"center_{'xyz'[k]}", "length", _about(k)) for k in range(3)),
     remedy="indicate the base against the ground while the payload is put on")
@@ -149,7 +149,7 @@ SEATED = replace(ABOUT_BASE, parameters=partial(_some, _of_base, CROSSED))
 BASE_COMPLIANCE: EffectKind = register(EffectKind(
     "base_compliance", "platform twist = C wrench, base axes",
     "[LIN] section 4.3: compliance outside of the limbs", _parameters, ("wrench",), _terms,
-    per_actuator=False, from_file=FILE, variants=_variants,
+    per_actuator=False, from_file=FILE, variants=_variants, body="base",
     worked=Worked({"x_fx": 1e-8}, {"wrench": 200.0}, 2e-6)))
 
 ALONG_AXES = replace(BASE_COMPLIANCE, parameters=partial(_some, _parameters, ()))

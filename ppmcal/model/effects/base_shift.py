@@ -23,6 +23,6 @@ def _terms(setting: Setting, on: Bools, values: Mapping[str, float]) -> Terms:
 BASE_SHIFT = register(EffectKind(
     "base_shift", "base displaced by a twist, base axes, from row from_row on",
     "ISO 230-1, set-up of the instrument", _parameters, ("row",), _terms, per_actuator=False,
-    instrument=True, onset="from_row",
+    instrument=True, onset="from_row", body="base",
     remedy="measure fixed points of the base now and then",
     worked=Worked({"x": 3e-5, "from_row": 5.0}, {"row": 6.0}, 3e-5)))

@@ -52,5 +52,5 @@ GRAVITY_TILT = register(EffectKind(
     "gravity_tilt", "weight = payload 9.80665 m/s2 along R gravity, R a turn about two base axes",
     "the machine stands inclined, or its file names another direction of gravity",
     _parameters, ("wrench",), no_terms, per_actuator=False, uses_load=True, carried=_carried,
-    remedy="put a level or a plumb line on the base",
+    body="base", remedy="put a level or a plumb line on the base",
     worked=Worked({"turn": np.pi / 2}, {"weight": 100.0}, -200.0)))

@@ -217,6 +217,8 @@ class EffectKind:
         nuisance: whether it is of what the machine is measured against: a search names it for
             nothing, and tells it as an alternative to what it explains as well.
         title: what people call it; empty: its name. Kinds made of one are told apart by it.
+        body: where one that is not of single actuators sits: ``base`` or ``platform``; empty: on
+            no body of its own.
     """
 
     name: str
@@ -252,6 +254,7 @@ class EffectKind:
     spread: Spread | None = None
     unsettled: Callable[[Setting, Bools, Mapping[str, float]], Array] | None = None
     title: str = ""
+    body: str = ""
     nuisance: bool = False
 
     def __post_init__(self) -> None:

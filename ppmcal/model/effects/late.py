@@ -94,13 +94,14 @@ def body_thermal(body: str, remedy: str) -> EffectKind:
         name, f"{body} points x (1 + growth x), x' = (mean |dq|/dt of all drives - x)/tau",
         "ISO 230-3, distortion by moving axes: the drives' work heats what they stand on",
         OWN_WORK, ("past",), partial(mean_rate_grown, body), per_actuator=False, from_file=file,
-        written=lambda units: {"from": "motion"}, title=f"{name} from motion",
+        written=lambda units: {"from": "motion"}, title=f"{name} from motion", body=body,
         remedy="move all joints back and forth for a while between two measurements of one pose")
     air = EffectKind(
         name, f"{body} points x (1 + expansion x), x' = (T - 20 C - x)/tau",
         "ISO 1: lengths refer to 20 degrees Celsius; ISO 230-3, thermal effects",
         fixed_list(EXPANSION, TAU), ("temperature",), partial(grown, body), per_actuator=False,
         from_file=file, variants=lambda motion: tuple(by_source.values()), remedy=remedy,
-        worked=Worked({"expansion": 11e-6, "tau": 0.0}, {"temperature": 5.0, body: 2.0}, 1.1e-4))
+        worked=Worked({"expansion": 11e-6, "tau": 0.0}, {"temperature": 5.0, body: 2.0}, 1.1e-4),
+        body=body)
     by_source = {"thermometer": air, "motion": motion}
     return air

@@ -37,6 +37,6 @@ PAYLOAD_OFFSET = register(EffectKind(
     "payload_offset", "moment of the payload's weight about the platform's origin = R c x weight, "
     "c its centre of mass", "statics: the wrench of a force that does not act at the origin",
     _parameters, ("wrench",), no_terms, per_actuator=False, motions=("planar", "spatial"),
-    uses_load=True, carried=_carried,
+    uses_load=True, carried=_carried, body="platform",
     remedy="weigh the payload's centre of mass, or put it on in another place",
     worked=Worked({"x": 0.0, "y": -0.05}, {"weight": 100.0}, -5.0)))

@@ -1,0 +1,187 @@
+"""One machine at every pose of a scene: where its limbs stand, and what needs a look there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.io.results.scene_marks import pose_marks
+from ppmcal.io.results.scene_parts import (
+    PlacedLimb,
+    Point,
+    SceneFrame,
+    SceneJoint,
+    SceneLimb,
+    SceneLink,
+    SceneMachine,
+    SceneMark,
+)
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.inverse import home_attempt, to_joint
+from ppmcal.kinematics.limb_roots import limb_roots, nearest_joint
+from ppmcal.kinematics.partial_pose import pose_vector
+from ppmcal.kinematics.skeleton import GUIDE, LimbSkeleton, skeleton
+from ppmcal.linalg import Array, Bools
+from ppmcal.model.limbs.chain import U
+from ppmcal.model.mechanism import Mechanism
+
+GAP = 1e-6
+"""A limb does not close where its ends are further apart than this part of the reach."""
+
+
+@dataclass(frozen=True)
+class MachineStand:
+    """Where a machine stands in N poses.
+
+    ``labels`` and ``keys`` of the poses; ``pose``: platform-to-base motors (N, 8); ``q``: joint
+    values (N, k), SI. ``own_joints`` (N,): whether the machine has these joint values there, else
+    those that the pose asks for; None: it has them everywhere.
+    """
+
+    labels: tuple[str, ...]
+    keys: tuple[str, ...]
+    pose: Array
+    q: Array
+    own_joints: Bools | None = None
+
+    def lost(self, mechanism: Mechanism) -> bool:
+        """Whether a machine cannot be led to the poses, since it does not reach home."""
+        return bool(home_attempt(mechanism).lost)
+
+
+def machine_frames(mechanism: Mechanism, name: str, stand: MachineStand, marked: bool
+                   ) -> SceneMachine:
+    """Return a machine at every pose.
+
+    Args:
+        mechanism: the machine, without effects.
+        name: what it is called.
+        stand: where it stands.
+        marked: whether to look for what needs a look.
+    """
+    model, q = Model(mechanism), np.array(stand.q)
+    if stand.own_joints is not None and not stand.own_joints.all():
+        rows = np.flatnonzero(~stand.own_joints)
+        q[rows] = joints_at(model, stand.pose[rows])
+    limbs = skeleton(model, stand.pose, q)
+    sides = [np.stack([getattr(limb, side)[0] for limb in limbs])
+             for side in ("base_point", "platform_point")]
+    marks: Sequence[tuple[SceneMark, ...]] = [()] * len(q)
+    if marked:
+        marks = pose_marks(model, stand.pose, q, limbs, GAP * mechanism.reach)
+    return SceneMachine(
+        name=name, limbs=tuple(_limb(mechanism, i, limb) for i, limb in enumerate(limbs)),
+        base_outline=around(sides[0]), platform_outline=around(sides[1]),
+        frames=tuple(_frame(mechanism, limbs, stand, q, n, marks[n]) for n in range(len(q))),
+        other=_other_branches(model) if marked else ())
+
+
+def joints_at(model: Model, pose: Array) -> Array:
+    """Return joint values (N, k) at poses (N, 8), the nearest where a limb does not reach."""
+    mechanism = model.mechanism
+    home = home_attempt(mechanism)
+    q = np.full((len(pose), len(mechanism.actuators)), np.nan)
+    for i, limb in enumerate(mechanism.limbs):
+        u = limb_roots(model, i, pose)[0][:, 1 if home.roots[i] > 0 else 0]
+        own = to_joint(model, i, np.where(np.isfinite(u), u, nearest_joint(model, i, pose)))
+        empty = np.isnan(q[:, limb.actuator])
+        q[empty, limb.actuator] = own[empty]
+    return q
+
+
+def _other_branches(model: Model) -> tuple[tuple[Point, ...], ...]:
+    """Return each limb at home on its other branch, as a line; empty where it has none."""
+    mechanism, pose = model.mechanism, model.mechanism.home[None]
+    home, f = home_attempt(mechanism), mechanism.units.factor("length")
+    q = np.tile(home.q, (1 + len(mechanism.limbs), 1))
+    for i, limb in enumerate(mechanism.limbs):
+        u = limb_roots(model, i, pose)[0][0, 0 if home.roots[i] > 0 else 1]
+        if limb.kind.branch is not None and i not in home.lost and np.isfinite(u):
+            q[i + 1, limb.actuator] = to_joint(model, i, np.array([u]))[0]
+    limbs = skeleton(model, np.repeat(pose, len(q), axis=0), q)
+    out = []
+    for i, placed in enumerate(limbs):
+        own, other = placed.polyline[0], placed.polyline[i + 1]
+        # of a strut the other root is the same line, counted backwards
+        same = np.allclose(own, other, rtol=0.0, atol=GAP * mechanism.reach)
+        out.append(() if same else tuple(_point(p / f) for p in other))
+    return tuple(out)
+
+
+def _limb(mechanism: Mechanism, index: int, placed: LimbSkeleton) -> SceneLimb:
+    limb = mechanism.limbs[index]
+    drive, role = placed.drive, {U: "drive", GUIDE: "guide"}
+    travel: tuple[float, float] | None = None
+    if drive is not None and drive.prismatic and np.all(np.isfinite(
+            mechanism.limits[limb.actuator])):
+        ends = [Model(mechanism).joint_coordinate(index, np.tile(v, (1, len(mechanism.actuators))))
+                for v in mechanism.limits[limb.actuator]]
+        low, high = sorted(float(e[0]) / mechanism.units.factor("length") for e in ends)
+        travel = low, high
+    return SceneLimb(
+        name=limb.name, kind=limb.kind.name, actuator=mechanism.actuators[limb.actuator],
+        unit=mechanism.joint_units[limb.actuator][1],
+        joints=tuple(SceneJoint(number=j.number, kind=j.kind, driven=j.driven)
+                     for j in placed.joints),
+        links=tuple(SceneLink(name=k.name, role=role.get(k.name, "bar")) for k in placed.links),
+        slides=drive is not None and drive.prismatic, travel=travel)
+
+
+def _frame(mechanism: Mechanism, limbs: Sequence[LimbSkeleton], stand: MachineStand, q: Array,
+           n: int, marks: tuple[SceneMark, ...]) -> SceneFrame:
+    f = mechanism.units.factor("length")
+    factors = [unit_of(mechanism, c)[0] for c in mechanism.dof]
+    vector = pose_vector(stand.pose[n:n + 1])[0]
+    turn = cga.rotation_matrix(stand.pose[n])
+    return SceneFrame(
+        label=stand.labels[n], key=stand.keys[n], marks=marks,
+        pose=tuple(vector[c] / u for c, u in zip(mechanism.dof, factors, strict=True)),
+        q=tuple((q[n] / mechanism.joint_factors()).tolist()), origin=_point(vector / f),
+        axes=(_point(turn[:, 0]), _point(turn[:, 1]), _point(turn[:, 2])),
+        limbs=tuple(_placed(mechanism, limb, n) for limb in limbs))
+
+
+def _placed(mechanism: Mechanism, limb: LimbSkeleton, n: int) -> PlacedLimb:
+    drive, units = limb.drive, mechanism.units
+    f = units.factor("length")
+    own = units.factor("length" if drive is not None and drive.prismatic else "angle")
+    open_ = bool(limb.gap[n] > GAP * mechanism.reach)
+    return PlacedLimb(
+        base=_point(limb.base_point[n] / f), platform=_point(limb.platform_point[n] / f),
+        joints=tuple(_point(j.centre[n] / f) for j in limb.joints),
+        links=tuple((_point(k.start[n] / f), _point(k.end[n] / f)) for k in limb.links),
+        drive=None if drive is None else _point(drive.centre[n] / f),
+        drive_axis=None if drive is None else _point(drive.axis[n]),
+        zero=None if drive is None else _point(drive.zero[n] / f),
+        u=None if drive is None else float(drive.u[n]) / own,
+        gap=float(limb.gap[n] / f), gap_ends=None if not open_ else (
+            _point(limb.ends[0][n] / f), _point(limb.ends[1][n] / f)))
+
+
+def _point(vector: Array) -> Point:
+    x, y, z = vector[:3].tolist()
+    return x, y, z
+
+
+def unit_of(mechanism: Mechanism, coordinate: int) -> tuple[float, str]:
+    """Return the SI value and the name of a pose coordinate's unit in the file."""
+    quantity = "length" if coordinate < 3 else "angle"
+    return mechanism.units.factor(quantity), mechanism.units.name(quantity)
+
+
+def around(points: Array) -> tuple[int, ...]:
+    """Return the order in which points (L, 3) go round their middle, in the plane nearest to them.
+
+    >>> around(np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]]))
+    (3, 0, 2, 1)
+    """
+    away = points - points.mean(axis=0)
+    normal = np.linalg.svd(away.T @ away)[0][:, 2]
+    normal = normal if normal[np.argmax(np.abs(normal))] > 0.0 else -normal
+    x = np.eye(3)[np.argmin(np.abs(normal))] if abs(normal[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    x = x - (x @ normal) * normal
+    angle = np.arctan2(away @ np.cross(normal, x), away @ x)
+    return tuple(np.argsort(angle, kind="stable").tolist())

@@ -1,0 +1,252 @@
+"""The measured rows of an identification, placed on its machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ppmcal import algebra as cga
+from ppmcal.errors import BadInput
+from ppmcal.io import read_dataset
+from ppmcal.io.results.identification_parts import FittedDataset, RegistrationEntry
+from ppmcal.io.results.scene_parts import MeasuredPose, Point
+from ppmcal.io.sidecar import sidecar_path
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.tables import with_joints
+from ppmcal.linalg import Array, Bools, Ints, finite_rows
+from ppmcal.model.dataset import Dataset
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.model.registration import Registration
+from ppmcal.report.records import Columns, Identified
+from ppmcal.report.residuals import used
+from ppmcal.report.rows import row_key
+from ppmcal.report.sources import digest
+from ppmcal.wording import counted
+
+POINTS, WORST = 2000, 200
+"""So many rows are drawn at most; so many of them are the worst, and as many left out ones."""
+CHUNK = 500
+"""Poses that are solved at once: no compiler is waited for."""
+STAGES = ("before", "after")
+
+
+@dataclass(frozen=True)
+class PlacedRows:
+    """Measured rows with the machine's poses.
+
+    Attributes:
+        points: one for each of R rows.
+        q: their joint values (R, k), SI; pose: motors of the platform (R, 8).
+        notes: what is not drawn, and why.
+    """
+
+    points: tuple[MeasuredPose, ...]
+    q: Array
+    pose: Array
+    notes: tuple[str, ...]
+
+
+def placed_rows(one: Identified, index: int, mechanism: Mechanism, most: int = POINTS
+                ) -> PlacedRows:
+    """Return the rows of residuals.csv where the machine has the measured point.
+
+    The place is that of the model without effects at the row's joint values, in base axes; errors
+    are those of residuals.csv, turned into base axes.
+
+    Args:
+        one: the identification.
+        index: its index on the page.
+        mechanism: the machine that it found.
+        most: so many rows at most.
+    """
+    nothing = PlacedRows((), np.zeros((0, len(mechanism.actuators))), np.zeros((0, 8)), ())
+    table = one.residuals
+    if table is None or not table.size:
+        return replace(nothing, notes=(
+            "There is no residuals.csv, so no measured rows are drawn.",))
+    rows, thinned = _chosen(table, most)
+    names = np.array(table.words("dataset"), dtype=object)
+    plain = replace(mechanism, effects=())
+    found, notes = [nothing], [thinned] if thinned else []
+    for entry in one.record.datasets:
+        own = rows[(names[rows] == entry.name) | (len(one.record.datasets) == 1)]
+        if not own.size:
+            continue
+        try:
+            data = with_joints(plain, _read(one, entry, mechanism))
+        except (BadInput, OSError, np.linalg.LinAlgError) as error:
+            what = getattr(error, "what", None) or error
+            notes.append(f"The rows of {entry.name} are not drawn: {what}.")
+            continue
+        found.append(_of_dataset(table, own, data, entry, plain, index))
+    joined = PlacedRows(tuple(p for f in found for p in f.points),
+                        np.concatenate([f.q for f in found]),
+                        np.concatenate([f.pose for f in found]), ())
+    notes += [n for f in found for n in f.notes]
+    return replace(joined, notes=tuple(notes))
+
+
+def _chosen(table: Columns, most: int) -> tuple[Ints, str]:
+    """Return the rows to draw, and how they were chosen; empty where they are all."""
+    if table.size <= most:
+        return np.arange(table.size), ""
+    part = min(WORST, most // 4)
+    size = np.nan_to_num(_norm(_residual(table, np.arange(table.size), "after")), nan=-1.0)
+    keep = used(table)
+    worst = np.argsort(np.where(keep, -size, 1.0), kind="stable")[:part]
+    out = np.flatnonzero(~keep)
+    out = out[np.linspace(0, out.size - 1, min(part, out.size)).astype(int)]
+    rest = most - part - out.size
+    even = np.linspace(0, table.size - 1, max(rest, 1)).astype(int)
+    rows = np.unique(np.concatenate([worst, out, even]))
+    return rows, (f"{rows.size} of {table.size} rows are drawn: every "
+                  f"{max(2, round(table.size / max(rest, 1)))}th or so, the {part} worst, and "
+                  f"{counted(int(out.size), 'row')} left out.")
+
+
+def _read(one: Identified, entry: FittedDataset, mechanism: Mechanism) -> Dataset:
+    """Return the data set of a file that is still the one which was fitted.
+
+    Raises:
+        BadInput: it is not there, or has changed.
+    """
+    inputs = one.record.provenance.inputs
+    name = next((k for k in inputs if k == entry.source), None) or next(
+        (k for k in inputs if entry.source and Path(k).name == Path(entry.source).name), "")
+    file = Path(name).name or entry.name
+    if not name:
+        raise BadInput("the record does not say which file they are of", one.folder)
+    folder = Path(one.folder).absolute()
+    places = [Path(name), *(base / part for base in (folder, folder.parent)
+                            for part in (name, Path(name).name))]
+    there = [p for p in dict.fromkeys(places) if p.is_file()]
+    same = next((p for p in there if digest(p) == inputs[name]), None)
+    if same is None:
+        raise BadInput(f"{file} {'has changed since' if there else 'is not where it was'}",
+                       one.folder)
+    side = sidecar_path(same)
+    recorded = [own for k, own in inputs.items() if Path(k).name == side.name]
+    if recorded and digest(side) not in recorded:
+        raise BadInput(f"{side.name}, beside {file}, has changed since", one.folder)
+    return read_dataset(same, mechanism)
+
+
+def _of_dataset(table: Columns, rows: Ints, data: Dataset, entry: FittedDataset,
+                plain: Mechanism, index: int) -> PlacedRows:
+    """Return some rows of one data set."""
+    number = np.nan_to_num(table.number("row")[rows], nan=-1.0).astype(int)
+    at = np.clip(np.searchsorted(data.rows, number), 0, max(len(data) - 1, 0))
+    known: Bools = np.zeros(len(rows), dtype=bool)
+    if len(data):
+        known = np.asarray(data.rows[at] == number)
+    rows, at = rows[known], at[known]
+    model = Model(plain)
+    pose = _poses(model, data.q[at])
+    good = finite_rows(pose)
+    lost = int(np.count_nonzero(~good) + np.count_nonzero(~known))
+    rows, at, pose = rows[good], at[good], pose[good]
+    after = _registration(entry.registration, plain) or plain.registration(entry.name)
+    before = _registration(entry.registration_before, plain) or after
+    point = cga.move_point(pose, after.target)
+    along = None
+    if data.kind == "distance":
+        along = _lines(model, data, at, pose, after, point)
+    errors = [_in_base(table, rows, stage, registration, along) for stage, registration in
+              zip(STAGES, (before, after), strict=True)]
+    notes: tuple[str, ...] = ()
+    if lost:
+        notes = (f"{counted(lost, 'row')} of {entry.name} {'has' if lost == 1 else 'have'} no "
+                 "pose of this machine or no joint values.",)
+    if data.kind == "distance":
+        notes += (f"Errors of {entry.name} are along the measured distance.",)
+    return PlacedRows(_points(table, rows, plain, (entry.name, index), point, errors),
+                      data.q[at], pose, notes)
+
+
+def _points(table: Columns, rows: Ints, plain: Mechanism, owner: tuple[str, int], point: Array,
+            errors: Sequence[Array]) -> tuple[MeasuredPose, ...]:
+    """Return the points, file units; ``errors``: before and after (R, 3), base axes."""
+    f, (name, index) = plain.units.factor("length"), owner
+    keep, reasons = used(table)[rows], table.words("reason")
+    values = [_norm(_residual(table, rows, s)) for s in STAGES]
+    turns = [_norm(_residual(table, rows, s, POSE_COORDINATES[3:])) for s in STAGES]
+    numbers = table.number("row")[rows].astype(int).tolist()
+    return tuple(MeasuredPose(
+        label=f"row {row} of {name}", key=row_key(index, name, row), point=_three(point[n] / f),
+        value=_known(values[1][n]), value_before=_known(values[0][n]),
+        error=_vector(errors[1][n]), error_before=_vector(errors[0][n]),
+        turn=_known(turns[1][n]), turn_before=_known(turns[0][n]),
+        used=bool(keep[n]), reason=reasons[rows[n]]) for n, row in enumerate(numbers))
+
+
+def _poses(model: Model, q: Array) -> Array:
+    """Return the poses at joint values (R, k), a few at once; nan where there is none."""
+    parts = [forward(model, q[i:i + CHUNK]).pose for i in range(0, len(q), CHUNK)]
+    return np.concatenate(parts) if parts else np.zeros((0, 8))
+
+
+def _registration(entry: RegistrationEntry | None, mechanism: Mechanism) -> Registration | None:
+    """Return a registration of a record in SI, None where it has none."""
+    numbers = [] if entry is None else [*entry.frame, *entry.target]
+    if entry is None or len(numbers) != 9 or None in numbers:
+        return None
+    length, angle = (mechanism.units.factor(k) for k in ("length", "angle"))
+    values = np.array(numbers, dtype=float)
+    values[:3], values[3:6], values[6:] = (values[:3] * length, values[3:6] * angle,
+                                           values[6:] * length)
+    return Registration.of_pose(values[:6], values[6:])
+
+
+def _in_base(table: Columns, rows: Ints, stage: str, registration: Registration,
+             along: Array | None) -> Array:
+    """Return residuals as vectors in base axes (R, 3), file units; nan where nothing is known."""
+    if along is not None:
+        value = table.number(f"{stage}_distance")[rows]
+        return np.asarray(value[:, None] * along)
+    vector = _residual(table, rows, stage, ("x", "y", "z"))
+    height = table.number(f"{stage}_height")[rows]
+    vector[:, 2] = np.where(np.isfinite(height), height, vector[:, 2])
+    seen = np.isfinite(vector)
+    turned = np.where(seen, vector, 0.0) @ cga.rotation_matrix(registration.frame)
+    return np.where(np.any(seen, axis=1)[:, None], turned, np.nan)
+
+
+def _lines(model: Model, data: Dataset, at: Ints, pose: Array, registration: Registration,
+           point: Array) -> Array:
+    """Return the unit vectors along measured distances (R, 3), base axes."""
+    if data.to_q is None:
+        start = np.broadcast_to(cga.translation(cga.reverse(registration.frame)), point.shape)
+    else:
+        start = cga.move_point(_poses(model, data.to_q[at]), registration.target)
+    apart = point - start
+    size = np.linalg.norm(apart, axis=1, keepdims=True)
+    return np.asarray(apart / np.where(size > 0.0, size, 1.0))
+
+
+def _residual(table: Columns, rows: Ints, stage: str,
+              columns: Sequence[str] = ("x", "y", "z", "height", "distance")) -> Array:
+    """Return residuals (R, c), file units, nan where not measured."""
+    return np.stack([table.number(f"{stage}_{c}")[rows] for c in columns], axis=1)
+
+
+def _norm(values: Array) -> Array:
+    seen = np.isfinite(values)
+    size: Array = np.sqrt(np.sum(np.where(seen, values, 0.0)**2, axis=1))
+    return np.where(seen.any(axis=1), size, np.nan)
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _vector(vector: Array) -> Point | None:
+    return _three(vector) if np.isfinite(vector).all() else None
+
+
+def _three(vector: Array) -> Point:
+    x, y, z = vector.tolist()
+    return x, y, z

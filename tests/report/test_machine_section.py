@@ -1,0 +1,135 @@
+"""The machine in a report: where measured rows stand, what is lit, what is not drawn and why."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from helpers.commands import ppmcal
+from helpers.paths import ROOT
+
+import ppmcal as face
+from ppmcal.io import read_dataset, read_mechanism
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.report.collect import collect
+from ppmcal.report.machine_rows import placed_rows
+from ppmcal.report.machine_section import machine_section, scene_effects, spread_rows
+from ppmcal.report.rows import row_key
+
+DAY = """format: ppmcal/scenario/1
+units: {length: mm, angle: deg}
+poses: {random: {center: {x: 500, y: 288.675, rz: 30}, half_range: {x: 60, y: 60, rz: 8},
+                 count: COUNT}}
+errors: {random: {scale: 1.0}}
+instrument: {kind: pose, sigma: {position: 0.01, rotation: 0.002}}
+frame: {x: 150, y: -80, rz: 112}
+target: [20, -10]
+seed: 7
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with a machine that was identified from rows in a turned frame."""
+    out = tmp_path_factory.mktemp("machine")
+    ppmcal("init", "3-RPR", "--out", "mine.yaml", cwd=out, expect=0)
+    (out / "day.yaml").write_text(DAY.replace("COUNT", "30"))
+    ppmcal("simulate", "mine.yaml", "day.yaml", "--out", "simulated", cwd=out)
+    ppmcal("identify", "mine.yaml", "simulated/measurements.csv", "--out", "fit", cwd=out)
+    return out
+
+
+def only(folder, name="fit"):
+    return collect([folder / name]).identified[0]
+
+
+def scene_of(html):
+    return json.loads(re.search(r'class="scene">(.*?)</script>', html, re.S)[1])
+
+
+def test_points_and_errors_are_the_measured_ones_in_the_base_frame(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    one, machine = only(folder), read_mechanism(folder / "fit/identified.yaml")
+    rows = placed_rows(one, 4, machine)
+    data = read_dataset(folder / "simulated/measurements.csv", machine)
+    assert len(rows.points) == 30 and not rows.notes
+    registration = machine.registration(data.name)
+    turn = np.array([[np.cos(r), -np.sin(r)] for r in [registration.frame_pose[5]]])[0]
+    turn = np.array([turn, [-turn[1], turn[0]]])
+    f = machine.units.factor("length")
+    for n, point in enumerate(rows.points):
+        assert point.key == row_key(4, data.name, n + 1)
+        # the measured place, taken back from the tracker's frame to the base's
+        measured = turn.T @ (data.position[n, :2] - registration.frame_pose[:2]) / f
+        np.testing.assert_allclose(np.add(point.point, point.error)[:2], measured, atol=1e-9)
+        assert point.value == pytest.approx(np.hypot(*point.error[:2]))
+        assert np.hypot(*point.error_before[:2]) == pytest.approx(point.value_before)
+    scene = scene_of(machine_section(one, 4))
+    assert len(scene["measured"]) == 30 and scene["value"] == "position error"
+    own = [m for m in scene["measured"] if m["own"]]
+    frames = scene["machines"][0]["frames"]
+    assert [frames[m["frame"]]["key"] for m in own] == [m["key"] for m in own]
+    assert sorted(scene["order"][-len(own):]) == sorted(m["frame"] for m in own)
+    assert [m["name"] for m in scene["machines"]] == ["nominal", "identified"]
+
+
+def test_without_its_file_the_machine_has_no_points_and_says_why(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(folder / "fit", tmp_path / "fit")
+    html = machine_section(only(tmp_path), 0)
+    assert "measurements.csv is not where it was" in html
+    assert len(scene_of(html)["machines"][0]["limbs"]) == 3 and not scene_of(html)["measured"]
+    (tmp_path / "simulated").mkdir()
+    text = (folder / "simulated/measurements.csv").read_text()
+    (tmp_path / "simulated/measurements.csv").write_text(text + "\n")
+    shutil.copy(folder / "simulated/measurements.yaml", tmp_path / "simulated/measurements.yaml")
+    assert "measurements.csv has changed since" in machine_section(only(tmp_path), 0)
+    (tmp_path / "fit/identified.yaml").write_text("format: ppmcal/mechanism/1\n")
+    assert "cannot be drawn" in machine_section(only(tmp_path), 0)
+    (tmp_path / "fit/identified.yaml").unlink()
+    assert machine_section(only(tmp_path), 0) == ""
+
+
+def test_many_rows_are_thinned_and_said(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    one, machine = only(folder), read_mechanism(folder / "fit/identified.yaml")
+    rows = placed_rows(one, 0, machine, most=12)
+    assert len(rows.points) <= 12 and "of 30 rows are drawn" in rows.notes[0]
+    whole = placed_rows(one, 0, machine)
+    worst = max((p for p in whole.points if p.used), key=lambda p: p.value)
+    assert worst.key in [p.key for p in rows.points]
+
+
+def test_rows_that_are_spread_lie_apart():
+    place = np.random.default_rng(1).normal(size=(300, 6))
+    chosen, nearest = spread_rows(place, [7, 7, 9], 20)
+    assert len(chosen) == 20 and {7, 9} <= set(chosen) and chosen == sorted(chosen)
+    for n in range(300):
+        away = np.linalg.norm(place[chosen] - place[n], axis=1)
+        assert nearest[n] == np.argmin(away)
+    assert spread_rows(np.zeros((5, 6)), [], 3)[0] == [0]
+
+
+def test_effects_are_lit_where_they_sit():
+    machine = face.load({
+        **__import__("yaml").safe_load((ROOT / "sample_data/hexapod.yaml").read_text()),
+        "effects": [{"kind": "backlash", "on": ["leg2", "leg5"], "parameters": {"width": 0.03}},
+                    {"kind": "base_thermal", "parameters": {"expansion": 1e-5}},
+                    {"kind": "sensor_scale", "parameters": {"scale": 1e-4}},
+                    {"kind": "gain", "parameters": {"gain": 1e-4}}]})
+    found = {e.name: e for e in scene_effects(machine, None)}
+    assert found["backlash on leg2, leg5"].limbs == (1, 4)
+    assert found["backlash on leg2, leg5"].text.endswith("width 0.03 mm")
+    assert found["base_thermal"].body == "base" and not found["base_thermal"].limbs
+    assert not found["sensor_scale"].body and not found["sensor_scale"].limbs
+    assert found["gain on all 6 actuators"].limbs == tuple(range(6))
+    named = DiagnosisRecord.checked({"effects": [
+        {"kind": "backlash", "on": ["leg2", "leg5"], "parameters": {
+            "width": {"value": 0.03, "sigma": 0.001, "unit": "mm"}}},
+        {"kind": "geometry", "on": [], "parameters": {
+            "leg3.lateral": {"value": 0.1, "sigma": 0.01, "unit": "mm"}}}]}, ROOT)
+    told = scene_effects(machine, named)
+    assert [e.limbs for e in told if "backlash" in e.name] == [(1, 4)]
+    assert "± 0.002" in next(e.text for e in told if "backlash" in e.name)
+    assert [e.limbs for e in told if "geometry" in e.name] == [(2,)]
