@@ -71,18 +71,18 @@ class Chart:
     def drawing(self, title: str, caption: str, description: str, note: str = "",
                 key: tuple[tuple[str, str], ...] = ()) -> Drawing:
         """Return the chart with the words around it."""
-        return Drawing(title, caption, description, self.draw, self._tops()[-1] + FOOT, key, note)
+        return Drawing(title, caption, description, self, self.tops()[-1] + FOOT, key, note)
 
     def draw(self, canvas: Canvas) -> None:
         """Draw it."""
-        tops, (left, right) = self._tops(), self._ends()
+        tops, (left, right) = self.tops(), self.ends()
         axes = canvas.axes(left, 0.0, right, tops[-1])
         if self.scale == "root":
             axes.set_xscale("function", functions=(_root, np.square))
         else:
             axes.set_xscale(self.scale)
         axes.set(xlim=(self.low, self.high), ylim=(tops[-1], 0.0), yticks=[])
-        for (kind, words), (x, y) in zip(self.legend, self._places(), strict=True):
+        for (kind, words), (x, y) in zip(self.legend, self.places(), strict=True):
             thick = THICK.get(kind, 8.0)
             canvas.add(_line(x + 0.5 * SWATCH, y - 10.0, y + 2.0, kind) if kind in LIMITS else
                        _bar(x, y - 4.0 - 0.5 * thick, SWATCH, thick, kind))
@@ -94,7 +94,7 @@ class Chart:
         room = 2.0 * min(middle, WIDTH - middle) - EDGE
         canvas.name(middle, tops[-1] + 31.0, self.axis, room)
 
-    def _places(self) -> list[tuple[float, float]]:
+    def places(self) -> list[tuple[float, float]]:
         """Return where the entries of the legend begin."""
         out, x, y = [], EDGE, 14.0
         for _, words in self.legend:
@@ -105,14 +105,14 @@ class Chart:
             x += wide + 12.0
         return out
 
-    def _tops(self) -> list[float]:
+    def tops(self) -> list[float]:
         """Return where each row begins, and where the axis is."""
-        out = [self._places()[-1][1] + 8.0 if self.legend else 0.0]
+        out = [self.places()[-1][1] + 8.0 if self.legend else 0.0]
         for row in self.rows:
             out.append(out[-1] + (STEP if row.bars else 19.0))
         return [*out[:-1], out[-1] + 2.0]
 
-    def _ends(self) -> tuple[float, float]:
+    def ends(self) -> tuple[float, float]:
         """Return where the bars begin and where the longest ends."""
         if not self.beside:
             return EDGE, WIDTH - EDGE
@@ -126,13 +126,13 @@ class Chart:
 
     def _row(self, canvas: Canvas, axes: Axes, row: Row, y: float) -> None:
         """Draw one row, the foot of its label at ``y``."""
-        room = (self._ends()[0] - EDGE - 4.0 if self.beside and row.bars else
+        room = (self.ends()[0] - EDGE - 4.0 if self.beside and row.bars else
                 WIDTH - 2.0 * EDGE - self._value(row) - 6.0)
         canvas.text(EDGE, y, row.label, bold=row.strong, room=room)
         canvas.text(WIDTH - EDGE, y, row.words, bold=self.beside or row.strong, ha="right",
                     room=VALUES)
         below, step = (-4.0 - 4.5 * (len(row.bars) - 1), 9.0) if self.beside else (9.5, 0.0)
-        left, right = self._ends()
+        left, right = self.ends()
         across = (axes.transScale + axes.transLimits).inverted()
         least = float(across.transform((LEAST / (right - left), 0.0))[0])
         for i, (value, kind) in enumerate(row.bars):

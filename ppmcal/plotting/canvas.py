@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, Protocol
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -100,6 +100,13 @@ class Canvas:
         self.text(x, y, words, ha="center", room=room, size=NAME, upright=upright)
 
 
+class Content(Protocol):
+    """What a drawing shows."""
+
+    def draw(self, canvas: Canvas) -> None:
+        """Draw it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Drawing:
     """One drawing and the words around it.
@@ -107,7 +114,7 @@ class Drawing:
     Attributes:
         title: in words; caption: what it shows and how to read it.
         description: for those who cannot see it.
-        draw: draws it on a canvas of :data:`WIDTH` and ``height`` points.
+        content: what is drawn, on a canvas of :data:`WIDTH` and ``height`` points.
         key: kind (``before``, ``after``, ``out``, ``ring``) and name of each mark, for a page.
         note: what a drawing outside of a page has to say besides the caption.
     """
@@ -115,7 +122,7 @@ class Drawing:
     title: str
     caption: str
     description: str
-    draw: Callable[[Canvas], object]
+    content: Content
     height: float = HEIGHT
     key: tuple[tuple[str, str], ...] = ()
     note: str = ""
@@ -124,12 +131,12 @@ class Drawing:
         """Return the drawing alone."""
         with look():
             drawn = figure(WIDTH / 72.0, self.height / 72.0)
-            self.draw(Canvas(drawn))
+            self.content.draw(Canvas(drawn))
         return drawn
 
-    def inline(self) -> str:
-        """Return the drawing for a page, SVG."""
-        return svg(self.figure(), self.title, self.description, page=True)
+    def svg(self) -> str:
+        """Return the drawing alone as SVG."""
+        return svg(self.figure(), self.title, self.description)
 
 
 def sheet(head: str, drawings: Sequence[Drawing]) -> Figure:
@@ -153,7 +160,7 @@ def sheet(head: str, drawings: Sequence[Drawing]) -> Figure:
             for i, line in enumerate(titles[n]):
                 at.text(WIDTH / 2.0, 12.0 + 16.0 * i, line, INK, True, "center", WIDTH, HEAD)
             at = Canvas(drawn, at.left, at.top + 16.0 * len(titles[n]) + 4.0)
-            drawing.draw(at)
+            drawing.content.draw(at)
             for i, line in enumerate(words[n]):
                 at.text(EDGE, drawing.height + 14.0 + LEADING * i, line, SOFT, room=WIDTH)
     return drawn

@@ -1,30 +1,26 @@
-"""A plot over two axes, made of layers: dots, strokes, lines, markers, arrows, bars, bands.
-
-A layer is a function that draws on axes. Values beyond an axis are drawn at its edge.
-"""
+"""A plot over two axes, made of layers; its rows, or places along its axis, may have names."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from numpy.typing import ArrayLike
 
 from ppmcal.linalg import Array
 from ppmcal.plotting import style
-from ppmcal.plotting.canvas import HEIGHT, LETTERS, SMALL, WIDTH, Canvas, Drawing, fitted, width
-from ppmcal.plotting.style import AFTER, SMALLEST, SOFT, number_words, plain, tame
+from ppmcal.plotting.canvas import HEIGHT, LETTERS, SMALL, WIDTH, Canvas, Drawing, width
+from ppmcal.plotting.layers import Layer
+from ppmcal.plotting.style import SMALLEST, SOFT, number_words, tame
 
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 12.0, 40.0
-COLOURS = {"before": style.BEFORE, "after": AFTER, "out": style.OUT, "ink": style.INK}
-Layer = Callable[[Axes], object]
+NAMES, ROW = 150.0, 15.0
+"""Room for the names of rows, and height of a row, points."""
+CLASS_ROOM = 12.0
+"""Further height below the axis for the names of classes."""
 
 
 @dataclass(frozen=True)
@@ -73,161 +69,102 @@ def span(values: ArrayLike, log: bool = False, zero: bool = False, margin: float
     return Axis(low - pad, high + pad)
 
 
-def plotted(title: str, caption: str, description: str, x: Axis, y: Axis, names: tuple[str, str],
-            layers: Sequence[Layer], key: tuple[tuple[str, str], ...] = ()) -> Drawing:
-    """Return a plot with the words around it."""
-    return Drawing(title, caption.strip(), description,
-                   partial(plot, x=x, y=y, names=names, layers=layers), key=key)
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """Layers over two axes.
+
+    Attributes:
+        x, y: the axes.
+        names: of the axes, with their units.
+        layers: from the lowest to the uppermost.
+        units: of the axes, empty for bare numbers.
+        left: room at the left; height: of the drawing, points.
+        rows: names, and whether they are bold, of rows from the top down; y goes from 0 to
+            their number.
+        classes: place on x, name of what it belongs to, and its sign, instead of numbers.
+        equal: a unit is as long on both axes.
+    """
+
+    x: Axis
+    y: Axis
+    names: tuple[str, str]
+    layers: Sequence[Layer]
+    units: tuple[str, str] = ("", "")
+    left: float = LEFT
+    height: float = HEIGHT
+    rows: Sequence[tuple[str, bool]] = ()
+    classes: Sequence[tuple[float, str, str]] = ()
+    equal: bool = False
+
+    def drawing(self, title: str, caption: str, description: str,
+                key: tuple[tuple[str, str], ...] = (), note: str = "") -> Drawing:
+        """Return the plot with the words around it."""
+        return Drawing(title, caption.strip(), description, self, self.height, key, note)
+
+    def draw(self, canvas: Canvas) -> None:
+        """Draw it."""
+        floor, right = self.height - BOTTOM - CLASS_ROOM * bool(self.classes), WIDTH - RIGHT
+        for i, (name, bold) in enumerate(self.rows):
+            step = (floor - TOP) / len(self.rows)
+            canvas.text(self.left - 6.0, TOP + step * (i + 0.5) + 3.5, name, bold=bold,
+                        room=self.left - 8.0, ha="right", size=SMALL)
+        axes = canvas.axes(self.left, TOP, right, floor)
+        self._scales(axes)
+        for layer in self.layers:
+            layer.draw(axes)
+        middle, foot = (self.left + right) / 2.0, self.height - 6.0
+        canvas.name(middle, foot - CLASS_ROOM * bool(self.classes),
+                    "" if self.classes else self.names[0], right - self.left)
+        canvas.name(11.0, (TOP + floor) / 2.0, self.names[1], TOP + floor, upright=True)
+        if self.classes:
+            self._classes(canvas, floor)
+
+    def _scales(self, axes: Axes) -> None:
+        """Set ends, ticks and lines of the axes."""
+        x, y, right = self.x, self.y, WIDTH - RIGHT
+        axes.set_xscale("log" if x.log else "linear")
+        axes.set_yscale("log" if y.log else "linear")
+        axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high))
+        axes.spines["left"].set(visible=True, linewidth=1.0, color=SOFT)
+        for axis, ends, shown in ((axes.xaxis, x, not self.classes),
+                                  (axes.yaxis, y, not self.rows)):
+            ticks = ends.ticks() if shown else np.zeros(0)
+            axis.set_ticks(ticks.tolist(), labels=number_words(ticks))
+            axis.set_ticks([], minor=True)
+        for label in axes.get_xticklabels():
+            part = x.part(label.get_position()[0])
+            label.set_visible(self.left + part * (right - self.left)
+                              + 0.5 * width(label.get_text()) <= WIDTH)
+        widest = max([width(words) for words in number_words(ticks)], default=1.0)
+        axes.tick_params("y", length=0.0, pad=5.0,
+                         labelsize=LETTERS * min(1.0, (self.left - 20.0) / widest))
+        across = np.tile([x.low, x.high, np.nan], len(ticks))
+        axes.plot(across, np.repeat(ticks, 3), color=style.LINE, linewidth=1.0, zorder=0.5,
+                  clip_on=False, scalex=False, scaley=False)
+
+    def _classes(self, canvas: Canvas, floor: float) -> None:
+        """Write signs below their places, and once below them what they belong to."""
+        room = (WIDTH - self.left - RIGHT) / max(len({owner for _, owner, _ in self.classes}), 1)
+        owners: dict[str, list[float]] = {}
+        for x, owner, sign in self.classes:
+            place = self.left + self.x.part(x) * (WIDTH - self.left - RIGHT)
+            owners.setdefault(owner, []).append(place)
+            canvas.text(place, floor + 12.0, sign, ha="center", room=40.0)
+        for owner, mine in owners.items():
+            if room > width("leg…"):
+                canvas.text(sum(mine) / len(mine), floor + 25.0, owner, SOFT, ha="center",
+                            room=room)
+        canvas.name((self.left + WIDTH - RIGHT) / 2.0, self.height - 6.0, self.names[0],
+                    WIDTH - self.left)
 
 
-def plot(canvas: Canvas, x: Axis, y: Axis, names: tuple[str, str], layers: Sequence[Layer],
-         left: float = LEFT, height: float = HEIGHT, x_ticks: bool = True, y_ticks: bool = True
-         ) -> None:
-    """Draw layers over two axes that have their names beside them."""
-    floor, right = height - BOTTOM, WIDTH - RIGHT
-    axes = canvas.axes(left, TOP, right, floor)
-    axes.set_xscale("log" if x.log else "linear")
-    axes.set_yscale("log" if y.log else "linear")
-    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high))
-    axes.spines["left"].set(visible=True, linewidth=1.0, color=SOFT)
-    for axis, ends, shown in ((axes.xaxis, x, x_ticks), (axes.yaxis, y, y_ticks)):
-        ticks = ends.ticks() if shown else np.zeros(0)
-        axis.set_ticks(ticks.tolist(), labels=number_words(ticks))
-        axis.set_ticks([], minor=True)
-    for label in axes.get_xticklabels():
-        part = x.part(label.get_position()[0])
-        label.set_visible(left + part * (right - left) + 0.5 * width(label.get_text()) <= WIDTH)
-    widest = max([width(words) for words in number_words(ticks)], default=1.0)
-    axes.tick_params("y", length=0.0, pad=5.0, labelsize=LETTERS * min(1.0, (left - 20.0) / widest))
-    across = np.tile([x.low, x.high, np.nan], len(ticks))
-    _put(axes, across, np.repeat(ticks, 3), color=style.LINE, linewidth=1.0, zorder=0.5)
-    for layer in layers:
-        layer(axes)
-    canvas.name((left + right) / 2.0, height - 6.0, names[0], right - left)
-    canvas.name(11.0, (TOP + floor) / 2.0, names[1], TOP + floor, upright=True)
+def rows_plot(x: Axis, name: str, layers: Sequence[Layer], rows: Sequence[tuple[str, bool]],
+              unit: str = "", left: float = NAMES, step: float = ROW) -> Plot:
+    """Return a plot of named rows, from the top down; the middle of row i is at :func:`row_y`."""
+    return Plot(x, Axis(0.0, float(len(rows))), (name, ""), layers, (unit, ""), left,
+                TOP + step * len(rows) + BOTTOM, rows)
 
 
-def _put(axes: Axes, x: ArrayLike, y: ArrayLike, **look: Any) -> None:
-    """Draw one line or markers of one look, with gaps where values are not finite."""
-    ends = []
-    for values, limits in ((x, axes.get_xlim()), (y, axes.get_ylim())):
-        v = tame(np.asarray(values, dtype=float))
-        ends.append(np.clip(np.where(np.isfinite(v), v, np.nan), *limits))
-    axes.plot(*ends, clip_on=False, scalex=False, scaley=False, **look)
-
-
-def _apart(*columns: ArrayLike) -> Array:
-    """Return columns (N,) as pieces of a line, one row after the other."""
-    out: Array = np.stack(np.broadcast_arrays(*columns, np.nan), axis=-1).ravel()
-    return out
-
-
-def _per(axes: Axes) -> tuple[float, float]:
-    """Return how much of each linear axis one point is."""
-    (a, b), (c, d), dots_ = axes.get_xlim(), axes.get_ylim(), axes.figure.dpi / 72.0
-    return (b - a) * dots_ / axes.bbox.width, (d - c) * dots_ / axes.bbox.height
-
-
-def strokes(x: ArrayLike, low: ArrayLike, high: ArrayLike, kind: str, size: float = 1.5,
-            alpha: float | None = None, flat: bool = False, cap: Any = "butt") -> Layer:
-    """Draw strokes from ``low`` to ``high`` at ``x``, upright, or ``flat`` along x."""
-    ends = (_apart(x, x), _apart(low, high))[::-1 if flat else 1]
-    return lambda axes: _put(axes, *ends, color=COLOURS[kind], linewidth=size, alpha=alpha,
-                             solid_capstyle=cap)
-
-
-def dots(x: ArrayLike, y: ArrayLike, kind: str, size: float = 4.0) -> Layer:
-    """Draw dots as one path of round strokes of next to no length: thousands stay small."""
-    def draw(axes: Axes) -> None:
-        at, half = np.asarray(x, dtype=float), 1e-5 * float(np.ptp(axes.get_xlim()))
-        strokes(y, at - half, at + half, kind, size, flat=True, cap="round")(axes)
-    return draw
-
-
-def line(x: ArrayLike, y: ArrayLike) -> Layer:
-    """Draw a line through points."""
-    return lambda axes: _put(axes, x, y, color=style.INK, linewidth=1.2)
-
-
-def zero(upright: bool = False) -> Layer:
-    """Draw the line of zero."""
-    def draw(axes: Axes) -> None:
-        ends = [axes.get_xlim(), (0.0, 0.0)] if not upright else [(0.0, 0.0), axes.get_ylim()]
-        _put(axes, *ends, color=SOFT, linewidth=1.2, alpha=0.5)
-    return draw
-
-
-def marks(x: ArrayLike, y: ArrayLike, kind: str, marker: str, size: float = 6.4) -> Layer:
-    """Draw markers, open ones if ``kind`` is ``before``."""
-    fill = style.CARD if kind == "before" else COLOURS[kind]
-    return lambda axes: _put(axes, x, y, linestyle="none", marker=marker, markersize=size,
-                             color=COLOURS[kind], markeredgewidth=1.5, markerfacecolor=fill)
-
-
-def intervals(x: Array, mean: Array, half: Array, kind: str, aside: float = 0.0) -> Layer:
-    """Draw means with their intervals, some points aside: rings before, discs after."""
-    def draw(axes: Axes) -> None:
-        at, middle = x + aside * _per(axes)[0], np.where(np.isfinite(half), mean, np.nan)
-        strokes(at, middle - half, middle + half, kind)(axes)
-        marks(at, middle, kind, "o")(axes)
-    return draw
-
-
-def band(low: float, high: float) -> Layer:
-    """Fill between two values of y, nothing where they are one."""
-    return lambda axes: low < high and axes.axhspan(
-        low, high, facecolor=AFTER, alpha=0.12, linewidth=0.0, clip_on=False)
-
-
-def between(x: ArrayLike, low: ArrayLike, high: ArrayLike) -> Layer:
-    """Fill between two lines over ``x``, cut off at the axes."""
-    def draw(axes: Axes) -> None:
-        at = np.asarray(x, dtype=float)
-        ends = [np.clip(np.asarray(v, dtype=float), *axes.get_ylim()) for v in (low, high)]
-        corners = np.stack([np.append(at, at[::-1]), np.append(ends[0], ends[1][::-1])], axis=-1)
-        axes.add_patch(PathPatch(Path(corners, closed=False), facecolor=AFTER, alpha=0.2,
-                                 linewidth=0.0, clip_on=False))
-    return draw
-
-
-def columns(edges: Array, tops: Array) -> Layer:
-    """Draw the bars of a histogram as one path."""
-    left, right = edges[:-1] + 0.06 * np.diff(edges), edges[1:] - 0.06 * np.diff(edges)
-    corners = np.stack([np.stack([left, left, right, right], axis=-1),
-                        np.stack([0.0 * tops, tops, tops, 0.0 * tops], axis=-1)], axis=-1)
-    path = Path.make_compound_path_from_polys(corners[tops > 0.0])
-    return lambda axes: axes.add_patch(PathPatch(path, facecolor=AFTER, alpha=0.75, linewidth=0.0,
-                                                 clip_on=False))
-
-
-def starts(places: Sequence[tuple[float, str]]) -> Layer:
-    """Draw where parts begin: a dashed line with as much of the part's name as has room."""
-    def draw(axes: Axes) -> None:
-        for x, name in places:
-            shown = fitted(name, min(90.0, (axes.get_xlim()[1] - x) / _per(axes)[0]), size=SMALL)
-            axes.axvline(x, color=SOFT, alpha=0.7, linewidth=1.0, dashes=(3.0, 3.0), clip_on=False)
-            axes.annotate(shown, (x, 1.0), (3.0, -8.0), xycoords=axes.get_xaxis_transform(),
-                          textcoords="offset points", size=SMALL, color=SOFT)
-    return draw
-
-
-def arrows(x: Array, y: Array, dx: Array, dy: Array, kind: str) -> Layer:
-    """Draw arrows as one path, from places in data by ``dx`` to the right and ``dy`` up, points."""
-    size = np.hypot(dx, dy)
-    head = np.where(size > 4.0, -3.0 / np.maximum(size, 4.0), np.nan)
-    u, v, nil = head * dx, head * dy, 0.0 * dx
-    px = _apart(nil, dx, dx + 0.87 * u - 0.5 * v, dx, dx + 0.87 * u + 0.5 * v)
-    py = _apart(nil, dy, dy + 0.5 * u + 0.87 * v, dy, dy - 0.5 * u + 0.87 * v)
-
-    def draw(axes: Axes) -> None:
-        wide, high = _per(axes)
-        axes.plot(np.repeat(x, 6) + wide * px, np.repeat(y, 6) + high * py, color=COLOURS[kind],
-                  linewidth=1.2, clip_on=False, scalex=False, scaley=False)
-    return draw
-
-
-def words_at(x: float, y: float, text: str) -> Layer:
-    """Write words that end at a place, points from the upper right corner."""
-    return lambda axes: axes.annotate(
-        plain(text), (1.0, 1.0), (-x, -y), xycoords="axes fraction", textcoords="offset points",
-        ha="right", size=LETTERS, color=SOFT)
+def row_y(count: int) -> Array:
+    """Return where the middles of rows are on y (count,)."""
+    return np.asarray(count - np.arange(count) - 0.5, dtype=float)

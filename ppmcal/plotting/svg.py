@@ -1,4 +1,4 @@
-"""A figure as SVG: compact, text as text, with the colours of the page or as a file of its own."""
+"""A figure as SVG: compact, text as text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from matplotlib.figure import Figure
 
-from ppmcal.plotting.style import PAGE, look, plain
+from ppmcal.plotting.style import look, plain
 
 FONTS = "system-ui,-apple-system,'Segoe UI',Roboto,'DejaVu Sans',sans-serif"
 SCALE = 1.6
@@ -22,35 +22,29 @@ _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _DEFAULTS = (("text-anchor", "start"), ("font-size", "11px"))
 
 
-def svg(drawn: Figure, title: str, description: str = "", page: bool = False) -> str:
+def svg(drawn: Figure, title: str, description: str = "") -> str:
     """Return a figure as SVG, one unit a point, with its title for those who cannot see it.
 
     Markers of one look are one path, coordinates have a tenth of a point, and there are no ids:
     any number of drawings can stand in one page. A text whose gid is :data:`TOLD` and words
-    tells them on hovering. With ``page`` there is no ground, colours go by the page's names and
-    letters are the page's.
+    tells them on hovering.
 
     Raises:
         ValueError: something is clipped, hatched or an image, which needs ids or more room.
     """
     stream = io.StringIO()
-    drawn.patch.set_visible(not page)
     with look():
         drawn.savefig(stream, format="svg", metadata=_BARE)
     source = ElementTree.fromstring(stream.getvalue())
     width, height = (short(72.0 * size) for size in drawn.get_size_inches())
-    root = Element("svg", {"role": "img", "viewBox": f"0 0 {width} {height}",
-                           "font-size": "11px"})
-    if page:
-        root.attrib |= {"class": "plot", "aria-label": plain(title)}
-    else:
-        root.attrib |= {"xmlns": "http://www.w3.org/2000/svg", "font-family": FONTS,
-                        "width": short(SCALE * float(width)),
-                        "height": short(SCALE * float(height))}
+    root = Element("svg", {
+        "role": "img", "viewBox": f"0 0 {width} {height}", "font-size": "11px",
+        "xmlns": "http://www.w3.org/2000/svg", "font-family": FONTS,
+        "width": short(SCALE * float(width)), "height": short(SCALE * float(height))})
     SubElement(root, "title").text = plain(title)
     SubElement(root, "desc").text = plain(description)
-    root.extend(list(_shapes(source, page)))
-    return ElementTree.tostring(root, encoding="unicode") + ("" if page else "\n")
+    root.extend(list(_shapes(source)))
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
 def short(value: float) -> str:
@@ -59,7 +53,7 @@ def short(value: float) -> str:
     return "0" if text == "-0" else text
 
 
-def _shapes(source: Element, page: bool) -> Iterator[Element]:
+def _shapes(source: Element) -> Iterator[Element]:
     """Yield paths and texts, from the lowest to the uppermost."""
     marks: dict[str, str] = {}
     done: dict[tuple[str, str], Element] = {}
@@ -68,7 +62,7 @@ def _shapes(source: Element, page: bool) -> Iterator[Element]:
         tag, name = node.tag.rpartition("}")[2], node.get("id", "")
         if tag == "image" or node.get("clip-path") or "url(" in node.get("style", ""):
             raise ValueError("a drawing may hold nothing clipped or hatched and no image")
-        style = _style(node.get("style", ""), page)
+        style = _style(node.get("style", ""))
         if tag == "g":
             hover = name
         elif tag == "path" and name:
@@ -87,11 +81,11 @@ def _shapes(source: Element, page: bool) -> Iterator[Element]:
                 yield done[kind]
 
 
-def _style(text: str, page: bool) -> str:
+def _style(text: str) -> str:
     """Return a style in few letters; what is default here is left out."""
     parts = [p.partition(": ")[::2] for p in text.split("; ") if p]
-    return ";".join(f"{name}:var(--{PAGE[value]})" if page and value in PAGE else f"{name}:{value}"
-                    for name, value in parts if name not in ("font-family", "stroke-linejoin")
+    return ";".join(f"{name}:{value}" for name, value in parts
+                    if name not in ("font-family", "stroke-linejoin")
                     and (name, value) not in _DEFAULTS)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from html import escape
 from urllib.parse import quote
 
@@ -11,8 +10,9 @@ import numpy as np
 
 from ppmcal.calibration.before import DEFINITION
 from ppmcal.io.results.batch import CampaignQuantity, CampaignRecord, needing_a_look
-from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
-from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes
+from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes
+from ppmcal.plotting.plot import row_y, rows_plot, span
 from ppmcal.report.batch_changes import changes, effect_changes
 from ppmcal.report.batch_common import common_effects, common_parameters, common_sentences
 from ppmcal.report.format import count, listed, typeset
@@ -20,7 +20,8 @@ from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
 from ppmcal.report.section import Section, filled, page
 from ppmcal.units import LENGTHS
 
-PLOTTED, NAMES, ROW = 40, 150.0, 15.0
+PLOTTED = 40
+"""At most so many machines are drawn."""
 KINDS = ("position", "closure", "height", "distance", "rotation")
 """Kinds of error by which machines are ranked: the first that they have."""
 
@@ -159,23 +160,16 @@ def _picture(ranked: Sequence[CampaignRecord]) -> Drawing | None:
     if len(shown) < 2 or not np.isfinite(values).any():
         return None
     less = f" The {len(shown)} worst of {len(ranked)}." if len(shown) < len(ranked) else ""
-    return Drawing(
+    y, names = row_y(len(shown)), [s[0] for s in shown]
+    layers: list[Layer] = [
+        Strokes(y, values.min(axis=1), values.max(axis=1), "ink", 0.8, 0.4, flat=True),
+        Marks(values[:, 0], y, "before", "o", 5.6, Points(names)),
+        Dots(values[:, 1], y, "after", 6.5, Points(names))]
+    return rows_plot(span(values, log=True), f"rms {name} error ({unit})", layers,
+                     [(n, False) for n in names], unit).drawing(
         f"Error in {name} of each machine",
         f"Rings: with nominal geometry; dots: what is left after the fit.{less}",
-        f"{len(shown)} machines.", partial(_draw, names=[s[0] for s in shown], values=values,
-                                           axis=f"rms {name} error ({unit})"),
-        TOP + ROW * len(shown) + BOTTOM, (("ring", "before"), ("after", "left")))
-
-
-def _draw(canvas: Canvas, names: Sequence[str], values: np.ndarray, axis: str) -> None:
-    y = len(names) - np.arange(len(names)) - 0.5
-    for i, name in enumerate(names):
-        canvas.text(NAMES - 6.0, TOP + ROW * (i + 0.5) + 3.5, name, room=NAMES - 8.0, ha="right",
-                    size=SMALL)
-    layers = [strokes(y, values.min(axis=1), values.max(axis=1), "ink", 0.8, 0.4, flat=True),
-              marks(values[:, 0], y, "before", "o", 5.6), dots(values[:, 1], y, "after", 6.5)]
-    plot(canvas, span(values, log=True), Axis(0.0, float(len(names))), (axis, ""), layers, NAMES,
-         TOP + ROW * len(names) + BOTTOM, y_ticks=False)
+        f"{len(shown)} machines.", (("ring", "before"), ("after", "left")))
 
 
 def _failed(failed: Sequence[CampaignRecord]) -> Section | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -17,8 +16,9 @@ from ppmcal.calibration.common_errors import (
 )
 from ppmcal.io.results.batch import CampaignRecord
 from ppmcal.linalg import Array
-from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
-from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, plot, span, strokes, zero
+from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.layers import Dots, Layer, Points, Strokes, Zero
+from ppmcal.plotting.plot import row_y, rows_plot, span
 from ppmcal.report.format import count, listed, probability, sig
 from ppmcal.report.html import amount, dotted, figures, paragraph, table, words
 from ppmcal.report.section import Section
@@ -157,25 +157,18 @@ def _picture(found: Sequence[tuple[str, str, float | None, CommonError]]) -> Dra
     if not shown:
         return None
     values = np.array([[f.mean / t, f.half / t, f.spread / t] for _, t, f in shown])
-    return Drawing(
+    mean, half, spread = values.T
+    y = row_y(len(shown))
+    said = Points([f"{name}\n± {sig(h, 2)} (95 %), spread of units {sig(s, 2)}"
+                   for (name, _, _), h, s in zip(shown, half, spread, strict=True)])
+    layers: list[Layer] = [
+        Zero(upright=True), Strokes(y, mean - spread, mean + spread, "ink", 0.8, 0.4, True),
+        Strokes(y, mean - half, mean + half, "after", 2.2, flat=True),
+        Dots(mean, y, "after", 6.5, said)]
+    ends = np.concatenate([mean - spread, mean + spread, mean - half, mean + half, [0.0]])
+    return rows_plot(span(ends), "mean error / tolerance", layers,
+                     [(n, f.of_design) for n, _, f in shown]).drawing(
         "Mean error over machines, in tolerances",
         "Dots with 95 % bars; thin lines: one standard deviation of units to each side. Bold: "
         f"the design's.{f' The {len(shown)} surest.' if len(shown) < len(found) else ''}",
-        f"{len(shown)} parameters.",
-        partial(_draw, names=[(n, f.of_design) for n, _, f in shown], values=values),
-        TOP + ROW * len(shown) + BOTTOM)
-
-
-def _draw(canvas: Canvas, names: Sequence[tuple[str, bool]], values: Array) -> None:
-    rows = len(names)
-    y = rows - np.arange(rows) - 0.5
-    for i, (name, bold) in enumerate(names):
-        canvas.text(NAMES - 6.0, TOP + ROW * (i + 0.5) + 3.5, name, room=NAMES - 8.0, bold=bold,
-                    ha="right", size=SMALL)
-    mean, half, spread = values.T
-    layers = [zero(upright=True), strokes(y, mean - spread, mean + spread, "ink", 0.8, 0.4, True),
-              strokes(y, mean - half, mean + half, "after", 2.2, flat=True),
-              dots(mean, y, "after", 6.5)]
-    ends = np.concatenate([mean - spread, mean + spread, mean - half, mean + half, [0.0]])
-    plot(canvas, span(ends), Axis(0.0, float(rows)), ("mean error / tolerance", ""), layers,
-         NAMES, TOP + ROW * rows + BOTTOM, y_ticks=False)
+        f"{len(shown)} parameters.")

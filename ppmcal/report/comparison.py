@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -16,8 +15,9 @@ from ppmcal.io.results.comparison import (
     remainder_sentence,
     verdict_sentence,
 )
-from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
-from ppmcal.plotting.plot import BOTTOM, TOP, Axis, dots, marks, plot, span, strokes, zero
+from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.layers import Dots, Layer, Marks, Points, Strokes, Zero
+from ppmcal.plotting.plot import row_y, rows_plot, span
 from ppmcal.report.format import count, listed, number, probability, sig, to_sigma, typeset
 from ppmcal.report.html import Cell, amount, dotted, figures, paragraph, table, words
 from ppmcal.report.records import ComparedCalibrations
@@ -25,8 +25,6 @@ from ppmcal.report.section import Section
 
 Z95 = 1.96
 SHOWN, PLOTTED = 12, 40
-ROW, NAMES = 15.0, 150.0
-"""Height of a line and room for names, points."""
 STYLES = {"changed": "out", "possible": "before"}
 KEYS = {"changed": "changed", "possible": "possible instead"}
 
@@ -108,12 +106,13 @@ def differences(rows: Sequence[ParameterDifference]) -> Drawing | None:
     seen.sort(key=lambda s: (s[1].status not in STYLES, -abs(s[0])))
     shown = sorted(seen[:PLOTTED], key=lambda s: -abs(s[0]))
     less = f" The {len(shown)} largest of {len(seen)}." if len(shown) < len(seen) else ""
-    return Drawing(
+    x = span([e for z, _ in shown for e in (z - Z95, z + Z95, 0.0)])
+    return rows_plot(x, "(new − old) / sigma", _layers(shown),
+                     [(p.name or "?", p.status == "changed") for _, p in shown]).drawing(
         "New minus old in units of sigma",
         "With 95 % bars, sorted by size; diamonds and bold names: changed. Sigma is what noise "
         "and tolerances make, so that parameters that trade with each other differ little "
-        f"each.{less}", f"{len(shown)} parameters with 95 % bars.", partial(_draw, shown=shown),
-        TOP + ROW * len(shown) + BOTTOM, _key(shown))
+        f"each.{less}", f"{len(shown)} parameters with 95 % bars.", _key(shown))
 
 
 def _key(shown: Sequence[tuple[float, ParameterDifference]]) -> tuple[tuple[str, str], ...]:
@@ -123,22 +122,27 @@ def _key(shown: Sequence[tuple[float, ParameterDifference]]) -> tuple[tuple[str,
     return (*keys, *([("after", "unchanged")] if there - set(STYLES) else []))
 
 
-def _draw(canvas: Canvas, shown: Sequence[tuple[float, ParameterDifference]]) -> None:
-    """Draw a name, a bar and a mark for each parameter, from the top down."""
-    count, layers = len(shown), [zero(upright=True)]
+def _layers(shown: Sequence[tuple[float, ParameterDifference]]) -> list[Layer]:
+    """Return a bar and a mark for each parameter."""
+    out: list[Layer] = [Zero(upright=True)]
+    places = row_y(len(shown))
     for kind in ("after", "before", "out"):
-        mine = [(z, count - i - 0.5) for i, (z, p) in enumerate(shown)
+        mine = [(z, at, p) for (z, p), at in zip(shown, places, strict=True)
                 if STYLES.get(p.status, "after") == kind]
         if mine:
-            z, y = np.array(mine).T
-            layers += [strokes(y, z - Z95, z + Z95, kind, flat=True),
-                       marks(z, y, "out", "D", 5.6) if kind == "out" else dots(z, y, kind)]
-    for i, (_, p) in enumerate(shown):
-        canvas.text(NAMES - 6.0, TOP + ROW * (i + 0.5) + 3.5, p.name or "?", room=NAMES - 8.0,
-                    bold=p.status == "changed", ha="right", size=SMALL)
-    x = span([e for z, _ in shown for e in (z - Z95, z + Z95, 0.0)])
-    plot(canvas, x, Axis(0.0, float(count)), ("(new − old) / sigma", ""), layers, NAMES,
-         TOP + ROW * count + BOTTOM, y_ticks=False)
+            z, y = np.array([m[:2] for m in mine]).T
+            said = Points([_said(p) for *_, p in mine])
+            out += [Strokes(y, z - Z95, z + Z95, kind, flat=True),
+                    Marks(z, y, "out", "D", 5.6, said) if kind == "out" else
+                    Dots(z, y, kind, points=said)]
+    return out
+
+
+def _said(p: ParameterDifference) -> str:
+    """Return a parameter's name and difference with its 95 % interval."""
+    half = None if p.sigma is None else Z95 * p.sigma
+    return (f"{p.name or '?'}\nnew − old: {to_sigma(p.difference, p.sigma)} ± {sig(half, 2)} "
+            f"{p.unit}").rstrip()
 
 
 def _ratio(p: ParameterDifference) -> float | None:

@@ -9,6 +9,7 @@ from html import escape
 from typing import Any
 
 from ppmcal.io.results.design import ShownTable
+from ppmcal.plotting.palette import with_palette
 from ppmcal.report.format import count, exact, number, sig
 from ppmcal.report.headlines import attention
 from ppmcal.report.html import Cell, amount, bullets, dotted, paragraph, table, words
@@ -116,7 +117,7 @@ def _figure(p: Picture, section: str) -> str:
     """Return a picture on a light card; its words are drawn dark."""
     caption = sentence(p.caption) or p.file
     alt = escape(f"{section}: {caption}", quote=True)
-    data = base64.b64encode(p.png).decode("ascii")
+    data = base64.b64encode(with_palette(p.png)).decode("ascii")
     width, height = (max(round(v * CSS_DOTS), 1) for v in p.size)
     return (f'<figure class="picture"><img alt="{alt}" width="{width}" height="{height}" '
             f'src="data:image/png;base64,{data}"><figcaption>{escape(caption)}</figcaption>'

@@ -49,7 +49,8 @@ def diagnosis_section(d: Diagnosed) -> Section:
         Section("What the residuals follow, before and after", figures(shown)),
         Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
         _days(r), _next(d), _refused(d, drawn.get("ranking", [])), _swallowed(r), _places(r),
-        Section("Residuals", figures(residual_figures(d.residuals, r.units)), folded=True),
+        Section("Residuals", figures(residual_figures(d.residuals, r.units, fit=d.folder)),
+                folded=True),
         Section("Findings", bullets(r.findings) if r.findings else "")]))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -11,17 +10,15 @@ from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_plots import PlottedSeries
 from ppmcal.io.results.diagnosis_wording import actuators, effect_name
 from ppmcal.linalg import Array
-from ppmcal.plotting.canvas import HEIGHT, WIDTH, Canvas, Drawing, width
-from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, Axis, intervals, plot, span, zero
-from ppmcal.plotting.style import SOFT
+from ppmcal.plotting.canvas import HEIGHT, Drawing
+from ppmcal.plotting.layers import Intervals, Layer, Points, Zero
+from ppmcal.plotting.plot import CLASS_ROOM, Plot, span
 from ppmcal.report.diagnosis_format import INPUTS, finer, left_out
 from ppmcal.report.format import number, with_label
 from ppmcal.wording import where
 
 APART = 2.5
 """Before and after are plotted so many points to each side of their place."""
-CLASS_ROOM = 12.0
-"""Further height below the axis for the names of classes."""
 
 
 def input_pictures(record: DiagnosisRecord) -> list[Drawing]:
@@ -60,43 +57,32 @@ def _panel(record: DiagnosisRecord, series: PlottedSeries) -> Drawing | None:
     period = number(series.period)
     tail = "" if not period else f"; one period is {period:.4g} {series.input_unit}".rstrip()
     subject = f"measured {series.coordinate}" if series.coordinate else "the joint"
-    return Drawing(
+    return _plot(x * per, table, both, classes, (x_name, with_label(f"error of {what}", unit)),
+                 (x_unit, unit), np.append(factor * ends, 0.0)).drawing(
         _title(record, series, what),
         f"Means of {size} {'classes' if classes else 'bins'} with 95 % bars; positive: {subject} "
         f"is further than the model says{tail}. {left_out(record)}".rstrip(),
         f"Mean error of {what} in {size} bins of {x_name}; largest "
         f"{np.nanmax(np.abs(table[0])):.3g} {unit} before and "
         f"{np.nanmax(np.abs(table[2])):.3g} {unit} after.",
-        partial(_draw, x=x * per, up=span(np.append(factor * ends, 0.0)), table=table, both=both,
-                classes=classes, names=(x_name, with_label(f"error of {what}", unit))),
-        HEIGHT + (CLASS_ROOM if classes else 0.0),
         (("ring", "geometry alone"), ("after", "with what is named")) if both else
         (("after", "geometry alone"),),
         "○ geometry alone, ● with what is named." if both else "● geometry alone.")
 
 
-def _draw(canvas: Canvas, x: Array, up: Axis, table: Array, both: bool, classes: Sequence[str],
-          names: tuple[str, str]) -> None:
-    """Draw means with their intervals; below the axis the names of classes."""
-    across = span(x, margin=0.06)
-    layers = [zero(), intervals(x, table[2], table[3], "after", APART if both else 0.0)]
+def _plot(x: Array, table: Array, both: bool, classes: Sequence[str], names: tuple[str, str],
+          units: tuple[str, str], ends: Array) -> Plot:
+    """Return means with their intervals; below the axis the names of classes."""
+    said = Points(classes)
+    layers: list[Layer] = [Zero()]
     if both:
-        layers.insert(1, intervals(x, table[0], table[1], "before", -APART))
-    plot(canvas, across, up, ("" if classes else names[0], names[1]), layers, x_ticks=not classes)
-    if not classes:
-        return
-    places = LEFT + (x - across.low) / (across.high - across.low) * (WIDTH - LEFT - RIGHT)
-    owners: dict[str, list[float]] = {}
-    for name, place in zip(classes, places.tolist(), strict=True):
-        owner, _, sign = name.rpartition(" ")
-        owners.setdefault(owner, []).append(place)
-        canvas.text(place, HEIGHT - BOTTOM + 12.0, sign, ha="center", room=40.0)
-    room = (WIDTH - LEFT - RIGHT) / len(owners)
-    for owner, mine in owners.items():
-        if room > width("leg…"):
-            canvas.text(sum(mine) / len(mine), HEIGHT - BOTTOM + 25.0, owner, SOFT, ha="center",
-                        room=room)
-    canvas.name((LEFT + WIDTH - RIGHT) / 2.0, HEIGHT - 6.0 + CLASS_ROOM, names[0], WIDTH - LEFT)
+        layers.append(Intervals(x, table[0], table[1], "before", -APART, said))
+    layers.append(Intervals(x, table[2], table[3], "after", APART if both else 0.0, said))
+    parts = [name.rpartition(" ") for name in classes]
+    return Plot(span(x, margin=0.06), span(ends), names, layers, units,
+                height=HEIGHT + (CLASS_ROOM if parts else 0.0),
+                classes=[(at, owner, sign) for at, (owner, _, sign) in
+                         zip(x.tolist() if parts else (), parts, strict=True)])
 
 
 def _largest(series: PlottedSeries, x: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -10,8 +11,11 @@ from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
+from ppmcal.io.output import json_text
 from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.web import spec, told
 from ppmcal.report.format import exact, number, sig
 
 MAX_ROWS = 200
@@ -81,9 +85,29 @@ def paragraph(text: str, kind: str = "") -> str:
 
 
 def figures(pictures: Sequence[Drawing | None], kind: str = "plots") -> str:
-    """Return pictures with their captions, nothing for none."""
-    drawn = [(p, p.inline()) for p in pictures if p is not None]
-    return part("figures", drawn, kind) if drawn else ""
+    """Return pictures with their captions, nothing for none; plots.js draws them in the page."""
+    some = [p for p in pictures if p is not None]
+    specs = [(p, found["height"], script_json(found)) for p in some for found in [spec(p)]]
+    rows = {key: text for p in some for key, text in told(p).items()}
+    return part("figures", specs, kind, script_json(rows) if rows else "") if specs else ""
+
+
+def script_json(content: object) -> str:
+    r"""Return JSON that may stand in a script element, whatever its texts are.
+
+    >>> script_json({"name": "</script>"})
+    '{"name":"\\u003c/script\\u003e"}'
+    """
+    text = json.dumps(json.loads(json_text(content)), separators=(",", ":"), ensure_ascii=True)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def plot_scripts(sections: Sequence[str]) -> Markup:
+    """Return the scripts that draw plots and machines, nothing where no section has any."""
+    if not any('class="plot"' in s for s in sections):
+        return Markup("")
+    library, script = template_text("vendor/plotly.min.js"), template_text("plots.js")
+    return Markup(f"<script>{library}</script><script>{script}</script>")
 
 
 def error_bar(error: float | None, tolerance: float | None, sigma: float | None) -> str:

@@ -61,7 +61,7 @@ def identified_section(one: Identified, index: int, title: str, body: str = "") 
     r = one.record
     units = {p.name: p.unit for p in r.parameters}
     return Section(title, body, one.folder, parts=filled([
-        accuracy(one), plots(one), rows_section(one, index), excluded(one, index),
+        accuracy(one), plots(one, index), rows_section(one, index), excluded(one, index),
         gross_error_section(r.gross_errors, units, index), parameters(r),
         identifiability_section(r), redundant(r), correlations(r)]))
 
@@ -199,9 +199,9 @@ def correlations(r: IdentificationRecord) -> Section | None:
                    count(len(found), "pair"), folded=True)
 
 
-def plots(one: Identified) -> Section | None:
+def plots(one: Identified, index: int) -> Section | None:
     """Return the residual plots."""
-    drawings = residual_figures(one.residuals, one.record.units, one.positions)
+    drawings = residual_figures(one.residuals, one.record.units, one.positions, index)
     if not drawings or one.residuals is None:
         return None
     keep = used(one.residuals)

@@ -11,9 +11,9 @@ from ppmcal.io.results.kinematics import KinematicsRecord
 from ppmcal.io.rotations import EULER
 from ppmcal.kinematics.path_rates import accelerations, rates, without_turns
 from ppmcal.linalg import Array, Ints
-from ppmcal.plotting import plot
 from ppmcal.plotting.canvas import Drawing
-from ppmcal.plotting.plot import Axis, Layer, plotted, span
+from ppmcal.plotting.layers import Dots, Layer, Marks, Polyline, Strokes, Zero
+from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.kinematics_motion import GONE, Motion, motion_of
 from ppmcal.report.records import Columns
@@ -92,21 +92,22 @@ def _view(motion: Motion, a: str, b: str) -> Drawing:
     whose = "tool point" if motion.record.tool is not None else "platform"
     first = np.flatnonzero(np.isfinite(x) & np.isfinite(y))[:1]
     bad = motion.flagged(SINGULAR)[rows], motion.flagged(("limits",))[rows]
-    layers: list[Layer] = [plot.line(x, y)]
+    layers: list[Layer] = [Polyline(x, y)]
     if rows.size <= FEW:
-        layers.append(plot.dots(x, y, "after"))
-    layers += [plot.marks(x[mine], y[mine], kind, "x" if kind == "out" else "o", 5.0)
+        layers.append(Dots(x, y, "after"))
+    layers += [Marks(x[mine], y[mine], kind, "x" if kind == "out" else "o", 5.0)
                for mine, kind in zip(bad, ("out", "before"), strict=True) if mine.any()]
-    layers.append(plot.marks(x[first], y[first], "after", "s", 7.0))
+    layers.append(Marks(x[first], y[first], "after", "s", 7.0))
     key = [("after", "first row")]
     key += [(kind, KEY[kind]) for kind, mine in zip(("out", "before"), bad, strict=True)
             if mine.any()]
     across, up = square(x, y)
-    out = plotted(
+    names = motion.label(a), motion.label(b)
+    units = motion.record.units.get(a, ""), motion.record.units.get(b, "")
+    out = Plot(across, up, names, layers, units, equal=True).drawing(
         f"Path of the {whose}, {a} and {b}", f"Square: first row.{_lost(motion)}{_thinned(motion)}",
         f"{count(motion.at.size, 'row')}; {a} from {_ends(motion, a)}, {b} from "
-        f"{_ends(motion, b)}.",
-        across, up, (motion.label(a), motion.label(b)), layers, tuple(key))
+        f"{_ends(motion, b)}.", tuple(key))
     return replace(out, note=_colours("Marks", key))
 
 
@@ -176,26 +177,29 @@ def _over(motion: Motion, values: Array, title: str, label: str, note: str = "",
         x, y = np.insert(x, jump, np.nan), np.insert(y, jump, np.nan)
     finite, up = values[np.isfinite(values)], axis or span(values)
     stripes, told = _foot(motion, up)
-    drawn: list[Layer] = [*stripes, *layers, plot.line(x, y)]
+    drawn: list[Layer] = [*stripes, *layers, Polyline(x, y)]
     if rows.size <= FEW:
-        drawn.append(plot.dots(x, y, "after"))
+        drawn.append(Dots(x, y, "after"))
     said = (f"From {sig(float(finite.min()), 4)} to {sig(float(finite.max()), 4)} in "
             f"{count(int(finite.size), 'row')}." if finite.size else "No value.")
     key = tuple(dict.fromkeys((*told, *key)))
-    out = plotted(title, f"{note}{_thinned(motion)} {motion.note}".strip(), said, motion.across,
-                  up, (motion.name, label), drawn, key)
+    units = "s" if motion.timed else "", label.rpartition(" (")[2].removesuffix(")")
+    out = Plot(motion.across, up, (motion.name, label), drawn,
+               units if label.endswith(")") else (units[0], "")).drawing(
+        title, f"{note}{_thinned(motion)} {motion.note}".strip(), said, key)
     return replace(out, note=_colours("At the foot", key))
 
 
 def _foot(motion: Motion, up: Axis) -> tuple[list[Layer], tuple[tuple[str, str], ...]]:
     """Return stripes at the foot along stretches that are not ok, and what they are."""
     edges = np.concatenate([motion.at[:1], 0.5 * (motion.at[1:] + motion.at[:-1]), motion.at[-1:]])
-    layers, key = [], []
+    layers: list[Layer] = []
+    key: list[tuple[str, str]] = []
     for kind, words, name in STRETCHES:
         change = np.diff(motion.flagged(words).astype(int), prepend=0, append=0)
         low, high = edges[change == 1], edges[change == -1]
         if low.size:
-            layers.append(plot.strokes(np.full(low.size, up.low), low, high, kind, 6.0, flat=True))
+            layers.append(Strokes(np.full(low.size, up.low), low, high, kind, 6.0, flat=True))
             key.append((kind, name))
     return layers, tuple(key)
 
@@ -215,13 +219,13 @@ def joint(motion: Motion, name: str) -> Drawing:
     ends = motion.record.limits.get(actuator, (None, None))
     low, high = (-np.inf if ends[0] is None else ends[0], np.inf if ends[1] is None else ends[1])
     across = motion.across
-    layers: list[Layer] = [plot.strokes(np.array([v]), np.array([across.low]),
+    layers: list[Layer] = [Strokes(np.array([v]), np.array([across.low]),
                                         np.array([across.high]), "out", 1.4, flat=True)
                            for v in near]
     over = (values < low) | (values > high)
     if over.any():
         rows = np.flatnonzero(over)[:: max(1, int(over.sum()) // FEW)]
-        layers.append(plot.marks(motion.at[rows], values[rows], "before", "o", 5.0))
+        layers.append(Marks(motion.at[rows], values[rows], "before", "o", 5.0))
     note = " Red line: limit." if near else ""
     note += f" {' and '.join(far)} {'are limits' if len(far) > 1 else 'is a limit'}." if far else ""
     note += f" Ring: outside, {count(int(over.sum()), 'row')}." if over.any() else ""
@@ -244,13 +248,13 @@ def _rates(motion: Motion, joints: Sequence[str]) -> list[Drawing]:
             continue
         label = with_label(f"rate of {actuator}", f"{unit or 'unit'}/s")
         out.append(_over(motion, rate, f"Rate of joint {actuator} {_over_word(motion)}", label,
-                         "" if exact else BY_DIFFERENCES, [plot.zero()]))
+                         "" if exact else BY_DIFFERENCES, [Zero()]))
         if motion.timed:
             second = rates(motion.at, rate) if exact else accelerations(motion.at, values)
             label = with_label(f"acceleration of {actuator}", f"{unit or 'unit'}/s²")
             if np.isfinite(second).any():
                 out.append(_over(motion, second, f"Acceleration of joint {actuator} over time",
-                                 label, BY_DIFFERENCES, [plot.zero()]))
+                                 label, BY_DIFFERENCES, [Zero()]))
     return out
 
 
@@ -267,13 +271,13 @@ def singularity(motion: Motion) -> list[Drawing]:
         0.0, 1.08 * max([float(finite.max()), *shown]))
     across = motion.across
     layers: list[Layer] = [
-        plot.strokes(np.array([v]), np.array([across.low]), np.array([across.high]), kind, 1.4,
+        Strokes(np.array([v]), np.array([across.low]), np.array([across.high]), kind, 1.4,
                      flat=True)
         for v, kind in ((bounds.home, "after"), (bounds.singular, "out")) if v is not None]
     bad = np.flatnonzero(motion.flagged(SINGULAR) & np.isfinite(values))
     if bad.size:
         some = bad[::max(1, bad.size // FEW)]
-        layers.append(plot.marks(motion.at[some], values[some], "out", "x", 5.0))
+        layers.append(Marks(motion.at[some], values[some], "out", "x", 5.0))
     least = int(np.nanargmin(values))
     place = (f"{with_unit(motion.at[least], 's', 4)}" if motion.timed
              else f"row {whole(int(motion.at[least]))}")

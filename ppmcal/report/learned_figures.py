@@ -9,7 +9,8 @@ from ppmcal.io.results.diagnosis_wording import learned_name
 from ppmcal.io.results.learned_parts import LearnedEntry
 from ppmcal.linalg import Array
 from ppmcal.plotting.canvas import Drawing
-from ppmcal.plotting.plot import between, line, marks, plotted, span, zero
+from ppmcal.plotting.layers import Between, Marks, Polyline, Zero
+from ppmcal.plotting.plot import Plot, span
 from ppmcal.report.diagnosis_format import INPUTS, finer
 from ppmcal.report.format import number, sig, with_label
 
@@ -41,18 +42,22 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
     ends = factor * np.quantile(rows[1], [1.0 - SHOWN, SHOWN])
     up = span(np.concatenate([ends, factor * (curve[1] - half), factor * (curve[1] + half)]))
     other = _columns(entry.x, entry.other) if entry.by_ends else None
-    both = [] if other is None else [line(other[0], factor * other[1])]
+    both = [] if other is None else [Polyline(
+        other[0], factor * other[1],
+        f"learned, {entry.by} = {sig(entry.by_ends[0], 4)} {entry.by_unit}")]
     at = "" if other is None else f" Two lines: {entry.by} = " + " and ".join(
         f"{sig(e, 4)} {entry.by_unit}" for e in entry.by_ends) + "; the band is the second one's."
     what = "joint" if entry.on else entry.acts
     name = learned_name(record, entry)
-    return plotted(
+    return Plot(
+        span(curve[0], margin=0.02), up,
+        (with_label(INPUTS.get(entry.input, entry.input), entry.input_unit),
+         with_label(f"error of {what}", unit)),
+        [Zero(), Marks(rows[0], factor * rows[1], "before", "o", 3.0),
+         Between(curve[0], factor * (curve[1] - half), factor * (curve[1] + half)),
+         Polyline(curve[0], factor * curve[1], "learned"), *both],
+        (entry.input_unit, unit)).drawing(
         f"Learned: {name}",
         "Line: what was learned, with its 95 % band; rings: what single rows say of it, all else "
         f"taken out. It is a shape, not a cause; nothing is known beyond the ends.{at}",
-        f"{name}: {number(entry.rms)} {entry.unit} rms.", span(curve[0], margin=0.02), up,
-        (with_label(INPUTS.get(entry.input, entry.input), entry.input_unit),
-         with_label(f"error of {what}", unit)),
-        [zero(), marks(rows[0], factor * rows[1], "before", "o", 3.0),
-         between(curve[0], factor * (curve[1] - half), factor * (curve[1] + half)),
-         line(curve[0], factor * curve[1]), *both])
+        f"{name}: {number(entry.rms)} {entry.unit} rms.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,10 +9,11 @@ from typing import Any
 from markupsafe import Markup
 
 from ppmcal.io.results.scene import Scene, SceneFrame
+from ppmcal.report.html import script_json as script_json
 from ppmcal.report.html import template_macro, template_text
 from ppmcal.wording import counted, number
 
-LIBRARY = "vendor/plotly-gl3d.min.js"
+LIBRARY = "vendor/plotly.min.js"
 """Draws in 2D and 3D; a page holds one copy."""
 SCRIPTS = ("machine_core.js", "machine_limbs.js", "machine_points.js", "machine.js")
 DIGITS = 7
@@ -48,20 +48,10 @@ def machine_scripts(library: bool = True) -> Markup:
     return Markup("".join(f"<script>{text}</script>\n" for text in texts))
 
 
-def page_scripts(sections: Sequence[str]) -> Markup:
+def page_scripts(sections: Sequence[str], library: bool = True) -> Markup:
     """Return the scripts that the drawings among some sections need, nothing without any."""
     drawn = any('<div class="machine"' in section for section in sections)
-    return machine_scripts() if drawn else Markup("")
-
-
-def script_json(content: object) -> str:
-    r"""Return plain data as JSON that may stand in a script element, whatever its texts are.
-
-    >>> script_json({"name": "</script>"})
-    '{"name":"\\u003c/script\\u003e"}'
-    """
-    text = json.dumps(content, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    return machine_scripts(library) if drawn else Markup("")
 
 
 def slider_order(scene: Scene) -> list[int]:

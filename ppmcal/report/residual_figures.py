@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array, Bools
-from ppmcal.plotting import plot
 from ppmcal.plotting.canvas import HEIGHT, WIDTH, Drawing
-from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Layer, plotted, span
+from ppmcal.plotting.layers import (
+    Arrows,
+    Band,
+    Dots,
+    Histogram,
+    Layer,
+    Marks,
+    Points,
+    Polyline,
+    Starts,
+    Strokes,
+    WordsAt,
+    Zero,
+)
+from ppmcal.plotting.plot import BOTTOM, LEFT, RIGHT, TOP, Axis, Plot, span
+from ppmcal.report.data_rows import DataRows
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.records import Columns, ComparedMachines, ResidualRows
 from ppmcal.report.residuals import (
@@ -28,21 +45,31 @@ from ppmcal.report.residuals import (
 
 CROSSES = 100
 """At most so many of the rows left out are drawn."""
+LARGEST = 50
+"""So many of the largest are dots of their own where rows are thinned."""
 ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
 
 
-def residual_figures(table: Columns | None, units: UnitNames, positions: Array | None = None
-                     ) -> list[Drawing]:
-    """Return all pictures of residuals.csv; ``positions``: measured x, y (N, 2) of its rows."""
+def residual_figures(table: Columns | None, units: UnitNames, positions: Array | None = None,
+                     fit: int | str = 0) -> list[Drawing]:
+    """Return all pictures of residuals.csv.
+
+    Args:
+        table: residuals.csv.
+        units: of its columns.
+        positions: measured x, y (N, 2) of its rows.
+        fit: which identification of the page it is, for the keys of its rows.
+    """
     if table is None or not table.size:
         return []
+    rows = DataRows(fit, table, units, positions)
     out = [histogram(white(table))]
-    out += [by_row(table, g, units.of_quantity(g.quantity)) for g in groups(table)]
+    out += [by_row(rows, g, units.of_quantity(g.quantity)) for g in groups(table)]
     have = coordinates(table)
-    out += [coordinate(table, c, units.of_quantity(quantity_of(c))) for c in have]
+    out += [coordinate(rows, c, units.of_quantity(quantity_of(c))) for c in have]
     if "x" in have and "y" in have:
-        out += plane(table, units.length, positions)
+        out += plane(rows, units.length)
     return [p for p in out if p is not None]
 
 
@@ -58,32 +85,37 @@ def histogram(values: Array) -> Drawing | None:
     outside = int(np.sum(np.abs(values) > 5.0))
     rms = float(np.sqrt(np.mean(values**2)))
     far = f" {count(outside, 'value')} beyond 5 sigma in the outer bars." if outside else ""
-    return plotted(
+    return Plot(
+        Axis(-5.0, 5.0), Axis(0.0, 1.08 * max(float(density.max()), 0.42)),
+        ("residual / sigma", "density"),
+        [Histogram(edges, density), Polyline(curve, normal, "what pure noise gives")]).drawing(
         "Residuals over their stated noise, after",
         f"{count(values.size, 'value')}, rms {sig(rms)}; line: what pure noise gives "
         f"(rms 1).{far}", f"Histogram of {values.size} values with the standard normal curve; "
-        f"their rms is {rms:.2f}.", Axis(-5.0, 5.0),
-        Axis(0.0, 1.08 * max(float(density.max()), 0.42)), ("residual / sigma", "density"),
-        [plot.columns(edges, density), plot.line(curve, normal)])
+        f"their rms is {rms:.2f}.")
 
 
-def by_row(table: Columns, group: LimbResiduals, unit: str) -> Drawing | None:
+def by_row(rows: DataRows, group: LimbResiduals, unit: str) -> Drawing | None:
     """Return the norm of the error by row before and after, on a logarithmic scale."""
+    table = rows.table
     keep = used(table)
     before, after = (np.where(v > 0.0, v, np.nan) for v in (group.before, group.after))
     if not np.isfinite(after).any():
         return None
-    return plotted(
+    return Plot(
+        Axis(0.0, table.size + 1.0), span([before, after], log=True),
+        (ROWS, with_label(group.name, unit)),
+        [_starts(table), *series(np.where(keep, before, np.nan), "before", rows, unit),
+         *series(np.where(keep, after, np.nan), "after", rows, unit), _left_out(after, keep, rows)],
+        ("", unit)).drawing(
         f"Error of {group.name} by row, before and after", subsampled(table.size) + few(keep),
-        f"{table.size} rows on a logarithmic scale.", Axis(0.0, table.size + 1.0),
-        span([before, after], log=True), (ROWS, with_label(group.name, unit)),
-        [_starts(table), *series(np.where(keep, before, np.nan), "before"),
-         *series(np.where(keep, after, np.nan), "after"), _left_out(after, keep)],
+        f"{table.size} rows on a logarithmic scale.",
         BEFORE_AFTER if keep.all() else (*BEFORE_AFTER, ("out", "left out")))
 
 
-def coordinate(table: Columns, name: str, unit: str) -> Drawing | None:
+def coordinate(rows: DataRows, name: str, unit: str) -> Drawing | None:
     """Return one coordinate's residual after the fit by row, with two sigma."""
+    table = rows.table
     keep, values = used(table), table.number(f"after_{name}")
     inside = np.where(keep, values, np.nan)
     if not np.isfinite(inside).any():
@@ -92,23 +124,36 @@ def coordinate(table: Columns, name: str, unit: str) -> Drawing | None:
     sigma = sigma[np.isfinite(sigma)]
     two = 2.0 * float(np.median(sigma)) if sigma.size else 0.0
     caption = f"Band: ±2 sigma of the stated noise ({with_unit(two, unit)})." if two else ""
-    return plotted(
-        f"Residual of {name} by row, after", f"{caption}{subsampled(table.size)}{few(keep)}",
-        f"{table.size} rows; rms {with_unit(float(np.sqrt(np.nanmean(inside**2))), unit)}.",
+    return Plot(
         Axis(0.0, table.size + 1.0), span(np.append(inside, two), zero=True),
         (ROWS, with_label(name, unit)),
-        [plot.band(-two, two), _starts(table), *series(inside, "after"), _left_out(values, keep)],
+        [Band(-two, two), _starts(table), *series(inside, "after", rows, unit),
+         _left_out(values, keep, rows)], ("", unit)).drawing(
+        f"Residual of {name} by row, after", f"{caption}{subsampled(table.size)}{few(keep)}",
+        f"{table.size} rows; rms {with_unit(float(np.sqrt(np.nanmean(inside**2))), unit)}.",
         () if keep.all() else (("after", "after"), ("out", "left out (at the edge: beyond it)")))
 
 
-def series(values: Array, kind: str) -> list[Layer]:
-    """Return dots, or strokes from lowest to highest where there are too many."""
+def series(values: Array, kind: str, rows: DataRows | None = None, unit: str = "") -> list[Layer]:
+    """Return dots; where there are too many, strokes from lowest to highest, and the largest.
+
+    Without ``rows`` the points are no rows of data, and called by their number.
+    """
+    def points(index: NDArray[np.integer[Any]]) -> Points:
+        return (Points([f"target {i + 1}" for i in index.tolist()]) if rows is None else
+                rows.points(index))
+
+    every = np.arange(values.size)
     if values.size <= POINTS:
-        rows = np.arange(values.size) + 1.0
-        return [plot.dots(rows, values, kind, 3.4 if kind == "before" else 4.0)]
+        return [Dots(every + 1.0, values, kind, 3.4 if kind == "before" else 4.0, points(every))]
     x, low, below, above, high = envelope(values)
-    return [plot.strokes(x + 1.0, low, high, kind, alpha=0.35),
-            plot.strokes(x + 1.0, below, above, kind)]
+    said = Points([f"rows about {at + 1.0:.0f}\n{kind}: {sig(v)} … {with_unit(w, unit)}"
+                   for at, v, w in zip(x.tolist(), low.tolist(), high.tolist(), strict=True)])
+    size = np.where(np.isfinite(values), np.abs(values), -1.0)
+    largest = np.sort(np.argsort(size)[-LARGEST:])
+    return [Strokes(x + 1.0, low, high, kind, alpha=0.35, points=said),
+            Strokes(x + 1.0, below, above, kind),
+            Dots(largest + 1.0, values[largest], kind, 3.4, points(largest))]
 
 
 def subsampled(size: int) -> str:
@@ -116,13 +161,14 @@ def subsampled(size: int) -> str:
     if size <= POINTS:
         return ""
     return (f" Thinned: each stroke spans the lowest to the highest of about "
-            f"{whole(round(size / BINS))} rows, its dark part the middle two thirds.")
+            f"{whole(round(size / BINS))} rows, its dark part the middle two thirds; the {LARGEST} "
+            "largest are dots.")
 
 
 def _starts(table: Columns) -> Layer:
     """Draw a mark where each further data set begins (of up to twelve)."""
     found = boundaries(table)
-    return plot.starts([(i + 0.5, name) for i, name in found] if 1 < len(found) <= 12 else [])
+    return Starts([(i + 0.5, name) for i, name in found] if 1 < len(found) <= 12 else [])
 
 
 def few(keep: Bools) -> str:
@@ -130,15 +176,16 @@ def few(keep: Bools) -> str:
     return f" {CROSSES} of the rows left out are drawn." if int((~keep).sum()) > CROSSES else ""
 
 
-def _left_out(values: Array, keep: Bools) -> Layer:
+def _left_out(values: Array, keep: Bools, data: DataRows) -> Layer:
     rows = np.flatnonzero(~keep & np.isfinite(values))
     if rows.size > CROSSES:
         rows = rows[np.linspace(0, rows.size - 1, CROSSES).astype(int)]
-    return plot.marks(rows + 1.0, values[rows], "out", "x")
+    return Marks(rows + 1.0, values[rows], "out", "x", points=data.points(rows))
 
 
-def plane(table: Columns, unit: str, positions: Array | None) -> list[Drawing | None]:
+def plane(rows: DataRows, unit: str) -> list[Drawing | None]:
     """Return error vectors where they were measured, or their scatter where that is unknown."""
+    table = rows.table
     keep = used(table)
     out = []
     for stage in ("before", "after"):
@@ -146,10 +193,10 @@ def plane(table: Columns, unit: str, positions: Array | None) -> list[Drawing | 
         vector[~keep] = np.nan
         if not np.isfinite(vector).all(axis=1).any():
             continue
-        if positions is not None:
-            out.append(error_vectors(positions, vector, stage, unit))
+        if rows.positions is not None:
+            out.append(error_vectors(rows, rows.positions, vector, stage, unit))
         elif stage == "after":
-            out.append(scatter(vector, unit))
+            out.append(scatter(rows, vector, unit))
     return out
 
 
@@ -162,7 +209,8 @@ def square(x: Array, y: Array) -> tuple[Axis, Axis]:
     return Axis(cx - half * wide, cx + half * wide), Axis(cy - half, cy + half)
 
 
-def error_vectors(places: Array, vector: Array, stage: str, unit: str) -> Drawing | None:
+def error_vectors(data: DataRows, places: Array, vector: Array, stage: str, unit: str
+                  ) -> Drawing | None:
     """Return error vectors at the measured places, enlarged, with their scale."""
     size = np.hypot(vector[:, 0], vector[:, 1])
     rows = evenly_spread(places, size)
@@ -179,18 +227,18 @@ def error_vectors(places: Array, vector: Array, stage: str, unit: str) -> Drawin
     total = int(np.sum(np.isfinite(size)))
     note = (f" Thinned: the largest of each cell, {rows.size} of {whole(total)} rows."
             if rows.size < total else "")
-    return plotted(
+    return Plot(
+        x, y, ("measured x", "measured y"),
+        [Arrows(at[:, 0], at[:, 1], dx, dy, stage, size[rows], unit, data.points(rows)),
+         Arrows(x.high - per * (10.0 + length), np.array([y.high - 10.0 * per]), length,
+                0.0 * length, "ink"),
+         WordsAt(14.0 + float(length[0]), 14.0, with_unit(step, unit, 1))], equal=True).drawing(
         f"Error vectors in the plane, {stage}",
         f"Each plot has its own scale (arrow at the top right).{note}",
-        f"{rows.size} vectors; the longest is {with_unit(largest, unit)}.", x, y,
-        ("measured x", "measured y"),
-        [plot.arrows(at[:, 0], at[:, 1], dx, dy, stage),
-         plot.arrows(x.high - per * (10.0 + length), np.array([y.high - 10.0 * per]), length,
-                0.0 * length, "ink"),
-         plot.words_at(14.0 + float(length[0]), 14.0, with_unit(step, unit, 1))], ((stage, stage),))
+        f"{rows.size} vectors; the longest is {with_unit(largest, unit)}.", ((stage, stage),))
 
 
-def scatter(vector: Array, unit: str) -> Drawing:
+def scatter(data: DataRows, vector: Array, unit: str) -> Drawing:
     """Return residuals in x and y against each other."""
     rows = np.flatnonzero(np.isfinite(vector).all(axis=1))
     total = rows.size
@@ -201,11 +249,12 @@ def scatter(vector: Array, unit: str) -> Drawing:
     x, y = square(v[:, 0], v[:, 1])
     note = (f" Thinned: {whole(rows.size)} of {whole(total)} rows, with the 200 largest."
             if rows.size < total else "")
-    return plotted(
+    return Plot(
+        x, y, (with_label("x", unit), with_label("y", unit)),
+        [Zero(upright=True), Zero(), Dots(v[:, 0], v[:, 1], "after", points=data.points(rows))],
+        (unit, unit), equal=True).drawing(
         "Residuals in the plane, after", f"A round cloud about 0 is what noise gives.{note}",
-        f"Residual in y against residual in x of {total} rows.", x, y,
-        (with_label("x", unit), with_label("y", unit)),
-        [plot.zero(upright=True), plot.zero(), plot.dots(v[:, 0], v[:, 1], "after")])
+        f"Residual in y against residual in x of {total} rows.")
 
 
 def command_figure(rows: ResidualRows, kind: str, unit: str) -> Drawing | None:
@@ -216,12 +265,14 @@ def command_figure(rows: ResidualRows, kind: str, unit: str) -> Drawing | None:
     values = [np.where(v > 0.0, v, np.nan) for v in predicted(table, kind).values()]
     if not np.isfinite(values).any():
         return None
-    return plotted(
+    return Plot(
+        Axis(0.0, table.size + 1.0), span(values, log=True),
+        ("target, in the order of the file", with_label(kind, unit)),
+        [*series(values[0], "before", unit=unit), *series(values[1], "after", unit=unit)],
+        ("", unit)).drawing(
         f"Predicted error of {kind} by target",
-        f"After: the model's own uncertainty, 1 sigma. {subsampled(table.size)}".strip(),
-        f"{table.size} targets on a logarithmic scale.", Axis(0.0, table.size + 1.0),
-        span(values, log=True), ("target, in the order of the file", with_label(kind, unit)),
-        [*series(values[0], "before"), *series(values[1], "after")], BEFORE_AFTER)
+        f"After: the model's own uncertainty, 1 sigma. {subsampled(table.size)}",
+        f"{table.size} targets on a logarithmic scale.", BEFORE_AFTER)
 
 
 def truth_figures(c: ComparedMachines) -> list[Drawing]:
@@ -233,21 +284,24 @@ def truth_figures(c: ComparedMachines) -> list[Drawing]:
         two = np.array([1.96 * (r.sigma or 0.0) for r in rows])
         x, y = span(true), span(np.concatenate([true, found - two, found + two]))
         ends = [max(x.low, y.low), min(x.high, y.high)]
-        out.append(plotted(
+        said = Points([f"{r.name}\n± {sig(w, 2)} {unit} (95 %)".rstrip()
+                       for r, w in zip(rows, two.tolist(), strict=True)])
+        out.append(Plot(
+            x, y, (with_label("true error", unit), with_label("found", unit)),
+            [Polyline(ends, ends, "found = true"),
+             Strokes(true, found - two, found + two, "after", 1.0),
+             Dots(true, found, "after", points=said)], (unit, unit)).drawing(
             "Error found against the true one" + (f", in {unit}" if unit else ""),
             "Line: found = true; bars: 95 % interval.",
-            f"{len(rows)} parameters with 95 % intervals.", x, y,
-            (with_label("true error", unit), with_label("found", unit)),
-            [plot.line(ends, ends), plot.strokes(true, found - two, found + two, "after", 1.0),
-             plot.dots(true, found, "after")]))
+            f"{len(rows)} parameters with 95 % intervals."))
     z = np.array([np.nan if r.z is None else r.z for r in c.rows])
     if np.isfinite(z).any():
         at = np.arange(z.size) + 1.0
-        out.append(plotted(
-            "Deviation from the truth in standard deviations",
-            "Band: ±2, where 95 % should lie.", f"z of {z.size} parameters.",
+        out.append(Plot(
             Axis(0.0, z.size + 1.0), span([*z, 3.0], zero=True),
             ("parameter, in the order of the table", "z"),
-            [plot.band(-2.0, 2.0), plot.strokes(at, 0.0 * z, z, "after", 1.0),
-             plot.dots(at, z, "after")]))
+            [Band(-2.0, 2.0), Strokes(at, 0.0 * z, z, "after", 1.0),
+             Dots(at, z, "after", points=Points([r.name for r in c.rows]))]).drawing(
+            "Deviation from the truth in standard deviations",
+            "Band: ±2, where 95 % should lie.", f"z of {z.size} parameters."))
     return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppmcal.linalg import Array
 from ppmcal.report.format import exact, whole, with_label
@@ -15,11 +16,11 @@ SHOWN = 100
 """Rows that the table holds: those furthest from the model for their noise."""
 
 
-def row_key(index: int, dataset: str, row: int) -> str:
+def row_key(index: int | str, dataset: str, row: int) -> str:
     """Return the name by which plots, tables and the drawing know a row.
 
     Args:
-        index: of the identification on the page, from 0.
+        index: of the identification on the page, from 0; of a diagnosis alone its folder.
         dataset: the row's data set.
         row: its number in the file.
     """
@@ -28,9 +29,14 @@ def row_key(index: int, dataset: str, row: int) -> str:
 
 def row_keys(index: int, residuals: Columns) -> list[str]:
     """Return the key of every row of residuals.csv."""
-    numbers = np.nan_to_num(np.clip(residuals.number("row"), -1.0, 1e15), nan=-1.0).astype(int)
-    return [row_key(index, d, int(n))
-            for d, n in zip(residuals.words("dataset"), numbers, strict=True)]
+    return [row_key(index, d, int(n)) for d, n in
+            zip(residuals.words("dataset"), row_numbers(residuals), strict=True)]
+
+
+def row_numbers(residuals: Columns) -> NDArray[np.int64]:
+    """Return the number of every row in its file (N,), -1 where residuals.csv does not say."""
+    found = np.nan_to_num(np.clip(residuals.number("row"), -1.0, 1e15), nan=-1.0)
+    return found.astype(np.int64)
 
 
 def times_noise(residuals: Columns) -> Array:

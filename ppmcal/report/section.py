@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from ppmcal import __version__
-from ppmcal.report.html import part, template_text, whole_page
+from ppmcal.report.html import part, plot_scripts, template_text, whole_page
 from ppmcal.report.machine_scene import machine_css, page_scripts
 
 
@@ -77,10 +77,14 @@ def page(title: str, chapters: Sequence[Section], **values: Any) -> str:
         chapters: in their order.
         **values: ``lead`` (sentences), ``verdicts``, ``look`` (what needs a look), ``folders``.
     """
-    css = "".join(template_text(f"page{name}.css") for name in ("", "_tables", "_end"))
+    names = ("page", "page_tables", "plots", "page_end")
     shown = placed(chapters)
-    machines = page_scripts([s.body for c in chapters for s in (c, *c.parts)])
+    bodies = [c.html for c in shown]
+    plots = plot_scripts(bodies)
+    machines = page_scripts(bodies, library=not plots)
+    css = "".join(template_text(f"{name}.css") for name in names)
     css += machine_css() if machines else ""
     return whole_page("page.html", title=title, chapters=shown, version=__version__,
-                      css=Markup(css), script=Markup(template_text("page.js")), machines=machines,
+                      css=Markup(css), script=Markup(template_text("page.js")), plots=plots,
+                      machines=machines,
                       **{"verdicts": (), "lead": (), **values})

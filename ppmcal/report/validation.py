@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -17,8 +16,9 @@ from ppmcal.io.results.validation import (
     noise_sentence,
     registered_sentence,
 )
-from ppmcal.plotting.canvas import SMALL, Canvas, Drawing
-from ppmcal.plotting.plot import BOTTOM, TOP, Axis, marks, plot, span, strokes
+from ppmcal.plotting.canvas import Drawing
+from ppmcal.plotting.layers import Layer, Marks, Points, Strokes
+from ppmcal.plotting.plot import Axis, row_y, rows_plot, span
 from ppmcal.report.format import sig, typeset
 from ppmcal.report.html import Cell, amount, figures, paragraph, table, words
 from ppmcal.report.records import OtherDays
@@ -77,13 +77,14 @@ def picture(data: ValidatedDataset) -> Drawing | None:
         return None
     machines, rms, units = zip(*shown, strict=True)
     unit = units[0]
-    return Drawing(
+    layers, ends = _layers(machines, rms, unit)
+    x = span(ends)
+    return rows_plot(Axis(max(x.low, 0.0), x.high), f"error, {unit} rms", layers,
+                     [(e.model, i == 0) for i, e in enumerate(machines)], unit, NAMES, ROW).drawing(
         f"Error on {data.name}, {unit} rms",
         "Frozen machines, the registration alone fitted. Bars: 95 % of the difference from the "
         "first, drawn by pose. A machine whose bar does not reach the grey line is surely "
-        "better or worse.", f"{len(shown)} machines with their errors.",
-        partial(_draw, shown=machines, rms=rms, unit=unit), TOP + ROW * len(shown) + BOTTOM,
-        _key(machines))
+        "better or worse.", f"{len(shown)} machines with their errors.", _key(machines))
 
 
 def _key(shown: Sequence[PredictedError]) -> tuple[tuple[str, str], ...]:
@@ -91,20 +92,17 @@ def _key(shown: Sequence[PredictedError]) -> tuple[tuple[str, str], ...]:
     return tuple((kind, f"surely {word}") for word, kind in STYLES.items() if word in there)
 
 
-def _draw(canvas: Canvas, shown: Sequence[PredictedError], rms: Sequence[float], unit: str) -> None:
-    """Draw a name, a mark and a bar for each machine, from the top down."""
-    count, layers, ends = len(shown), [], [0.0, *rms]
-    first = rms[0]
-    layers.append(strokes([first], [0.0], [float(count)], "ink", 1.0, 0.4))
-    for i, (e, value) in enumerate(zip(shown, rms, strict=True)):
-        y, kind = count - i - 0.5, STYLES.get(e.verdict, "ink")
+def _layers(shown: Sequence[PredictedError], rms: Sequence[float], unit: str
+            ) -> tuple[list[Layer], list[float]]:
+    """Return a mark and a bar for each machine, and all ends of x."""
+    first, ends = rms[0], [0.0, *rms]
+    layers: list[Layer] = [Strokes([first], [0.0], [float(len(shown))], "ink", 1.0, 0.4)]
+    for e, value, y in zip(shown, rms, row_y(len(shown)).tolist(), strict=True):
+        kind, said = STYLES.get(e.verdict, "ink"), e.model
         if e.verdict and e.low is not None and e.high is not None:
             low, high = first - e.high, first - e.low
-            layers.append(strokes([y], [low], [high], kind, flat=True))
+            layers.append(Strokes([y], [low], [high], kind, flat=True))
             ends += [low, high]
-        layers.append(marks(np.array([value]), np.array([y]), kind, "o"))
-        canvas.text(NAMES - 6.0, TOP + ROW * (i + 0.5) + 3.5, e.model, room=NAMES - 8.0,
-                    bold=i == 0, ha="right", size=SMALL)
-    x = span(ends)
-    plot(canvas, Axis(max(x.low, 0.0), x.high), Axis(0.0, float(count)), (f"error, {unit} rms", ""),
-         layers, NAMES, TOP + ROW * count + BOTTOM, y_ticks=False)
+            said += f"\n95 %: {sig(low)} … {sig(high)} {unit}"
+        layers.append(Marks(np.array([value]), np.array([y]), kind, "o", points=Points([said])))
+    return layers, ends

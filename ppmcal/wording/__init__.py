@@ -1,4 +1,4 @@
-"""Words for messages."""
+"""Words for messages: lists, numbers and units; what is under way is in ``progress``."""
 
 from __future__ import annotations
 

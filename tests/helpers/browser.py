@@ -76,7 +76,7 @@ class Browser:
         one.resize(width, height, touch)
         one.media(dark)
         one.loaded = False
-        one.ask("Page.navigate", url=page.as_uri() if isinstance(page, Path) else page)
+        one.ask("Page.navigate", url=page.resolve().as_uri() if isinstance(page, Path) else page)
         self._until(lambda: one.loaded, f"{page} does not load")
         return one
 
@@ -178,7 +178,9 @@ class Page:
     def wait_for(self, script: str, patience: float = WAIT) -> Any:
         """Wait until an expression is true, and return it."""
         end = time.monotonic() + patience
-        while not (value := self.evaluate(script)):
+        while not (value := self.evaluate(
+                f"(async () => {{ const v = await ({script});"
+                " return v instanceof Node ? true : v })()")):
             if time.monotonic() > end:
                 raise TimeoutError(f"{script} stays {value}; {self.errors}")
             self.pause(0.05)
@@ -212,6 +214,7 @@ class Page:
         """Move the mouse to a place of the window."""
         for step in (-3.0, -1.0, 0.0):
             self.ask("Input.dispatchMouseEvent", type="mouseMoved", x=x + step, y=y)
+            self.pause(0.08)  # pages may take no more than so many moves a second
 
     def click(self, x: float, y: float) -> None:
         """Click at a place of the window."""

@@ -21,11 +21,12 @@ class Checker(HTMLParser):
         self.open: list[str] = []
         self.text: list[str] = []
         self.attributes: list[tuple[str, str, str]] = []
-        self.scripts = 0
+        self.scripts = self.held = 0
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.attributes += [(tag, k, v or "") for k, v in attrs]
         self.scripts += tag == "script"
+        self.held += tag == "script" and ("type", "application/json") in attrs
         if tag not in VOID:
             self.open.append(tag)
 
@@ -47,6 +48,21 @@ def read(html: str) -> Checker:
     checker.close()
     assert not checker.open
     return checker
+
+
+def own(page: str) -> str:
+    """Return a page without the library that draws its plots."""
+    return re.sub(r"<script>/\* plotly.*?</script>", "", page, flags=re.S)
+
+
+def specs(page: str) -> dict[str, dict[str, Any]]:
+    """Return what each plot of a page is drawn from, by its title."""
+    figures = re.findall(r'<figure class="plot">.*?</figure>', page, re.S)
+    found = [(unescape(re.search(r"<figcaption><b>(.*?)\.</b>", f)[1]),
+              json.loads(re.search(r'<script type="application/json">(.*?)</script>', f, re.S)[1]))
+             for f in figures]
+    assert len(found) == page.count('<figure class="plot">')
+    return dict(found)
 
 
 def cells(page: str, caption: str) -> list[list[str]]:

@@ -74,7 +74,7 @@ def tolerances(_: Path) -> TolerancesRecord:
         scheduler=None,
         seed=3,
     )
-    return TolerancesRecord.of(solve(m, job, lambda _: None), m, source(m))
+    return TolerancesRecord.of(solve(m, job), m, source(m))
 
 
 def stiffness(folder: Path, load: bool = True) -> StiffnessRecord:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-from functools import partial
 
 import numpy as np
 import pytest
@@ -14,25 +13,23 @@ from matplotlib.patches import Rectangle
 
 from ppmcal.plotting.bars import Chart, Row, ratio_ticks
 from ppmcal.plotting.canvas import WIDTH, Drawing, broken, fitted, sheet, width
-from ppmcal.plotting.plot import (
-    Axis,
-    arrows,
-    band,
-    columns,
-    dots,
-    intervals,
-    line,
-    marks,
-    plot,
-    span,
-    starts,
-    strokes,
-    words_at,
-    zero,
+from ppmcal.plotting.layers import (
+    Arrows,
+    Band,
+    Dots,
+    Histogram,
+    Intervals,
+    Marks,
+    Polyline,
+    Starts,
+    Strokes,
+    WordsAt,
+    Zero,
 )
+from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.plotting.style import AFTER, BEFORE, OUT, PAGE, figure, look, png
 from ppmcal.plotting.svg import svg
-from ppmcal.report.html import CSS
+from ppmcal.report.html import template_text
 
 HOSTILE = ("<b>&$_^{x}", "$\\frac{$", "a\x00b\ud800\nc", "Ω" * 120, "leg" * 80, "\\$x$", "")
 
@@ -50,18 +47,18 @@ X, Y = Axis(0.0, 10.0), Axis(-1.0, 1.0)
 
 def picture(*layers, x=X, y=Y, names=("row", "error (mm)"), **more):
     return Drawing("Title", "Caption.", "Description.",
-                   partial(plot, x=x, y=y, names=names, layers=layers, **more))
+                   Plot(x, y, names, layers, **more))
 
 
 def everything(n=5):
     t = np.linspace(0.5, 9.5, n)
     v = np.sin(t)
     return picture(
-        band(-0.5, 0.5), zero(), zero(upright=True), dots(t, v, "after"), line(t, v),
-        strokes(t, v - 0.1, v + 0.1, "before"), strokes(v, t, t + 1.0, "before", flat=True),
-        marks(t, v, "out", "x"), marks(t, v, "out", "D"), intervals(t, v, 0.1 + 0.0 * v, "before"),
-        columns(t, np.abs(v[1:])), starts([(2.0, "tuesday")]),
-        arrows(t, v, 9.0 * v, 9.0 * v, "after"), words_at(20.0, 14.0, "2 mm"))
+        Band(-0.5, 0.5), Zero(), Zero(upright=True), Dots(t, v, "after"), Polyline(t, v),
+        Strokes(t, v - 0.1, v + 0.1, "before"), Strokes(v, t, t + 1.0, "before", flat=True),
+        Marks(t, v, "out", "x"), Marks(t, v, "out", "D"), Intervals(t, v, 0.1 + 0.0 * v, "before"),
+        Histogram(t, np.abs(v[1:])), Starts([(2.0, "tuesday")]),
+        Arrows(t, v, 9.0 * v, 9.0 * v, "after"), WordsAt(20.0, 14.0, "2 mm"))
 
 
 @pytest.mark.parametrize("scale", ["log", "linear", "root"])
@@ -69,9 +66,7 @@ def everything(n=5):
 def test_bars_are_in_proportion(scale, beside):
     low = 0.5 if scale == "log" else 0.0
     drawn = parsed(chart(scale=scale, low=low, beside=beside)
-                   .drawing("Title", "Caption.", "Description.").inline()
-                   .replace("var(--before)", BEFORE).replace("var(--after)", AFTER)
-                   .replace("var(--ink)", "#1c2227"))
+                   .drawing("Title", "Caption.", "Description.").svg())
     size = {"log": lambda v: np.log(v / 0.5), "linear": float, "root": np.sqrt}[scale]
     # where labels are above, both bars of a row are drawn in one place
     before, after = bars(drawn, "before"), bars(drawn, "after")
@@ -88,8 +83,7 @@ def test_bars_are_in_proportion(scale, beside):
 
 def test_bars_beyond_the_scale_end_at_it():
     rows = [Row("a", ((v, "after"),)) for v in (1e300, 16.0, 0.0, -1.0, 0.5)]
-    drawn = parsed(Chart(rows, "log", 0.5, 16.0, "").drawing("", "", "").inline()
-                   .replace("var(--after)", AFTER))
+    drawn = parsed(Chart(rows, "log", 0.5, 16.0, "").drawing("", "", "").svg())
     wide = [max(x for x, _ in b) - min(x for x, _ in b) for b in shapes(drawn, "after")]
     assert wide[0] == wide[1] > 300.0 and wide[2:] == pytest.approx([0.8] * 3, abs=0.05)
 
@@ -102,10 +96,10 @@ def test_no_words_break_a_drawing(label, beside):
     legend = [("before", label), ("limit", label)]
     found = [chart(label, label, beside=beside, axis=label, legend=legend)
              .drawing(label, label, label),
-             picture(starts([(2.0, label), (9.0, label)]), words_at(20.0, 14.0, label[:14]),
+             picture(Starts([(2.0, label), (9.0, label)]), WordsAt(20.0, 14.0, label[:14]),
                      names=(label, label))]
     for one in found:
-        root = parsed(one.inline())
+        root = parsed(one.svg())
         assert root.findtext("title") == one.title or root.findtext("title") == shown
         for box in boxes(root):
             assert -0.2 <= box.left <= box.right <= WIDTH + 0.2, box
@@ -123,23 +117,20 @@ def test_no_words_break_a_drawing(label, beside):
 
 def test_a_drawing_needs_nothing_else_and_is_the_same_again():
     one = everything()
-    text = one.inline()
-    assert text == one.inline() == everything().inline()
-    assert not re.search(r"href|url\(| id=|<style|https?:|<image|nan|inf\b|#[0-9a-f]{6}", text)
-    assert re.findall(r"\bclass=\"(\w+)\"", text) == ["plot"]
-    assert set(re.findall(r"var\(--(\w+)\)", text)) <= set(PAGE.values())
+    text = one.svg()
+    assert text == one.svg() == everything().svg()
+    assert not re.search(r"href|url\(| id=|<style|<image|nan|inf\b|class=|var\(", text)
+    assert text.count("http") == 1
+    assert set(re.findall(r"#[0-9a-f]{6}", text)) <= set(PAGE)
     root = parsed(text)
-    assert root.get("viewBox") == "0 0 400 250" and root.get("width") is None
-    assert root.get("aria-label") == root.findtext("title") == "Title"
+    assert root.get("viewBox") == "0 0 400 250" and root.findtext("title") == "Title"
     assert root.findtext("desc") == "Description."
     assert {"row", "error (mm)", "tuesday", "2 mm"} <= set(texts(root))
-    alone = svg(one.figure(), "Title", "Description.")
-    assert "var(" not in alone and alone.count("http") == 1
-    assert AFTER in alone and BEFORE in alone and OUT in alone
+    assert AFTER in text and BEFORE in text and OUT in text
 
 
 def test_the_page_has_the_colours_of_files_by_day():
-    light = dict(re.findall(r"--(\w+):([^;}]+)", CSS.partition("}")[0]))
+    light = dict(re.findall(r"--(\w+):([^;}]+)", template_text("page.css").partition("}")[0]))
     short = {"#fff": "#ffffff"}
     assert {c: short.get(light[name], light[name]) for c, name in PAGE.items()} == {
         c: c for c in PAGE}
@@ -147,14 +138,14 @@ def test_the_page_has_the_colours_of_files_by_day():
 
 def test_layers_are_where_their_numbers_are():
     x, y = np.array([0.0, 5.0, 10.0, 5.0, np.nan]), np.array([-1.0, 0.0, 1.0, 7.0, 0.0])
-    root = parsed(picture(dots(x, y, "after"), marks(x, y, "out", "D", 6.0)).inline())
-    at = [p[0] for p in lines(root, "var(--after)")]
+    root = parsed(picture(Dots(x, y, "after"), Marks(x, y, "out", "D", 6.0)).svg())
+    at = [p[0] for p in lines(root, AFTER)]
     left, low, right, top = *at[0], *at[2]
     assert left < right and low > top
     assert at[1] == pytest.approx((0.5 * (left + right), 0.5 * (low + top)), abs=0.1)
     assert at[3] == pytest.approx((0.5 * (left + right), top), abs=0.1)
     assert len(at) == 4
-    (path,) = (p for p in root.iter("path") if style(p).get("fill") == "var(--out)")
+    (path,) = (p for p in root.iter("path") if style(p).get("fill") == OUT)
     middles = [tuple(np.mean(piece[:4], axis=0)) for piece in pieces(path)]
     assert np.allclose(middles, at, atol=0.15)
 
@@ -162,7 +153,7 @@ def test_layers_are_where_their_numbers_are():
 @pytest.mark.parametrize("ends", [(1e-5, 1e-2, True), (0.01, 0.1, True), (1e-4, 1e-3, True),
                                   (-0.0004, 0.0007, False), (-12345.6, 12346.1, False)])
 def test_axes_leave_room_for_their_names(ends):
-    root = parsed(picture(x=Axis(1790.0, 1950.1), y=Axis(*ends)).inline())
+    root = parsed(picture(x=Axis(1790.0, 1950.1), y=Axis(*ends)).svg())
     found = boxes(root)
     assert len(found) > 4 and "1900" in texts(root)
     for n, box in enumerate(found):
@@ -172,8 +163,8 @@ def test_axes_leave_room_for_their_names(ends):
 
 def test_thousands_of_dots_are_small():
     t = np.linspace(0.0, 10.0, 3000)
-    one = picture(dots(t, np.sin(t), "after"))
-    assert len(one.inline()) < 3000 * 16 + 4000
+    one = picture(Dots(t, np.sin(t), "after"))
+    assert len(one.svg()) < 3000 * 16 + 4000
     with look():
         shot = image.imread(io.BytesIO(png(one.figure())))[..., :3]
     blue = np.abs(shot - np.array([0x1f, 0x62, 0xa6]) / 255.0).max(axis=-1) < 0.02
@@ -185,9 +176,9 @@ def test_thousands_of_dots_are_small():
 @pytest.mark.parametrize("log", [False, True])
 def test_no_numbers_break_a_drawing(values, log):
     v = np.array(values, dtype=float)
-    drawn = picture(dots(v, v, "after"), line(v, v), marks(v, v, "before", "o"),
-                    strokes(v, -v, v, "out"), intervals(v, v, v, "before"), zero(),
-                    x=span(v), y=span(v, log=log)).inline()
+    drawn = picture(Dots(v, v, "after"), Polyline(v, v), Marks(v, v, "before", "o"),
+                    Strokes(v, -v, v, "out"), Intervals(v, v, v, "before"), Zero(),
+                    x=span(v), y=span(v, log=log)).svg()
     assert not re.search(r"nan|inf\b", drawn)
     assert all(t.strip() for t in texts(parsed(drawn)))
 
@@ -215,7 +206,7 @@ def test_words_are_cut_and_broken_to_their_room():
 
 
 def test_long_words_are_told_in_full_on_hovering():
-    root = parsed(chart("leg1 leg2 leg_3 " * 10 + "axes_1").drawing("", "", "").inline())
+    root = parsed(chart("leg1 leg2 leg_3 " * 10 + "axes_1").drawing("", "", "").svg())
     (cut,) = (t for t in root.iter("text") if len(t))
     assert (cut.text or "").endswith("…")
     assert cut.findtext("title") == "leg1 leg2 leg_3 " * 10 + "axes_1"

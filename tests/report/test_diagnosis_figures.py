@@ -333,7 +333,7 @@ def test_words_have_room(cases: Callable[[str], Case], verdict: str) -> None:
     """No words leave a drawing or lie on other words; only long names are cut short."""
     for drawings in pictures(cases(verdict).whole).values():
         for picture in drawings:
-            found = boxes(parsed(picture.inline()))
+            found = boxes(parsed(picture.svg()))
             assert found
             for n, box in enumerate(found):
                 assert -1.0 <= box.left <= box.right <= WIDTH + 1.0, box
@@ -432,7 +432,7 @@ def test_inputs_picture(cases: Callable[[str], Case]) -> None:
         assert text in words, text
     assert any("○ geometry alone, ● with what is named." in w for w in words)
     # higher on the page is a larger error
-    drawing = parsed(pictures(case.whole)["inputs"][0].inline().replace("var(--before)", BEFORE))
+    drawing = parsed(pictures(case.whole)["inputs"][0].svg())
     rings = [p for p in drawing.iter("path") if style(p).get("stroke") == BEFORE
              and p.get("d", "").endswith("z")]
     heights = [-float(np.mean([y for _, y in ring])) for p in rings for ring in pieces(p)]

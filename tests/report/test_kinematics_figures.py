@@ -53,7 +53,7 @@ def test_a_planar_path_over_time_with_what_is_wrong_on_it():
         found["singularity"][0].caption.replace("·10", "e"))
     for drawings in found.values():
         for drawing in drawings:
-            assert drawing.inline().startswith("<svg")
+            assert drawing.svg().startswith("<svg")
 
 
 def test_a_good_path_has_nothing_marked():
@@ -143,7 +143,7 @@ def test_many_rows_are_thinned():
     found = figures(face.inverse(CONFIGS / "3-RPR.yaml", {
         "time": t, "x": 500.0 + 30.0 * t, "y": 300.0 + 10.0 * t, "rz": 20.0 + t}))
     assert "Thinned" in found["pose"][0].caption
-    assert len(found["pose"][0].inline()) < 60_000
+    assert len(found["pose"][0].svg()) < 60_000
 
 
 def test_the_page_has_them(tmp_path):

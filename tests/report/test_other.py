@@ -16,13 +16,15 @@ import yaml
 from helpers.commands import ppmcal
 from helpers.drawings import bold, lines, parsed, pieces, style, texts
 from helpers.paths import ROOT
-from helpers.report_files import cells, read
+from helpers.report_files import cells, read, specs
 
 from ppmcal.errors import BadInput
 from ppmcal.io.results.comparison import ComparisonRecord, platform_sentence, verdict_sentence
 from ppmcal.io.results.identification import IdentificationRecord
 from ppmcal.io.results.identification_wording import combination, noise_verdict
+from ppmcal.plotting.style import AFTER, BEFORE, OUT, SOFT
 from ppmcal.report import collect, to_html, to_json
+from ppmcal.report.comparison import differences
 from ppmcal.report.format import sig, to_sigma, typeset
 
 LATER = {"identification.json": ("identifiability", "gross_errors", "flats"),
@@ -107,24 +109,22 @@ def test_comparison(folders: Path) -> None:
 @pytest.mark.slow
 def test_picture_of_differences(folders: Path) -> None:
     """One bar a parameter, largest first, changed ones with a mark and a bold name."""
-    html, _ = page(folders / "cmp")
-    drawing = next(d for d in re.findall(r"<svg.*?</svg>", html) if "in units of sigma" in d)
     found = record(folders / "cmp", "comparison.json")["parameters"]
-    root = parsed(drawing)
+    root = parsed(differences(collect([folders / "cmp"]).compared[0].record.parameters).svg())
     by_size = sorted(found, key=lambda p: -abs(p["difference"] / p["sigma"]))
     names = [t for t in texts(root) if any(p["name"].startswith(t.rstrip("…")) for p in found)]
     assert [n.removesuffix("…") for n in names] == [
         p["name"][:len(n.removesuffix("…"))] for n, p in zip(names, by_size, strict=True)]
-    strokes = sorted((s for colour in ("after", "before", "out")
-                      for s in lines(root, f"var(--{colour})") if len(s) > 1),
+    strokes = sorted((s for colour in (AFTER, BEFORE, OUT)
+                      for s in lines(root, colour) if len(s) > 1),
                      key=lambda s: s[0][1])
     assert len(strokes) == len(found)
     (changed,) = bold(root)
     assert by_size[names.index(changed)]["status"] == "changed"
-    diamonds = [p for p in root.iter("path") if style(p).get("fill") == "var(--out)"]
+    diamonds = [p for p in root.iter("path") if style(p).get("fill") == OUT]
     assert sum(len(list(pieces(d))) for d in diamonds) == 1
     places, ends = ([s[i][0] for s in strokes] for i in (0, 1))
-    zero = next(s[0][0] for s in lines(root, "var(--soft)") if len({x for x, _ in s}) == 1)
+    zero = next(s[0][0] for s in lines(root, SOFT) if len({x for x, _ in s}) == 1)
     unit = (ends[0] - places[0]) / 3.92
     for p, low in zip(by_size, places, strict=True):
         assert (low - zero) / unit + 1.96 == pytest.approx(p["difference"] / p["sigma"], abs=0.02)
@@ -138,8 +138,9 @@ def test_many_parameters_are_thinned_and_changed_ones_kept(tmp_path: Path) -> No
                                                           "parameters": rows}))
     html, text = page(tmp_path)
     assert "The 40 largest of 60." in text and "48 further parameters" in text
-    drawing = next(d for d in re.findall(r"<svg.*?</svg>", html) if "in units of sigma" in d)
-    assert bold(parsed(drawing)) == ["p0"] and "Nothing by itself explains it." in text
+    ticks = specs(html)["New minus old in units of sigma"]["layout"]["yaxis"]["ticktext"]
+    assert [t for t in ticks if t.startswith("<b>")] == ["<b>p0</b>"]
+    assert "Nothing by itself explains it." in text
 
 
 def test_a_change_of_several_numbers_has_a_row_each(tmp_path: Path) -> None:
@@ -182,7 +183,8 @@ def test_export(folders: Path) -> None:
         assert unit == ("deg" if name.endswith("angle") else "mm")
     gain, (lack,) = found["gain"], found["not_expressed"]
     for stage in ("before", "after"):
-        assert f"{gain[stage]['rms']:.4f} mm</text>" in html
+        words = [r["words"] for r in specs(html)["Predicted error of position"]["rows"]]
+        assert f"{gain[stage]['rms']:.4f} mm" in words
     cost = f"{lack['cost']['rms']:.4f} mm rms, {lack['cost']['max']:.4f} mm at most"
     assert cells(html, "Cost")[1] == [lack["what"], ", ".join(lack["parameters"]), cost]
     assert f"cannot be expressed: {lack['what']}: costs {cost}" in text

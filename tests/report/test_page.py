@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.report_files import cells, identification, read, write_csv, write_fit
+from helpers.report_files import cells, identification, own, read, specs, write_csv, write_fit
 
 from ppmcal.errors import BadInput
 from ppmcal.io.results.identification import IdentificationRecord
@@ -196,15 +196,16 @@ def test_page_says_it_all_with_units(everything: list[Path]) -> None:
 
 
 def test_page_needs_nothing_else_and_is_accessible(everything: list[Path]) -> None:
-    html = to_html(collect(everything))
-    page = read(html)
+    whole = to_html(collect(everything))
+    page, html = read(whole), own(whole)
     assert not re.search(r"https?:|//[a-z]|url\(|@import", html)
     links = [a[2] for a in page.attributes if a[1] in ("src", "href", "srcset")]
     named = {a[2] for a in page.attributes if a[1] == "id"}
     assert len(links) > 12 and all(link[0] == "#" and link[1:] in named for link in links)
     assert html.count("<svg") == html.count("</title>") - 1
     plots = html.count('class="plot"')
-    assert plots >= 9 and plots == html.count("<desc>")
+    assert plots >= 9 and plots == html.count("<noscript><p>") == len(specs(html))
+    assert all(v.strip(". ") for t, k, v in page.attributes if k == "aria-label")
     assert html.count("<th ") == html.count('scope="')
     assert "nan" not in "".join(page.text) and "NaN" not in html and "inf," not in html
 
@@ -222,7 +223,7 @@ def test_names_are_escaped(tmp_path: Path) -> None:
     record["units"] = {"length": evil, "angle": evil}
     record["holdout_note"] = record["method"] = evil
     page = read(to_html(collect([write_fit(tmp_path / "f", record)])))
-    assert page.scripts == 1
+    assert page.scripts == 3 + page.held
     assert evil in "".join(page.text)
     assert not [a for a in page.attributes if a[1].startswith("on")]
 
@@ -361,7 +362,7 @@ def test_large_data_are_thinned(tmp_path: Path) -> None:
     rows = 30_000
     write_fit(tmp_path / "big", identification(), rows)
     html = to_html(collect([tmp_path / "big"]))
-    assert len(html) < 400_000
+    assert len(html) < 5_000_000 and len(own(html)) < 1_000_000
     assert "Thinned: each stroke spans the lowest to the highest of about 100 rows" in html
 
 

@@ -53,7 +53,7 @@ def test_words(day):
 def test_the_picture_has_a_line_for_each_machine(day):
     drawn = picture(day)
     assert drawn is not None
-    svg = drawn.inline()
+    svg = drawn.svg()
     assert all(e.model in svg for e in day.errors)
     assert picture(day.model_copy(update={"errors": day.errors[:1]})) is None
 

@@ -1,0 +1,76 @@
+"""What is known of measured rows, where a plot is pointed at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppmcal.io.results.record import UnitNames
+from ppmcal.linalg import Array
+from ppmcal.plotting.layers import Points
+from ppmcal.report.format import number, sig, with_unit
+from ppmcal.report.records import Columns
+from ppmcal.report.rows import row_key, row_numbers
+
+OWN = ("row", "dataset", "used")
+"""Columns of residuals.csv that say which row it is, not what held in it."""
+STAGES = ("before_", "after_", "sigma_")
+
+
+@dataclass(frozen=True, eq=False)
+class DataRows:
+    """The rows of a residuals.csv, with what is known of each.
+
+    Attributes:
+        fit: which identification of the page, from 0.
+        table: residuals.csv, N rows.
+        units: of its columns.
+        positions: measured x, y (N, 2), nan where unknown; None: all are.
+    """
+
+    fit: int | str
+    table: Columns
+    units: UnitNames
+    positions: Array | None = None
+
+    def points(self, index: NDArray[np.integer[Any]]) -> Points:
+        """Return what some rows (M,), counted from 0, are."""
+        names, rows = self.table.words("dataset"), row_numbers(self.table)
+        picked = index.tolist()
+        return Points([self._said(i) for i in picked],
+                      [row_key(self.fit, names[i], int(rows[i])) for i in picked])
+
+    def _said(self, i: int) -> str:
+        """Return data set, row and what held in it, in lines."""
+        row = number(float(self.table.number("row")[i]))
+        name = ", ".join(t for t in (self.table.words("dataset")[i],
+                                     "" if row is None else f"row {row:.0f}") if t)
+        return "\n".join(t for t in (name, *self._conditions(i)) if t)
+
+    def _conditions(self, i: int) -> Iterator[str]:
+        """Yield where the row was measured, and what other columns say of it."""
+        if self.positions is not None and np.isfinite(self.positions[i]).all():
+            x, y = self.positions[i].tolist()
+            yield f"measured x {sig(x, 5)}, y {sig(y, 5)}"
+        for name in self.table.header:
+            if name in OWN or name.startswith(STAGES):
+                continue
+            if name in self.table.numbers:
+                value = number(float(self.table.numbers[name][i]))
+                quantity = _quantity(name)
+                unit = self.units.of_quantity(quantity) if quantity else ""
+                if value is not None:
+                    yield f"{name} {with_unit(value, unit, 5)}"
+            elif self.table.words(name)[i]:
+                yield f"{name}: {self.table.words(name)[i]}"
+
+
+def _quantity(column: str) -> str:
+    """Return what a column of residuals.csv measures, as far as its name says."""
+    if column in ("x", "y", "z", "height", "distance"):
+        return "length"
+    return "angle" if column in ("rx", "ry", "rz") else ""
