@@ -36,7 +36,8 @@ def cases():
         for unit in units(page):
             verbs = {word for s in unit if s.line for word in shlex.split(s.line)[1:2]}
             slow = path.name not in QUICK if page.startswith(WHOLE) else bool(verbs & HEAVY)
-            yield pytest.param(path.name, page.startswith(WHOLE), unit, id=f"{path.stem}-{unit[-1].block}",
+            yield pytest.param(path.name, page.startswith(WHOLE), unit,
+                               id=f"{path.stem}-{unit[-1].block}",
                                marks=pytest.mark.slow if slow else ())
 
 
