@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 
-.PHONY: demo test test-all lint bench study schemas clean
+.PHONY: demo test test-all lint bench study schemas docs docs-output screenshots strangers-path clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -18,6 +18,11 @@ $(VENV)/.test: $(VENV)/.run
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	@touch $@
 
+$(VENV)/.docs: $(VENV)/.run
+	@echo "Installing what builds the guides ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	@touch $@
+
 demo: $(VENV)/.run
 	@$(BIN)/ppmcal demo --out $(OUT)
 
@@ -28,12 +33,27 @@ test-all: test
 	@$(BIN)/python -m pytest -n auto --dist load -m slow
 
 lint: $(VENV)/.test
-	$(BIN)/ruff check ppmcal tests benchmarks
+	$(BIN)/ruff check ppmcal tests benchmarks docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 schemas: $(VENV)/.run
 	@for name in mechanism dataset scenario batch; do $(BIN)/ppmcal schema $$name > ppmcal/io/schemas/$$name.json; done
+
+docs: $(VENV)/.docs
+	@$(BIN)/python docs/generate.py build/docs
+	@$(BIN)/zensical build --clean --strict
+	@$(BIN)/python docs/generators/links.py build/site
+	@echo "The guides: build/site/index.html"
+
+screenshots: $(VENV)/.run
+	@$(BIN)/python docs/screenshots.py
+
+docs-output: $(VENV)/.test
+	@$(BIN)/python docs/refresh.py
+
+strangers-path: $(VENV)/.run
+	@$(BIN)/python docs/strangers_path.py
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts= -s

@@ -182,7 +182,14 @@ def velocity(mechanism: Machine, moves: Any, *, tool: str | Sequence[float] | No
     """Return the joint rates of poses with velocities ``vx, vy, vz, wx, wy, wz``.
 
     Velocities are those of the tool point, and the angular velocity in base axes, in the
-    mechanism file's units per second. Arguments as for :func:`ppmcal.inverse`.
+    mechanism file's units per second.
+
+    Args:
+        mechanism: the machine, or its file.
+        moves: as the poses of :func:`ppmcal.inverse`, with velocities beside them.
+        tool: point whose poses and velocities they are, in platform axes.
+        rotation: as for :func:`ppmcal.inverse`.
+        pictures: whether :meth:`Result.save` writes pictures too.
 
     Raises:
         BadInput: anything wrong in the table, no velocity columns.

@@ -70,4 +70,6 @@ def mend_of(found: Sequence[Misreading]) -> str:
         return ("Correct the mechanism file" if not beyond else
                 f"Correct the zero of {', '.join(beyond)}: its offset in the mechanism file, or "
                 "the column; or the limits, if they are wrong")
-    return "Write into the sidecar: " + "; ".join(f"`read: {b}`" for b in blocks)
+    mirrored = any(x.kind == "mirrored" for m in found for x in m.mistakes)
+    return "Write into the sidecar: " + "; ".join(f"`read: {b}`" for b in blocks) + (
+        ". Or correct the mechanism file, if it has the mirror image" if mirrored else "")

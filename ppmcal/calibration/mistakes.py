@@ -104,7 +104,9 @@ def _of_positions(pose: PoseReading, data: Dataset) -> list[Mistake]:
         out.append(Mistake("sign", tuple(minus), f"{_list(minus)} have the other sign"))
     if pose.mirror:
         out.append(Mistake("mirrored", _measured(data), "the poses are left-handed: the "
-                           f"instrument's {pose.mirror} axis points the other way"))
+                           f"instrument's {pose.mirror} axis points the other way, or the "
+                           "mechanism file has the mirror image of the machine (home on the "
+                           "other side of the base, or legs numbered the other way round)"))
     for unit in dict.fromkeys(u for u in pose.units if u):
         own = [a for a, u in zip(AXES, pose.units, strict=True) if u == unit]
         out.append(_unit(own, unit, data.units.length))

@@ -289,6 +289,9 @@ def _column(cells: tuple[str, ...], name: str, source: str, dialect: Dialect) ->
             mend = "Write a number, or leave the cell empty if it was not measured"
             if point and re.fullmatch(r"[-+]?\d+,\d+", cell):
                 mend = "Write a decimal point instead of the comma"
+            if cell == name:
+                mend = ("The header stands again in this row, as where files were put together: "
+                        "take the line out")
             shown = cell if len(cell) <= 40 else cell[:37] + "..."
             raise BadInput(f"'{shown}' is not a number", f"{source}: row {i + 1}, column {name}",
                            mend)

@@ -36,10 +36,15 @@ class ValueFile(Strict):
     """``{value, tolerance, free: true}``; ``nominal`` and ``sigma`` are written by identify."""
 
     value: Number | None = None
+    """Present value, in the parameter's unit."""
     tolerance: Sigma | None = None
+    """Standard deviation from `nominal` that is expected; without it there is no prior."""
     free: Flag | None = None
+    """Whether identify fits it."""
     nominal: Number | None = None
+    """Value before the fit, written by identify."""
     sigma: Sigma | None = None
+    """Standard deviation of `value` after the fit, written by identify."""
 
 
 def _value(raw: object) -> object:
@@ -57,15 +62,19 @@ class EffectFile(Strict):
     model_config = ConfigDict(extra="allow")
 
     kind: Label
+    """Kind of the effect."""
     on: list[Label] | None = None
+    """Actuators that it acts on, sharing one value  [default: all]."""
     parameters: dict[Label, Annotated[ValueFile, BeforeValidator(_value)]] = Field(
         default_factory=dict)
+    """Sizes, by name; those of the kind."""
 
 
 class EffectsFile(Strict):
     """The list of effects."""
 
     effects: list[EffectFile]
+    """The effects, one after another."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,14 @@ SLOT, POINT, DIRECTION, POSE = ({"$ref": f"#/$defs/{name}"}
 FILES = ("mechanism", "dataset", "scenario", "batch")
 NUMBER: Schema = {"type": "number"}
 VECTOR: Schema = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 3}
+NAMED = "Name of the limb; parameters begin with it."
+AXES = {"x": "Along x.", "y": "Along y.", "z": "Along z.",
+        "radius": "Distance from the z axis, in place of x and y.",
+        "angle": "Angle from x towards y, beside `radius`."}
+TWIST = {c: f"Shift along {c}." if c in "xyz" else f"Small turn about {c[1]}."
+         for c in JOINT_COMPONENTS}
+SPRINGS = {"bar": "N per unit of length along the limb's contact line; .inf: rigid.",
+           "drive": "Of the drive: N per unit of length, N m per unit of angle; .inf: rigid."}
 
 
 def file_schema(name: str) -> Schema:
@@ -104,7 +112,8 @@ def _dataset() -> Schema:
     out = _of(SidecarFile, "ppmcal data set (the YAML beside a CSV)")
     _places(out["properties"])
     out["properties"]["frame"]["anyOf"].append(
-        {"type": "object", "properties": {"same_as": {"type": "string"}},
+        {"type": "object", "properties": {"same_as": {
+            "type": "string", "description": "Name of the data set whose frame it is too."}},
          "required": ["same_as"], "additionalProperties": False})
     out["properties"]["scale"] |= {"anyOf": [{"enum": ["known", "unknown"]}, NUMBER]}
     instrument = out["$defs"]["InstrumentFile"]["properties"]
@@ -167,7 +176,7 @@ def _limbs(definitions: dict[str, Schema]) -> Schema:
     choose = [{"if": {"properties": {"kind": {"const": name}}, "required": ["kind"]},
                "then": {"$ref": f"#/$defs/limb {name}"}} for name in names]
     return {"type": "object", "required": ["name"], "properties": {
-        "name": {"type": "string", "description": "Name of the limb; parameters begin with it."},
+        "name": {"type": "string", "description": NAMED},
         "kind": {"enum": names, "description": "Joints from base to platform; the driven one in "
                                                "brackets."}},
         "allOf": choose}
@@ -176,7 +185,8 @@ def _limbs(definitions: dict[str, Schema]) -> Schema:
 def _limb(kind: LimbKind) -> Schema:
     """Return the keys of one kind of limb."""
     properties: dict[str, Schema] = {
-        "name": {"type": "string"}, "kind": {"const": kind.name},
+        "name": {"type": "string", "description": NAMED},
+        "kind": {"const": kind.name, "description": "Joints from base to platform."},
         "actuator": {"type": "string", "description": "Joint variable  [default: the name]; limbs "
                                                       "may have one in common."},
         "stiffness": _springs(joint_names(kind))}
@@ -188,8 +198,9 @@ def _limb(kind: LimbKind) -> Schema:
         if not tail:
             properties[head] = schema
             continue
-        part = properties.setdefault(head, {"type": "object", "additionalProperties": False,
-                                            "properties": {}})
+        part = properties.setdefault(head, {
+            "type": "object", "additionalProperties": False, "properties": {},
+            "description": f"What the {head} carries of the limb, in {head} axes."})
         part["properties"][tail] = schema
     return {"type": "object", "description": f"{kind.name}: {kind.closes_when} ({kind.source}).",
             "properties": properties, "additionalProperties": False}
@@ -204,7 +215,8 @@ def _group(kind: LimbKind, group: str, specs: Any) -> Schema:
     if group.startswith("joint"):
         return {"type": "object", "additionalProperties": False,
                 "description": f"Error of the frame of {group}, in its own axes.",
-                "properties": {s.name.rpartition(".")[2]: SLOT for s in specs}}
+                "properties": {c: {**SLOT, "description": TWIST[c]} for c in
+                               (s.name.rpartition(".")[2] for s in specs)}}
     if len(specs) > 1:
         return {**POINT, "description": f"{group}: [x, y, z], {{x, y, z}} or {{radius, angle, z}}."}
     spec: SlotSpec = specs[0]
@@ -213,25 +225,31 @@ def _group(kind: LimbKind, group: str, specs: Any) -> Schema:
 
 
 def _point() -> Schema:
-    slots = dict.fromkeys(("x", "y", "z", "radius", "angle"), SLOT)
+    slots = {name: {**SLOT, "description": text} for name, text in AXES.items()}
     slot_keys = SlotFile.model_json_schema()["properties"]
     lists: Schema = {"anyOf": [NUMBER, VECTOR]}
     return {"anyOf": [
         {"type": "array", "items": SLOT, "minItems": 2, "maxItems": 3},
         {"type": "object", "properties": slots, "additionalProperties": False},
         {"type": "object", "additionalProperties": False, "properties": {
-            key: {"type": "string"} if key == "share" else {"type": "boolean"}
-            if key == "fixed" else lists for key in slot_keys}}]}
+            key: {"description": one["description"], **(
+                {"type": "string"} if key == "share" else {"type": "boolean"}
+                if key == "fixed" else lists)} for key, one in slot_keys.items()}}]}
 
 
 def _springs(joints: tuple[str, ...]) -> Schema:
     """Return ``stiffness``: N per unit of length or N m per unit of angle; .inf: rigid."""
+    components = {c: {**NUMBER, "description": "N per unit of length." if c in TRANSLATIONS else
+                      "N m per unit of angle."} for c in JOINT_COMPONENTS}
+    components["value"] = {**NUMBER, "description": f"{', '.join(TRANSLATIONS)} alike."}
     one: Schema = {"anyOf": [NUMBER, {
-        "type": "object", "additionalProperties": False,
-        "properties": dict.fromkeys((*JOINT_COMPONENTS, "value"), NUMBER)}]}
+        "type": "object", "additionalProperties": False, "properties": components}]}
+    parts = {part: {**NUMBER, "description": SPRINGS[part]} for part in PARTS}
+    own = {joint: {**one, "description": "Of that joint's frame, in its own axes, z along the "
+                                         "joint."} for joint in joints}
     return {"type": "object", "additionalProperties": False,
             "description": f"Springs; one number for a joint: {', '.join(TRANSLATIONS)} alike.",
-            "properties": {**dict.fromkeys(PARTS, NUMBER), **dict.fromkeys(joints, one)}}
+            "properties": {**parts, **own}}
 
 
 def _effect(base: Mapping[str, Any]) -> Schema:

@@ -27,15 +27,25 @@ class PoseFile(Strict):
     """The mapping of a pose; which keys are needed depends on the motion."""
 
     x: _Number | None = None
+    """Position along x, unit of length."""
     y: _Number | None = None
+    """Position along y, unit of length."""
     z: _Number | None = None
+    """Position along z, unit of length; not in the plane."""
     rx: _Number | None = None
+    """Rotation vector along x, unit of angle."""
     ry: _Number | None = None
+    """Rotation vector along y, unit of angle."""
     rz: _Number | None = None
+    """Rotation vector along z, unit of angle; in the plane the angle of rotation."""
     quat_x: _Number | None = None
+    """Quaternion in place of the rotation vector: its x."""
     quat_y: _Number | None = None
+    """Quaternion: its y."""
     quat_z: _Number | None = None
+    """Quaternion: its z."""
     quat_w: _Number | None = None
+    """Quaternion: its scalar part."""
 
 
 def quantity(coordinate: str) -> str:

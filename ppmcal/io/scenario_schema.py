@@ -232,7 +232,7 @@ class ScenarioFile(Strict):
     target_rotation: Any = "known"
     """Rotation vector of the measured body, or `known`: none."""
     noise: NoiseFile = NoiseFile()
-    """How the noise is correlated and distributed."""
+    """Correlation, gross errors and tails of the noise."""
     repeats: Count = 1
     """Measurements at each pose."""
     approach: Annotated[str, choice("approach", "both", "sequence", "one")] = "one"

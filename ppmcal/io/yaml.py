@@ -26,6 +26,7 @@ _FLOAT = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$"
 _INT = re.compile(r"^[-+]?[0-9]+$")
 _BOOL = re.compile(r"^(true|True|TRUE|false|False|FALSE)$")
 _NULL = re.compile(r"^(~|null|Null|NULL|)$")
+_TAB = re.compile(rb" *\t")
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -132,7 +133,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         _check_depth(data, path)
         tree = yaml.load(data, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
-        raise _syntax(path, error) from None
+        raise _syntax(path, error, data) from None
     except (yaml.YAMLError, LookupError, ValueError, RecursionError, OverflowError) as error:
         what = " ".join(str(error).split())[:200]
         raise BadInput(f"is not YAML ({what})", str(path),
@@ -146,7 +147,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return tree
 
 
-def _syntax(path: Path, error: yaml.MarkedYAMLError) -> BadInput:
+def _syntax(path: Path, error: yaml.MarkedYAMLError, data: bytes) -> BadInput:
     mark = error.problem_mark or error.context_mark
     where = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
     what = error.problem or error.context or "not YAML"
@@ -155,6 +156,8 @@ def _syntax(path: Path, error: yaml.MarkedYAMLError) -> BadInput:
                         "Remove the alias (`*name`)")
     if "stands twice" in what:
         return BadInput(what, where, "Remove one of the two")
+    if mark and _TAB.match(b"".join(data.splitlines()[mark.line:mark.line + 1])):
+        return BadInput("a tab stands in the indentation", where, "Indent with spaces")
     return BadInput(f"YAML error: {what}", where, "Check indentation, brackets and quotes there")
 
 

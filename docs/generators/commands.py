@@ -1,0 +1,79 @@
+"""The page of all commands, from their own help."""
+
+from __future__ import annotations
+
+import click
+
+from generators.markdown import code, fenced, plain, table
+from ppmcal.cli import COMMANDS, cli
+
+EXIT_CODES = """## Exit codes
+
+| code | means | what to do |
+|---|---|---|
+| 0 | done | |
+| 1 | done, and something needs a look, such as rows left out | read the lines that begin with `!` |
+| 2 | bad input: nothing was written | one message names file, place and mend |
+| 3 | no result, and nothing written but what says why | the message has what would help |
+| 130 | stopped with Ctrl-C | |
+
+No result (3) is: singular, not converged, measurements that are not of this machine as the files
+are read, corrections that are worse than none. What needs a look (1) also stands under `findings`
+in the JSON file.
+"""
+INTRODUCTION = """# Commands
+
+`ppmcal COMMAND --help` says the same. Every command that writes files takes `--out`, every one that
+prints a result takes `--json` (one object on standard output, for other programs) and `--quiet`.
+[Exit codes](#exit-codes) are the same for all of them.
+"""
+
+
+def command_page() -> str:
+    """Return the page: a table of all commands, each command, then exit codes."""
+    listed = table(["command", "what it does"],
+                   [(f"[`{name}`](#{name})", plain(line)) for name, line in COMMANDS.items()])
+    return "\n".join([INTRODUCTION, listed, *map(_section, COMMANDS), EXIT_CODES])
+
+
+def _section(name: str) -> str:
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    context = click.Context(command, info_name=f"ppmcal {name}", terminal_width=100)
+    usage = command.get_usage(context).removeprefix("Usage: ")
+    options = [p for p in command.params if isinstance(p, click.Option) and not p.hidden]
+    return "\n".join([
+        f"## {name}\n", fenced(usage, "text"), _help(command.help or "") + "\n",
+        table(["option", "default", "what it does"],
+              [(_names(o), _default(o), plain(_what(o))) for o in options]),
+        "Examples:\n", fenced("\n".join(examples_of(command, context)), "text")])
+
+
+def examples_of(command: click.Command, context: click.Context) -> list[str]:
+    """Return the lines that stand behind the word in a command's help."""
+    _, _, end = command.get_help(context).partition("Examples:")
+    return [line.strip() for line in end.splitlines() if line.strip()]
+
+
+def _help(text: str) -> str:
+    return "\n\n".join(plain(" ".join(part.split())) for part in text.split("\n\n")
+                       if "Examples:" not in part)
+
+
+def _names(option: click.Option) -> str:
+    metavar = "" if option.is_flag else f" {option.make_metavar(click.Context(click.Command('')))}"
+    names = ", ".join([*option.opts, *option.secondary_opts])
+    return code(f"{names}{metavar}")
+
+
+def _default(option: click.Option) -> str:
+    shown = option.show_default
+    if isinstance(shown, str):
+        return plain(shown)
+    if option.default is None or option.is_flag or not isinstance(option.default, str | float):
+        return ""
+    return code(option.default)
+
+
+def _what(option: click.Option) -> str:
+    return " ".join((option.help or "").split())

@@ -1,0 +1,135 @@
+"""Every command and file that the guides and the README show: run in order, in a folder."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from generators.notebook import cells
+from generators.pages import FENCE, WHOLE, Ran, Step, perform, stands, steps, units, with_output
+from helpers.commands import ppmcal
+from helpers.desk import lay_desk
+from helpers.paths import ROOT
+
+from ppmcal.cli import cli
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+ELSEWHERE = {"--scheduler": "needs a cluster"}
+"""What a command line has that is not run here: its options are read all the same."""
+HEAVY = {"compare", "diagnose", "tolerances", "workspace", "batch", "plan", "stiffness",
+         "sensitivity", "demo"}
+"""Commands that take more than some seconds."""
+QUICK = {"first-calibration.md", "own-mechanism.md", "data.md", "report.md"}
+"""Whole pages that every test run can bear."""
+
+
+def run(words: list[str], folder: Path) -> Ran:
+    done = ppmcal(*words, cwd=folder)
+    return Ran(done.code, done.out + done.err)
+
+
+def cases():
+    for path in PAGES:
+        page = path.read_text(encoding="utf-8")
+        for unit in units(page):
+            verbs = {word for s in unit if s.line for word in shlex.split(s.line)[1:2]}
+            slow = path.name not in QUICK if page.startswith(WHOLE) else bool(verbs & HEAVY)
+            yield pytest.param(path.name, page.startswith(WHOLE), unit,
+                               id=f"{path.stem}-{unit[-1].block}",
+                               marks=pytest.mark.slow if slow else ())
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("desk")
+    lay_desk(folder)
+    for name in ("sample_data", "configs"):
+        shutil.copytree(ROOT / name, folder / name)
+    return folder
+
+
+def on_a_desk(step: Step, folder: Path) -> Ran:
+    """Perform a step where other files are already: a reader would have none of its results.
+
+    What `init` writes makes way for the file in which a reader has put the machine's numbers.
+    """
+    words = shlex.split(step.line)
+    made = []
+    if words[:2] == ["ppmcal", "init"] and "--out" in words:
+        name = folder / words[words.index("--out") + 1]
+        made = [name, name.with_suffix(".scenario.yaml")]
+    kept = {path: path.read_bytes() for path in made if path.exists()}
+    for path in kept:
+        path.unlink()
+    if words[:2] == ["ppmcal", "compare"] and (folder / "compared").exists():
+        shutil.rmtree(folder / "compared")
+    ran = perform(step, folder, run)
+    for path, content in kept.items():
+        assert path.exists()
+        path.write_bytes(content)
+    return ran
+
+
+@pytest.mark.parametrize(("page", "whole", "unit"), list(cases()))
+def test_what_a_page_shows_runs(page, whole, unit, request, tmp_path):
+    folder = tmp_path / "here"
+    if whole:
+        folder.mkdir()
+        shutil.copytree(ROOT / "sample_data", folder / "sample_data")
+    else:
+        shutil.copytree(request.getfixturevalue("desk"), folder)
+    for step in unit:
+        if any(mark in step.line for mark in ELSEWHERE):
+            _, name, *words = shlex.split(step.line)
+            cli.get_command(None, name).make_context(name, words)
+            continue
+        ran = perform(step, folder, run) if whole else on_a_desk(step, folder)
+        assert ran.code in step.codes, f"{page}, line {step.block}: {step.line or step.name}\n" \
+                                       f"exit code {ran.code}\n{ran.text}"
+
+
+def test_what_is_not_run_here_names_what_is_there():
+    named = [s for path in PAGES for s in steps(path.read_text(encoding="utf-8"))
+             if s.line and not s.line.startswith("ppmcal")]
+    assert {shlex.split(s.line)[0] for s in named} >= {"make", "python"}
+    assert stands(Step(1, line="make coffee")).code == 2
+    assert stands(Step(1, line="python benchmarks/gone.py")).code == 2
+
+
+def test_a_page_is_parsed():
+    page = ('```\nppmcal init    # a remark\nx,y\nppmcal check \\\n  mine.yaml\n```\n'
+            '```yaml title="a.yaml"\nk: 1\n```\n'
+            '```console\n$ ppmcal check b.yaml   # exit code 2\nError\n...\n$ cat a.yaml\n```\n'
+            '```text\nppmcal nothing\n```\n')
+    found = list(steps(page))
+    assert [s.line or s.name for s in found] == [
+        "ppmcal init", "ppmcal check mine.yaml", "a.yaml", "ppmcal check b.yaml", "cat a.yaml"]
+    assert [s.codes for s in found] == [(0, 1)] * 3 + [(2,), (0, 1)]
+    assert found[3].output == ("Error", "...")
+    assert [len(u) for u in units(page)] == [2, 3]
+
+
+def test_outputs_are_written_anew(tmp_path):
+    page = ('```text title="a.txt"\none\ntwo\nthree\n```\n'
+            '```console\n$ cat a.txt\nold\n...\n$ head -1 a.txt\n```\n')
+    new = with_output(page, tmp_path)
+    assert new.endswith("```console\n$ cat a.txt\none\n...\n$ head -1 a.txt\none\n```\n")
+    assert with_output(new, tmp_path) == new
+
+
+def test_no_page_shows_a_place_of_its_makers_machine():
+    for path in PAGES:
+        for block in FENCE.finditer(path.read_text(encoding="utf-8")):
+            assert not any(w in block["body"] for w in ("/tmp/", "/work/", "/home/")), path.name
+
+
+@pytest.mark.slow
+def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    code = [text for kind, text in cells(ROOT / "docs" / "calibration.ipynb") if kind == "code"]
+    assert len(code) > 5
+    for text in code:
+        exec(compile(text, "calibration.ipynb", "exec"), names)

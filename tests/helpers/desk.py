@@ -1,0 +1,83 @@
+"""A folder with every file that the examples of the pages and of the help name."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from helpers.paths import ROOT
+from ppmcal.cli import cli
+from ppmcal.cli.common import WIDTH
+
+SAMPLES = ROOT / "sample_data"
+COPIES = {"hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
+          "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
+          "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
+          "targets.csv": "targets.csv", "poses.csv": "poses.csv",
+          "printer/printer.cfg": "printer.cfg"}
+LINES = ("ppmcal identify mine.yaml run1.csv --quiet",
+         "ppmcal simulate mine.yaml mine.scenario.yaml --seed 5 --out may --quiet",
+         "ppmcal identify mine.yaml may/measurements.csv --out identified-may --quiet",
+         "ppmcal compare identified identified-may --quiet",
+         "ppmcal kinematics inverse mine.yaml poses.csv --quiet",
+         "ppmcal import klipper printer.cfg --out printer --quiet",
+         "ppmcal identify printer/machine.yaml printer/heights.csv printer/distances.csv "
+         "--out fitted-printer --quiet")
+
+
+def run(line: str) -> None:
+    """Run a command line; it has to end with exit code 0 or 1."""
+    result = CliRunner().invoke(cli, shlex.split(line)[1:])
+    # 1: done, and something needs a look
+    assert result.exit_code in (0, 1), f"{line}\n{result.output}\n{result.exception!r}"
+    if not line.startswith("ppmcal schema"):    # JSON, for programs
+        wide = [shown for shown in result.stdout.splitlines() if len(shown) > WIDTH]
+        assert not wide, f"{line}\n" + "\n".join(wide)
+        # a column too narrow for its numbers or words goes on in the next line
+        assert not re.search(r"^ {8,}(?:ied|ed|d|ifie?d?|nt|t) *$", result.stdout, re.M), line
+
+
+def lay_desk(folder: Path) -> None:
+    """Put the files there, and what commands make of them."""
+    for source, name in COPIES.items():
+        shutil.copy(SAMPLES / source, folder / name)
+    with (folder / "mine.yaml").open("a", encoding="utf-8") as file:
+        file.write("stiffness: {bar: 5e4, drive: 2e5}\n")
+    (folder / "fleet.yaml").write_text(
+        "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n"
+        "  - {machine: hexapod-07, date: 2026-03-14, data: run1.csv}\n", encoding="utf-8")
+    _write_log(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for line in LINES:
+            run(line)
+    shutil.copy(folder / "kinematics" / "kinematics.csv", folder / "joints.csv")
+    for day in ("may", "june"):
+        shutil.copy(folder / "may" / "measurements.csv", folder / f"{day}.csv")
+        text = (folder / "may" / "measurements.yaml").read_text(encoding="utf-8")
+        (folder / f"{day}.yaml").write_text(text.replace("name: may", f"name: {day}"),
+                                            encoding="utf-8")
+    shutil.copy(SAMPLES / "poses.csv", folder / "tasks.csv")
+    poses = (SAMPLES / "poses.csv").read_text(encoding="utf-8")
+    (folder / "euler.csv").write_text(
+        poses.replace("rx,ry,rz", "euler_1,euler_2,euler_3"), encoding="utf-8")
+    shutil.copy(folder / "run1.yaml", folder / "tracker.yaml")
+    (folder / "config.g").write_text("M665 R140 L300 B110 H290\nM501\n", encoding="utf-8")
+
+
+def _write_log(folder: Path) -> None:
+    """Write the joints of each pose and, apart from them, the points that a tracker saw."""
+    with (folder / "run1.csv").open(encoding="utf-8", newline="") as file:
+        rows = {row["pose"]: row for row in csv.DictReader(file)}
+    joints = [name for name in next(iter(rows.values())) if name.startswith("q_")]
+    log = [";".join(["pose", *joints])] + [
+        ";".join([pose, *(row[j].replace(".", ",") for j in joints)]) for pose, row in rows.items()]
+    points = [f"{pose} {row['x']} {row['y']} {row['z']}" for pose, row in rows.items()]
+    (folder / "log.csv").write_text("\n".join(log) + "\n", encoding="utf-8")
+    (folder / "points.txt").write_text("\n".join(points) + "\n", encoding="utf-8")
