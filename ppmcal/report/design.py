@@ -30,7 +30,7 @@ WIDE = 40
 """Cells with more letters may break."""
 
 
-def design_section(one: Designed) -> Section:
+def design_section(one: Designed, folded: bool = False) -> Section:
     """Return everything about one design: what it says, its tables, pictures and findings."""
     r = one.record
     out = [paragraph(_source(one), "note")]
@@ -40,7 +40,8 @@ def design_section(one: Designed) -> Section:
         out.append(scalars({k: v for k, v in r.entries().items() if k != "name"}))
     of = f" of {r.name}" if r.name else ""
     return Section(f"{title(one)}{of}", "".join(out), parts=filled(
-        [Section("Pictures", _pictures(one)), *(_table(one, t) for t in r.tables)]))
+        [Section("Pictures", _pictures(one), count(len(one.pictures), "picture"), folded),
+         *(_table(one, t, folded) for t in r.tables)]))
 
 
 def title(one: Designed) -> str:
@@ -58,7 +59,7 @@ def _source(one: Designed) -> str:
     return f"From {one.folder}" + (f": {held}." if held else ".")
 
 
-def _table(one: Designed, shown: ShownTable) -> Section:
+def _table(one: Designed, shown: ShownTable, folded: bool) -> Section:
     """Return one table: its first rows, heads with units, and its note."""
     rows = shown.rows
     heads = [_head(c, one.record.units) for c in shown.columns]
@@ -69,7 +70,7 @@ def _table(one: Designed, shown: ShownTable) -> Section:
     note = " ".join(t for t in (sentence(shown.note), more) if t)
     html = table("", heads, body, sort=True) if heads else ""
     return Section(shown.title or "Table", (html or paragraph("No rows.", "note"))
-                   + paragraph(note, "note"), count(len(rows), "row"))
+                   + paragraph(note, "note"), count(len(rows), "row"), folded)
 
 
 def _head(column: str, units: Mapping[str, str]) -> str:

@@ -32,7 +32,7 @@ from ppmcal.report.diagnosis_tables import ladder, next_poses, tried
 from ppmcal.report.format import count, number, probability, sig
 from ppmcal.report.html import Cell, amount, bullets, dotted, figures, paragraph, table, words
 from ppmcal.report.records import Diagnosed
-from ppmcal.report.residual_figures import residual_figures
+from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.section import Section, filled
 from ppmcal.report.validation import days
 from ppmcal.wording import where
@@ -49,7 +49,9 @@ def diagnosis_section(d: Diagnosed) -> Section:
         Section("What the residuals follow, before and after", figures(shown)),
         Section("What these data cannot tell apart", figures(drawn.get("alternatives", []))),
         _days(r), _next(d), _refused(d, drawn.get("ranking", [])), _swallowed(r), _places(r),
-        Section("Residuals", figures(residual_figures(d.residuals, r.units, fit=d.folder)),
+        Section("Residuals", figures([
+            *residual_figures(d.residuals, r.units, d.folder),
+            *coordinate_figures(d.residuals, r.units, fit=d.folder)]),
                 folded=True),
         Section("Findings", bullets(r.findings) if r.findings else "")]))
 

@@ -39,7 +39,7 @@ from ppmcal.report.html import (
 )
 from ppmcal.report.identifiability import gross_error_section, identifiability_section
 from ppmcal.report.records import Identified
-from ppmcal.report.residual_figures import residual_figures
+from ppmcal.report.residual_figures import coordinate_figures, residual_figures
 from ppmcal.report.residuals import quantity_of, used
 from ppmcal.report.rows import row_key, rows_section
 from ppmcal.report.section import Section, filled
@@ -61,7 +61,7 @@ def identified_section(one: Identified, index: int, title: str, body: str = "") 
     r = one.record
     units = {p.name: p.unit for p in r.parameters}
     return Section(title, body, one.folder, parts=filled([
-        accuracy(one), plots(one, index), rows_section(one, index), excluded(one, index),
+        accuracy(one), *plots(one, index), rows_section(one, index), excluded(one, index),
         gross_error_section(r.gross_errors, units, index), parameters(r),
         identifiability_section(r), redundant(r), correlations(r)]))
 
@@ -199,16 +199,18 @@ def correlations(r: IdentificationRecord) -> Section | None:
                    count(len(found), "pair"), folded=True)
 
 
-def plots(one: Identified, index: int) -> Section | None:
-    """Return the residual plots."""
-    drawings = residual_figures(one.residuals, one.record.units, one.positions, index)
-    if not drawings or one.residuals is None:
-        return None
-    keep = used(one.residuals)
+def plots(one: Identified, index: int) -> list[Section]:
+    """Return the residual plots, those of single coordinates folded."""
+    t, units = one.residuals, one.record.units
+    if t is None:
+        return []
+    keep = used(t)
     out = whole(int((~keep).sum()))
-    note = count(one.residuals.size, "row") + (
-        "" if keep.all() else f", {out} of them left out of the fit")
-    return Section("Residuals", figures(drawings), note)
+    note = count(t.size, "row") + ("" if keep.all() else f", {out} of them left out of the fit")
+    each = coordinate_figures(t, units, one.positions, index)
+    return [Section("Residuals", figures(residual_figures(t, units, index)), note),
+            Section("Residuals by coordinate", figures(each), count(len(each), "plot"),
+                    folded=True)]
 
 
 def excluded(one: Identified, index: int) -> Section | None:

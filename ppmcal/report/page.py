@@ -46,6 +46,8 @@ from ppmcal.wording import gathered
 from ppmcal.wording.progress import stage
 
 MOST_LOOKED_AT = 60
+FEW = 3
+"""So many parts of a calibration are open where there are several calibrations."""
 
 
 @stage("drawing the page")
@@ -67,11 +69,14 @@ def chapters(data: ReportData) -> list[Section]:
         found = identified_section(one, n, name, part("tiles", _tiles(one)))
         drawn = Section("The machine", machine_section(one, n, data.diagnosed,
                                                        len(data.identified)))
-        out.append(replace(found, parts=filled([drawn, *found.parts])))
+        parts = filled([drawn, *found.parts])
+        out.append(replace(found, parts=tuple(
+            replace(p, folded=p.folded or (several and i >= FEW)) for i, p in enumerate(parts))))
     out += [validation_section(v) for v in data.validated]
     out += [compensation_section(r, units_of(r, data)) for r in data.compensated]
     out += [kinematics_section(r) for r in data.kinematics]
-    out += [design_section(d) for d in data.designed]
+    out += [design_section(d, len(data.designed) + len(data.identified) > 1)
+            for d in data.designed]
     out += [other_section(o) for o in data.others]
     out += [comparison_section(o) for o in data.compared]
     out += [export_section(o) for o in data.exported]

@@ -51,9 +51,25 @@ ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
 
 
-def residual_figures(table: Columns | None, units: UnitNames, positions: Array | None = None,
-                     fit: int | str = 0) -> list[Drawing]:
-    """Return all pictures of residuals.csv.
+def residual_figures(table: Columns | None, units: UnitNames, fit: int | str = 0) -> list[Drawing]:
+    """Return the pictures of all residuals together: over their noise, and as norms by row.
+
+    Args:
+        table: residuals.csv.
+        units: of its columns.
+        fit: which identification of the page it is, for the keys of its rows.
+    """
+    if table is None or not table.size:
+        return []
+    rows = DataRows(fit, table, units)
+    out = [histogram(white(table))]
+    out += [by_row(rows, g, units.of_quantity(g.quantity)) for g in groups(table)]
+    return [p for p in out if p is not None]
+
+
+def coordinate_figures(table: Columns | None, units: UnitNames, positions: Array | None = None,
+                       fit: int | str = 0) -> list[Drawing]:
+    """Return the pictures of each measured coordinate, and those in the plane.
 
     Args:
         table: residuals.csv.
@@ -63,11 +79,8 @@ def residual_figures(table: Columns | None, units: UnitNames, positions: Array |
     """
     if table is None or not table.size:
         return []
-    rows = DataRows(fit, table, units, positions)
-    out = [histogram(white(table))]
-    out += [by_row(rows, g, units.of_quantity(g.quantity)) for g in groups(table)]
-    have = coordinates(table)
-    out += [coordinate(rows, c, units.of_quantity(quantity_of(c))) for c in have]
+    rows, have = DataRows(fit, table, units, positions), coordinates(table)
+    out = [coordinate(rows, c, units.of_quantity(quantity_of(c))) for c in have]
     if "x" in have and "y" in have:
         out += plane(rows, units.length)
     return [p for p in out if p is not None]

@@ -88,7 +88,7 @@ function tools(table) {
   bar.className = 'tools';
   const left = document.createElement('span');
   left.className = 'left';
-  if (rows.length > 8) {
+  if (rows.length > 12) {
     const field = document.createElement('input');
     field.type = 'search';
     field.placeholder = `search ${rows.length} rows`;
