@@ -130,3 +130,11 @@ def test_formulas_become_mathml_and_code_stays():
     assert "`$x$`" in out
     assert "$ ppmcal init" in out
     assert "costs $5 and $6" in with_formulas("costs $5 and $6")
+
+
+def test_every_page_is_in_the_contents():
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    named = set(re.findall(r": ([\w/-]+\.md)$", text, re.M))
+    written = {path.name for path in (ROOT / "docs").glob("*.md")}
+    made = {f"reference/{name}.md" for name in (*FILES, "commands", "limbs", "python")}
+    assert named == written | made | {"calibration.md", "changes.md"}
