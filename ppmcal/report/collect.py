@@ -122,7 +122,7 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
         found = _with_parameters(_record(IdentificationRecord, folder),
                                  lambda: table("parameters.csv"))
         out.append(("identified", Identified(name, found, table("residuals.csv"),
-                                             diagnosed=diagnosed)))
+                                             diagnosed=diagnosed, next=table("next.csv"))))
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),

@@ -45,7 +45,8 @@ def _share(gone: float | None, whole_gap: float) -> str:
     if gone is None or not whole_gap > 0.0:
         return "–"
     part = gone / whole_gap
-    return f"{100.0 * part:.{1 if abs(part) < 0.1 or 0.99 <= part < 0.9995 else 0}f} %".replace("-", "−")
+    decimals = 1 if abs(part) < 0.1 or 0.99 <= part < 0.9995 else 0
+    return f"{100.0 * part:.{decimals}f} %".replace("-", "−")
 
 
 def tried(effects: Columns | None) -> str:

@@ -20,6 +20,7 @@ from ppmcal.report.diagnosis_format import amounts
 from ppmcal.report.html import paragraph
 from ppmcal.report.machine_rows import POINTS, PlacedRows, placed_rows
 from ppmcal.report.machine_scene import scene_html
+from ppmcal.report.next_poses import with_next
 from ppmcal.report.records import Diagnosed, Identified
 from ppmcal.wording import number, where
 
@@ -67,6 +68,9 @@ def machine_scene(one: Identified, index: int, mechanism: Mechanism,
     notes = list(rows.notes)
     if points:
         notes = [_what_is_drawn(mechanism, len(poses.keys), len(points)), *notes]
+    if one.next is not None and one.next.size:
+        notes.append("Diamonds: where the platform stands at the poses to measure next, next.csv.")
+    poses = with_next(poses, one.next, mechanism)
     return Scene.of(mechanism, points, _value(one), mechanism.units.length, poses,
                     scene_effects(mechanism, record), "identified", notes)
 

@@ -59,6 +59,7 @@ class Identified:
         positions: measured x, y (N, 2) of the residual rows, nan where unknown; None where
             no measurement file with the right check sum was at hand.
         diagnosed: whether it is the fit behind a diagnosis in the same folder.
+        next: the rows of next.csv, what to measure next; None without.
     """
 
     folder: str
@@ -66,6 +67,7 @@ class Identified:
     residuals: Columns | None = None
     positions: Array | None = None
     diagnosed: bool = False
+    next: Columns | None = None
 
     @property
     def name(self) -> str:

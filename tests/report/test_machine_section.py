@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from helpers.paths import ROOT
 import ppmcal as face
 from ppmcal.io import read_dataset, read_mechanism
 from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.kinematics.closure import Model
+from ppmcal.kinematics.forward import forward
+from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.report.collect import collect
 from ppmcal.report.machine_rows import placed_rows
 from ppmcal.report.machine_section import machine_section, scene_effects, spread_rows
@@ -133,3 +137,27 @@ def test_effects_are_lit_where_they_sit():
     assert [e.limbs for e in told if "backlash" in e.name] == [(1, 4)]
     assert "± 0.002" in next(e.text for e in told if "backlash" in e.name)
     assert [e.limbs for e in told if "geometry" in e.name] == [(2,)]
+
+
+def test_what_to_measure_next_stands_on_the_machine(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    shutil.copytree(folder / "fit", tmp_path / "fit")
+    machine = read_mechanism(folder / "fit/identified.yaml")
+    nominal = replace(machine.nominal(), effects=())
+    rows = read_dataset(folder / "simulated/measurements.csv", machine).q[[4, 4, 9]]
+    names = [f"q_{a}" for a in machine.actuators]
+    factors = np.array([f for f, _ in machine.joint_units])
+    (tmp_path / "fit/next.csv").write_text("\n".join(
+        [",".join([*names, "approach"])] + [",".join([*map(repr, (q / factors).tolist()), "+"])
+                                            for q in rows]) + "\n")
+    scene = scene_of(machine_section(collect([tmp_path / "fit"]).identified[0], 0))
+    found = {f["key"]: f for f in scene["machines"][0]["frames"]
+             if f.get("key", "").startswith("next:")}
+    assert list(found) == ["next:1", "next:3"]
+    assert [f["label"] for f in found.values()] == ["measure next, row 1", "measure next, row 3"]
+    pose = pose_vector(forward(Model(nominal), rows[[0, 2]]).pose)[:, :2]
+    np.testing.assert_allclose([f["origin"][:2] for f in found.values()],
+                               pose / machine.units.factor("length"), rtol=1e-6)
+    assert any("next.csv" in note for note in scene["notes"])
+    assert not any(f.get("key", "").startswith("next:")
+                   for f in scene_of(machine_section(only(folder), 0))["machines"][0]["frames"])

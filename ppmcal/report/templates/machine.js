@@ -132,7 +132,7 @@
         ...M.machineTraces(...at, false), ...(this.second ? M.machineTraces(c, this.second,
           M.magnified(frame, this.second.frames[n], this.scene.magnification), true) : []),
         ...M.jointTraces(...at), ...M.axisTraces(c, frame), ...M.markTraces(...at),
-        ...M.pointTraces(c, stage, this.stage !== "none", new Set(this.keys))];
+        ...M.nextTraces(c, this.first.frames), ...M.pointTraces(c, stage, this.stage !== "none", new Set(this.keys))];
       return Plotly.react(this.box, traces, this.layout(c), { responsive: true, displaylogo: false,
         modeBarButtons: [this.scene.flat
           ? ["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]

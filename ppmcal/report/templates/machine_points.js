@@ -58,6 +58,14 @@
     return [errors, points, out, lit].filter((p) => p.points.length).map((p) => p.trace());
   };
 
+  // where the platform is to stand for what should be measured next
+  M.nextTraces = (c, frames) => {
+    const wanted = c.pieces("measure next", { mode: "markers", marker: { symbol: "diamond",
+      size: c.flat ? 11 : 6, color: c.colour("pick"), line: { color: c.colour("card"), width: 1 } } });
+    frames.forEach((f) => (f.key || "").startsWith("next:") && wanted.add([f.origin], safe(f.label), f.key));
+    return wanted.points.length ? [wanted.trace()] : [];
+  };
+
   // all keys chosen: a list of rows in words, with the numbers of the first
   M.chosenWords = (c, keys, frames) => {
     if (!keys.length) return [];

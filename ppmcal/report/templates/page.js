@@ -130,7 +130,8 @@ lines.forEach(r => r.addEventListener('click', event => {
   choose(keys.includes(key) && (more || keys.length === 1) ? rest : [...rest, key], r);
 }));
 function called(key) {
-  const [, ...rest] = key.split(':');
+  const [index, ...rest] = key.split(':');
+  if (index === 'next') return `row ${rest} of next.csv`;
   return `${rest.slice(0, -1).join(':')} row ${rest[rest.length - 1]}`;
 }
 document.addEventListener('ppmcal-select', event => {
