@@ -31,6 +31,13 @@ def browser():
         yield one
 
 
+def opened(browser, path, **how):
+    """Open a page with nothing folded."""
+    page = browser.open(path, **how)
+    page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true })")
+    return page
+
+
 @pytest.fixture(scope="module")
 def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plots")
@@ -83,7 +90,7 @@ def keys_of(html, title="Residual of x by row, after"):
 
 
 def test_all_plots_are_drawn_without_an_error(browser, html):
-    page = browser.open(html)
+    page = opened(browser, html)
     total = page.evaluate("document.querySelectorAll('figure.plot').length")
     assert total == len(specs(html.read_text())) >= 8
     assert page.evaluate(FRESH) < total or page.evaluate("innerHeight") > 3000, "drawn unseen"
@@ -98,7 +105,7 @@ def test_all_plots_are_drawn_without_an_error(browser, html):
 
 
 def test_pointing_at_a_row_tells_it_with_its_unit(browser, html):
-    page = browser.open(html)
+    page = opened(browser, html)
     key = keys_of(html)[7]
     page.hover(*place(page, X, key))
     page.wait_for(f"document.querySelector({X!r}).querySelector('.hoverlayer .hovertext')")
@@ -109,7 +116,7 @@ def test_pointing_at_a_row_tells_it_with_its_unit(browser, html):
 
 
 def test_rows_are_lit_in_all_plots_and_escape_puts_them_out(browser, html):
-    page = browser.open(html)
+    page = opened(browser, html)
     keys = keys_of(html)[3:5]
     drawn(page, X), drawn(page, Y)
     page.evaluate(PICK.format(json.dumps(keys)))
@@ -132,7 +139,7 @@ def test_rows_are_lit_in_all_plots_and_escape_puts_them_out(browser, html):
 
 
 def test_a_click_and_a_box_say_which_rows(browser, html):
-    page = browser.open(html)
+    page = opened(browser, html)
     page.evaluate(LISTEN)
     key = keys_of(html)[7]
     page.click(*place(page, X, key))
@@ -159,7 +166,7 @@ def test_a_click_and_a_box_say_which_rows(browser, html):
 
 
 def test_keys_go_from_point_to_point(browser, html):
-    page = browser.open(html)
+    page = opened(browser, html)
     page.evaluate(LISTEN)
     drawn(page, X)
     page.evaluate(f"document.querySelector({X!r}).focus()")
@@ -182,7 +189,7 @@ def colours(page, selector):
 
 
 def test_dark_is_dark_and_follows_a_change(browser, html):
-    page = browser.open(html, dark=True)
+    page = opened(browser, html, dark=True)
     drawn(page, X)
     ground, words = colours(page, X)
     assert ground < 80 < 150 < words
@@ -197,7 +204,7 @@ def test_dark_is_dark_and_follows_a_change(browser, html):
 
 
 def test_paper_has_all_plots_in_light_colours(browser, html, tmp_path):
-    page = browser.open(html, dark=True)
+    page = opened(browser, html, dark=True)
     total = page.evaluate("document.querySelectorAll('figure.plot').length")
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     page.wait_for(f"{FRESH} === {total}")
@@ -214,7 +221,7 @@ def test_paper_has_all_plots_in_light_colours(browser, html, tmp_path):
 
 
 def test_a_plot_follows_the_width_of_the_window(browser, html):
-    page = browser.open(html)
+    page = opened(browser, html)
     drawn(page, X)
     page.resize(390, 800)
     page.wait_for(f"Math.abs(document.querySelector({X!r})._fullLayout.width - "
