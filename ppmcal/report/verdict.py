@@ -103,7 +103,7 @@ def _certainty(one: Identified, d: DiagnosisRecord | None) -> Line:
     weak = [p for p in r.parameters if p.disagree]
     if weak:
         parts.append(f"sessions disagree on {count(len(weak), 'parameter')}")
-    text = "; ".join(f"{p[:1].upper()}{p[1:]}" if i == 0 else p for i, p in enumerate(parts))
+    text = "; ".join((p[:1].lower() if i else p[:1].upper()) + p[1:] for i, p in enumerate(parts))
     sure = fine and not weak and (d is None or d.confirmed is not False or not d.effects)
     if not parts:
         return Line("How sure?", "Not known", "The folder does not hold a check of the noise.",
