@@ -1,0 +1,288 @@
+"""The layers of a plot as traces and shapes of plotly: one function for each kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ppmcal.linalg import Array, Bools
+from ppmcal.plotting.canvas import SMALL, WIDTH, fitted
+from ppmcal.plotting.layers import (
+    Arrows,
+    Band,
+    Between,
+    Dots,
+    Histogram,
+    Intervals,
+    Layer,
+    Marks,
+    Points,
+    Polyline,
+    Starts,
+    Strokes,
+    WordsAt,
+    Zero,
+    within,
+)
+from ppmcal.plotting.plot import BOTTOM, RIGHT, TOP, Axis, Plot
+from ppmcal.plotting.web_values import Spec, lines, number, numbers, safe
+
+SYMBOLS = {"o": "circle", "x": "x-thin", "D": "diamond", "s": "square"}
+FORMAT = ".4~g"
+
+
+@dataclass(frozen=True)
+class Pane:
+    """A plot as its layers see it; ``words``: what the kinds of marks are called."""
+
+    plot: Plot
+    words: Mapping[str, str]
+
+    def per(self) -> tuple[float, float]:
+        """Return how much of each linear axis a point is, at the size of a file."""
+        p = self.plot
+        return ((p.x.high - p.x.low) / (WIDTH - RIGHT - p.left),
+                (p.y.high - p.y.low) / (p.height - TOP - BOTTOM))
+
+
+@dataclass
+class Parts:
+    """What a figure is made of."""
+
+    data: list[Spec] = field(default_factory=list)
+    shapes: list[Spec] = field(default_factory=list)
+    annotations: list[Spec] = field(default_factory=list)
+
+
+@singledispatch
+def add(layer: Layer, pane: Pane, parts: Parts) -> None:
+    """Add what one layer is in a figure.
+
+    Raises:
+        TypeError: nobody has said what it is there.
+    """
+    raise TypeError(f"no part of a page's figure can be made of {type(layer).__name__}")
+
+
+def _value(name: str, unit: str, axis: str) -> str:
+    """Return the line that tells one coordinate of a point, with its unit."""
+    short = name.removesuffix(f" ({unit})") if unit else name
+    return f"{safe(short)}: %{{{axis}:{FORMAT}}} {safe(unit)}".rstrip()
+
+
+def _template(pane: Pane, points: Points, kind: str) -> str:
+    """Return what pointing at a point tells: what it is, then its coordinates with their units."""
+    plot, word = pane.plot, pane.words.get(kind, "")
+    (x_name, y_name), (x_unit, y_unit) = plot.names, plot.units
+    out = ["%{text}"] if points.texts or points.keys else []
+    if plot.rows:
+        out.append(_value(word or x_name, x_unit, "x"))
+    elif points.texts and x_unit == "" and not plot.equal:
+        out.append(_value(word or y_name, y_unit, "y"))  # x is only where the point stands
+    else:
+        out += [_value(x_name, x_unit, "x"), _value(word or y_name, y_unit, "y")]
+    return "<br>".join(out) + "<extra></extra>"
+
+
+def _inside(pane: Pane, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array, Bools]:
+    """Return points moved into the axes (N,), (N,), and which can be drawn (N,)."""
+    p = pane.plot
+    at, up = np.broadcast_arrays(within(np.ravel(x), p.x.low, p.x.high),
+                                 within(np.ravel(y), p.y.low, p.y.high))
+    return at, up, np.isfinite(at) & np.isfinite(up)
+
+
+def _clipped(pane: Pane, template: str, axis: Axis, letter: str, values: Array,
+             seen: Bools) -> str | list[str]:
+    """Return a template whose values beyond an axis, drawn at its edge, are as they are."""
+    out = [template if axis.low <= v <= axis.high else template.replace(
+        f"%{{{letter}:{FORMAT}}}", f"{v:.4g}".replace("-", "−")) for v in values[seen].tolist()]
+    return template if all(t is template for t in out) else out
+
+
+def _points(pane: Pane, x: ArrayLike, y: ArrayLike, kind: str, points: Points, marker: Spec
+            ) -> Spec:
+    """Return a trace of markers."""
+    at, up, seen = _inside(pane, x, y)
+    template = _template(pane, points, kind)
+    rows = bool(pane.plot.rows)
+    true = np.broadcast_to(np.ravel(np.asarray(x if rows else y, dtype=float)), seen.shape)
+    out: Spec = {
+        "type": "scatter", "mode": "markers", "x": numbers(at[seen]), "y": numbers(up[seen]),
+        "marker": marker, "cliponaxis": False, "name": safe(pane.words.get(kind, kind)),
+        "hovertemplate": _clipped(pane, template, pane.plot.x if rows else pane.plot.y,
+                                  "x" if rows else "y", true, seen)}
+    picked = np.flatnonzero(seen).tolist()
+    if points.keys:
+        out["customdata"] = [points.keys[i] for i in picked]
+    elif points.texts:
+        out["text"] = [lines(points.texts[i]) for i in picked]
+    return out
+
+
+def _line(x: Iterable[float | None], y: Iterable[float | None], colour: str, size: float,
+          **more: Any) -> Spec:
+    """Return a trace of lines that tells nothing by itself."""
+    return {"type": "scatter", "mode": "lines", "x": list(x), "y": list(y), "hoverinfo": "skip",
+            "line": {"color": colour, "width": size}, **more}
+
+
+@add.register
+def _(layer: Dots, pane: Pane, parts: Parts) -> None:
+    parts.data.append(_points(pane, layer.x, layer.y, layer.kind, layer.points,
+                              {"color": f"--{layer.kind}", "size": 1.4 * layer.size}))
+
+
+@add.register
+def _(layer: Marks, pane: Pane, parts: Parts) -> None:
+    parts.data.append(_points(pane, layer.x, layer.y, layer.kind, layer.points,
+                              _marker(layer.kind, layer.marker, layer.size)))
+
+
+def _marker(kind: str, marker: str, size: float) -> Spec:
+    """Return a marker, an open one before, crosses as lines alone."""
+    line = {"color": f"--{kind}", "width": 1.6}
+    fill = "--card" if kind == "before" else f"--{kind}"
+    return {"symbol": SYMBOLS[marker], "size": 1.3 * size, "color": fill, "line": line}
+
+
+@add.register
+def _(layer: Strokes, pane: Pane, parts: Parts) -> None:
+    along, across = ("y", "x") if layer.flat else ("x", "y")
+    axis = pane.plot.x if layer.flat else pane.plot.y
+    at, low, high = np.broadcast_arrays(*(np.ravel(np.asarray(v, dtype=float))
+                                          for v in (layer.x, layer.low, layer.high)))
+    low, high = (within(v, axis.low, axis.high) for v in (low, high))
+    seen = np.isfinite(at) & np.isfinite(low) & np.isfinite(high)
+    nil: list[float | None] = [None]
+    ends = [numbers(v[seen]) for v in (at, low, high)]
+    places = [v for a in ends[0] for v in (a, a, *nil)]
+    values = [v for b, c in zip(*ends[1:], strict=True) for v in (b, c, *nil)]
+    colour = f"--{layer.kind}" + (f"/{layer.alpha}" if layer.alpha else "")
+    out = _line((), (), colour, 1.2 * layer.size) | {along: places, across: values}
+    if layer.points.texts:
+        said = [lines(t) for t, s in zip(layer.points.texts, seen.tolist(), strict=True) if s]
+        out |= {"text": [t for s in said for t in (s, s, "")], "hoverinfo": "text"}
+    parts.data.append(out)
+
+
+@add.register
+def _(layer: Polyline, pane: Pane, parts: Parts) -> None:
+    at, up, seen = _inside(pane, layer.x, layer.y)
+    (x_name, y_name), (x_unit, y_unit) = pane.plot.names, pane.plot.units
+    name = f"<b>{safe(layer.name)}</b><br>" if layer.name else ""
+    parts.data.append(_line(
+        numbers(np.where(seen, at, np.nan)), numbers(np.where(seen, up, np.nan)), "--ink", 1.6,
+        hovertemplate=f"{name}{_value(x_name, x_unit, 'x')}<br>"
+                      f"{_value(y_name, y_unit, 'y')}<extra></extra>", hoverinfo="all"))
+
+
+@add.register
+def _(layer: Intervals, pane: Pane, parts: Parts) -> None:
+    p = pane.plot
+    middle = np.where(np.isfinite(layer.half), layer.mean, np.nan)
+    (x_name, y_name), (x_unit, y_unit) = p.names, p.units
+    texts = layer.points.texts or [f"{_bare(x_name, x_unit)} {v:.4g} {x_unit}".rstrip()
+                                   for v in layer.x.tolist()]
+    word = pane.words.get(layer.kind, _bare(y_name, y_unit))
+    said = Points([f"{t}\n{word}: {m:.3g} ± {h:.2g} {y_unit}".rstrip()
+                   for t, m, h in zip(texts, middle.tolist(), layer.half.tolist(), strict=True)])
+    trace = _points(pane, layer.x + layer.aside * pane.per()[0], middle, layer.kind, said,
+                    _marker(layer.kind, "o", 5.6))
+    seen = _inside(pane, layer.x, middle)[2]
+    trace["hovertemplate"] = "%{text}<extra></extra>"
+    trace["error_y"] = {"type": "data", "array": numbers(layer.half[seen]), "width": 0,
+                        "thickness": 1.6, "color": f"--{layer.kind}"}
+    parts.data.append(trace)
+
+
+def _bare(name: str, unit: str) -> str:
+    return name.removesuffix(f" ({unit})")
+
+
+@add.register
+def _(layer: Arrows, pane: Pane, parts: Parts) -> None:
+    x, y = layer.pieces(*pane.per())
+    parts.data.append(_line(numbers(x), numbers(y), f"--{layer.kind}", 1.4))
+    if layer.sizes is None:
+        return
+    # the feet stand for the arrows where one points or selects
+    trace = _points(pane, layer.x, layer.y, layer.kind, layer.points,
+                    {"color": f"--{layer.kind}", "size": 4})
+    (x_name, y_name), (x_unit, y_unit) = pane.plot.names, pane.plot.units
+    seen = _inside(pane, layer.x, layer.y)[2]
+    word = safe(pane.words.get(layer.kind, "error"))
+    tail = "" if layer.points.keys else (f"<br>{_value(x_name, x_unit, 'x')}"
+                                         f"<br>{_value(y_name, y_unit, 'y')}")
+    trace["hovertemplate"] = [f"%{{text}}<br>{word}: {v:.4g} {safe(layer.unit)}".rstrip()
+                              + f"{tail}<extra></extra>" for v in layer.sizes[seen].tolist()]
+    parts.data.append(trace)
+
+
+@add.register
+def _(layer: Histogram, pane: Pane, parts: Parts) -> None:
+    seen = layer.tops > 0.0
+    left, right = layer.edges[:-1][seen], layer.edges[1:][seen]
+    x_unit, y_unit = pane.plot.units
+    parts.data.append({
+        "type": "bar", "x": numbers(0.5 * (left + right)), "y": numbers(layer.tops[seen]),
+        "width": numbers(0.88 * (right - left)), "marker": {"color": "--after/0.75"},
+        "text": [f"{a:.4g} … {b:.4g} {safe(x_unit)}".rstrip()
+                 for a, b in zip(left.tolist(), right.tolist(), strict=True)],
+        "textposition": "none", "hovertemplate":
+            f"{safe(_bare(pane.plot.names[0], x_unit))}: %{{text}}<br>"
+            f"{_value(pane.plot.names[1], y_unit, 'y')}<extra></extra>"})
+
+
+@add.register
+def _(layer: Between, pane: Pane, parts: Parts) -> None:
+    x = np.ravel(np.asarray(layer.x, dtype=float))
+    low, high = (np.clip(np.asarray(v, dtype=float), pane.plot.y.low, pane.plot.y.high)
+                 for v in (layer.low, layer.high))
+    parts.data.append(_line(numbers(np.append(x, x[::-1])), numbers(np.append(low, high[::-1])),
+                            "--after/0", 0, fill="toself", fillcolor="--after/0.2"))
+
+
+@add.register
+def _(layer: Zero, pane: Pane, parts: Parts) -> None:
+    along, across = ("y", "x") if layer.upright else ("x", "y")
+    parts.shapes.append({
+        "type": "line", f"{along}ref": "paper", f"{along}0": 0, f"{along}1": 1, f"{across}0": 0,
+        f"{across}1": 0, "line": {"color": "--soft/0.5", "width": 1.2}, "layer": "below"})
+
+
+@add.register
+def _(layer: Band, pane: Pane, parts: Parts) -> None:
+    if layer.low < layer.high:
+        parts.shapes.append({
+            "type": "rect", "xref": "paper", "x0": 0, "x1": 1, "y0": number(layer.low),
+            "y1": number(layer.high), "fillcolor": "--after/0.12", "line": {"width": 0},
+            "layer": "below"})
+
+
+@add.register
+def _(layer: Starts, pane: Pane, parts: Parts) -> None:
+    for x, name in layer.places:
+        room = min(90.0, (pane.plot.x.high - x) / pane.per()[0])
+        parts.shapes.append({
+            "type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": x, "x1": x,
+            "line": {"color": "--soft/0.7", "width": 1, "dash": "dash"}, "layer": "below"})
+        parts.annotations.append({
+            "x": x, "y": 1, "yref": "paper", "xanchor": "left", "yanchor": "top",
+            "showarrow": False, "text": safe(fitted(name, room, size=SMALL)),
+            "hovertext": safe(name), "font": {"color": "--soft", "size": 11}})
+
+
+@add.register
+def _(layer: WordsAt, pane: Pane, parts: Parts) -> None:
+    wide, high = pane.per()
+    parts.annotations.append({
+        "x": number(pane.plot.x.high - wide * layer.x),
+        "y": number(pane.plot.y.high - high * (layer.y - 4.0)), "xanchor": "right",
+        "yanchor": "middle", "showarrow": False, "text": safe(layer.text),
+        "font": {"color": "--soft"}})
