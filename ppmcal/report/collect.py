@@ -20,8 +20,8 @@ from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.record import Record as JsonRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.validation import ValidationRecord
-from ppmcal.linalg import Array
 from ppmcal.report.design_records import DESIGN_FILES, designed
+from ppmcal.report.measured_rows import is_condition, is_place, with_measured
 from ppmcal.report.records import (
     Columns,
     ComparedCalibrations,
@@ -76,7 +76,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
         for key, part in _parts(folder):
             found[key].append(part)
     found["simulated"] = [_with_copies(s, found["identified"]) for s in found["simulated"]]
-    identified = tuple(_with_positions(i, found["simulated"]) for i in found["identified"])
+    identified = tuple(with_measured(i, found["simulated"]) for i in found["identified"])
     parts = {k: tuple(v) for k, v in found.items() if k != "identified"}
     return ReportData(tuple(str(d) for d in unique), identified, **parts,
                       comparisons=compare(identified, found["simulated"]))
@@ -183,7 +183,8 @@ def _simulated(folder: Path) -> Simulated:
     here = file.is_file()
     return Simulated(str(folder), _record(TruthRecord, folder)
                      if (folder / TruthRecord.FILE).is_file() else None,
-                     read_columns(file, whole=False, wanted=_is_place) if here else None,
+                     read_columns(file, whole=False, wanted=is_condition, numeric=is_place)
+                     if here else None,
                      digest(file) if here else "")
 
 
@@ -218,51 +219,3 @@ def _same_column(one: Sequence[str], other: Sequence[str]) -> bool:
         return False
     largest = float(np.max(np.abs(a), initial=0.0, where=np.isfinite(a)))
     return np.allclose(a, b, rtol=0.0, atol=ROUND_OFF * largest, equal_nan=True)
-
-
-def _is_place(column: str) -> bool:
-    return column in ("x", "y")
-
-
-def _with_positions(one: Identified, simulated: Sequence[Simulated]) -> Identified:
-    """Find the measured x, y of the residual rows, in files with the check sum of the input."""
-    table = one.residuals
-    if table is None or not table.size:
-        return one
-    if "x" in table.numbers and "y" in table.numbers:
-        return _replace(one, np.column_stack([table.number("x"), table.number("y")]))
-    out = np.full((table.size, 2), np.nan)
-    datasets = one.record.datasets
-    names = np.array(table.words("dataset"), dtype=object)
-    for entry in datasets:
-        places = _places(one, entry.source, simulated)
-        rows = np.clip(table.number("row"), -1.0, 1e9)
-        mine = (names == entry.name) | (len(datasets) == 1)
-        if places is None or not np.isfinite(rows[mine]).all() or not mine.any():
-            continue
-        index = np.nan_to_num(rows, nan=-1.0).astype(int) - (0 if rows[mine].min() < 1 else 1)
-        mine &= (index >= 0) & (index < len(places))
-        out[mine] = places[index[mine]]
-    return _replace(one, out) if np.isfinite(out).all(axis=1).any() else one
-
-
-def _replace(one: Identified, places: Array) -> Identified:
-    return replace(one, positions=places)
-
-
-def _places(one: Identified, source: str, simulated: Sequence[Simulated]) -> Array | None:
-    """Return x, y (N, 2) of a measurement file, if it is the very one that was fitted."""
-    inputs = one.record.provenance.inputs
-    names = [k for k in inputs if k == source] or [
-        k for k in inputs if source and Path(k).name == Path(source).name]
-    if len(names) != 1 or not inputs[names[0]]:
-        return None
-    table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)
-    if table is None and digest(Path(names[0])) == inputs[names[0]]:
-        try:
-            table = read_columns(Path(names[0]), whole=False, wanted=_is_place)
-        except BadInput:
-            return None
-    if table is None or "x" not in table.numbers or "y" not in table.numbers:
-        return None
-    return np.column_stack([table.number("x"), table.number("y")])

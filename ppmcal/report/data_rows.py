@@ -13,11 +13,13 @@ from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array
 from ppmcal.plotting.layers import Points
 from ppmcal.report.format import number, sig, with_unit
-from ppmcal.report.records import Columns
+from ppmcal.report.records import Columns, MeasuredRows
 from ppmcal.report.rows import row_key, row_numbers
 
 OWN = ("row", "dataset", "used")
 """Columns of residuals.csv that say which row it is, not what held in it."""
+MOST = 18
+"""So many columns of the measurement file are told of a row, three in a line."""
 STAGES = ("before_", "after_", "sigma_")
 
 
@@ -30,12 +32,14 @@ class DataRows:
         table: residuals.csv, N rows.
         units: of its columns.
         positions: measured x, y (N, 2), nan where unknown; None: all are.
+        measured: the rows in the files that were fitted; None where these are not at hand.
     """
 
     fit: int | str
     table: Columns
     units: UnitNames
     positions: Array | None = None
+    measured: MeasuredRows | None = None
 
     def points(self, index: NDArray[np.integer[Any]]) -> Points:
         """Return what some rows (M,), counted from 0, are."""
@@ -53,7 +57,9 @@ class DataRows:
 
     def _conditions(self, i: int) -> Iterator[str]:
         """Yield where the row was measured, and what other columns say of it."""
-        if self.positions is not None and np.isfinite(self.positions[i]).all():
+        told = [] if self.measured is None else self.measured.said(i)
+        yield from (", ".join(told[n:n + 3]) for n in range(0, min(len(told), MOST), 3))
+        if not told and self.positions is not None and np.isfinite(self.positions[i]).all():
             x, y = self.positions[i].tolist()
             yield f"measured x {sig(x, 5)}, y {sig(y, 5)}"
         for name in self.table.header:

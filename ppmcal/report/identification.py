@@ -207,8 +207,8 @@ def plots(one: Identified, index: int) -> list[Section]:
     keep = used(t)
     out = whole(int((~keep).sum()))
     note = count(t.size, "row") + ("" if keep.all() else f", {out} of them left out of the fit")
-    each = coordinate_figures(t, units, one.positions, index)
-    return [Section("Residuals", figures(residual_figures(t, units, index)), note),
+    each = coordinate_figures(t, units, one.positions, index, one.measured)
+    return [Section("Residuals", figures(residual_figures(t, units, index, one.measured)), note),
             Section("Residuals by coordinate", figures(each), count(len(each), "plot"),
                     folded=True)]
 

@@ -22,7 +22,7 @@ from ppmcal.io.results.stiffness import StiffnessRecord
 from ppmcal.io.results.tolerances import TolerancesRecord
 from ppmcal.io.results.validation import ValidationRecord
 from ppmcal.io.results.workspace import WorkspaceRecord
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, Ints
 
 Record = Mapping[str, Any]
 DesignRecord: TypeAlias = (SensitivityRecord | TolerancesRecord | StiffnessRecord | WorkspaceRecord
@@ -48,6 +48,38 @@ class Columns:
         return self.text.get(name, ("",) * self.size)
 
 
+def shown(cell: str) -> str:
+    """Return a cell of a CSV with six digits if it is a number."""
+    try:
+        return f"{float(cell):.6g}"
+    except ValueError:
+        return cell.strip()
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRows:
+    """Where the N rows of a residuals.csv stand in the files that were fitted.
+
+    Attributes:
+        tables: these files, without joint values.
+        table, line: of each row (N,), from 0; -1 where unknown.
+    """
+
+    tables: tuple[Columns, ...]
+    table: Ints
+    line: Ints
+
+    def said(self, row: int) -> list[str]:
+        """Return what the file says of a row, as it stands there: ``temperature 21.5``."""
+        if self.table[row] < 0:
+            return []
+        table, line = self.tables[self.table[row]], int(self.line[row])
+        cells = [(h, shown(table.text[h][line]) if h in table.text else
+                  f"{table.numbers[h][line]:.6g}") for h in table.header
+                 if h in table.text or h in table.numbers]
+        return [f"{name} {cell}" for name, cell in cells if cell and cell != "nan"]
+
+
 @dataclass(frozen=True)
 class Identified:
     """Output of ``identify`` (or the fit behind ``diagnose``).
@@ -60,6 +92,7 @@ class Identified:
             no measurement file with the right check sum was at hand.
         diagnosed: whether it is the fit behind a diagnosis in the same folder.
         next: the rows of next.csv, what to measure next; None without.
+        measured: the residual rows in their own files; None where these are not at hand.
     """
 
     folder: str
@@ -68,6 +101,7 @@ class Identified:
     positions: Array | None = None
     diagnosed: bool = False
     next: Columns | None = None
+    measured: MeasuredRows | None = None
 
     @property
     def name(self) -> str:

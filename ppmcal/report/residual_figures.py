@@ -25,7 +25,7 @@ from ppmcal.plotting.plot import Axis, Plot, span
 from ppmcal.report.data_rows import DataRows
 from ppmcal.report.format import count, sig, whole, with_label, with_unit
 from ppmcal.report.plane_figures import plane
-from ppmcal.report.records import Columns, ComparedMachines, ResidualRows
+from ppmcal.report.records import Columns, ComparedMachines, MeasuredRows, ResidualRows
 from ppmcal.report.residuals import (
     BINS,
     POINTS,
@@ -48,24 +48,27 @@ ROWS = "row, in the order of the file"
 BEFORE_AFTER = (("before", "before"), ("after", "after"))
 
 
-def residual_figures(table: Columns | None, units: UnitNames, fit: int | str = 0) -> list[Drawing]:
+def residual_figures(table: Columns | None, units: UnitNames, fit: int | str = 0,
+                     measured: MeasuredRows | None = None) -> list[Drawing]:
     """Return the pictures of all residuals together: over their noise, and as norms by row.
 
     Args:
         table: residuals.csv.
         units: of its columns.
         fit: which identification of the page it is, for the keys of its rows.
+        measured: the rows in their own files.
     """
     if table is None or not table.size:
         return []
-    rows = DataRows(fit, table, units)
+    rows = DataRows(fit, table, units, None, measured)
     out = [histogram(white(table))]
     out += [by_row(rows, g, units.of_quantity(g.quantity)) for g in groups(table)]
     return [p for p in out if p is not None]
 
 
 def coordinate_figures(table: Columns | None, units: UnitNames, positions: Array | None = None,
-                       fit: int | str = 0) -> list[Drawing]:
+                       fit: int | str = 0, measured: MeasuredRows | None = None
+                       ) -> list[Drawing]:
     """Return the pictures of each measured coordinate, and those in the plane.
 
     Args:
@@ -73,10 +76,11 @@ def coordinate_figures(table: Columns | None, units: UnitNames, positions: Array
         units: of its columns.
         positions: measured x, y (N, 2) of its rows.
         fit: which identification of the page it is, for the keys of its rows.
+        measured: the rows in their own files.
     """
     if table is None or not table.size:
         return []
-    rows, have = DataRows(fit, table, units, positions), coordinates(table)
+    rows, have = DataRows(fit, table, units, positions, measured), coordinates(table)
     out = [coordinate(rows, c, units.of_quantity(quantity_of(c))) for c in have]
     if "x" in have and "y" in have:
         out += plane(rows, units.length)

@@ -412,3 +412,23 @@ def test_noise_verdicts() -> None:
     assert typeset("p = 1.2e-09, -0.5*a - b +- 2 chi-squared of leg-1") == (
         "p = 1.2·10⁻⁹, −0.5 × a − b ± 2 χ² of leg-1")
     assert combination(Combination(name="a")) == "nothing: no effect on these measurements"
+
+
+def test_a_row_is_told_with_what_its_own_file_says(tmp_path: Path) -> None:
+    rows = 6
+    write_csv(tmp_path / "day.csv", {
+        "pose": [f"p{i}" for i in range(rows)], "q_leg1": range(rows),
+        "x": [10.0 + i / 3.0 for i in range(rows)], "y": [0.5] * rows,
+        "temperature": [20.0 + i for i in range(rows)], "approach": ["+", "-"] * 3})
+    sha = hashlib.sha256((tmp_path / "day.csv").read_bytes()).hexdigest()
+    record = identification(inputs={str(tmp_path / "day.csv"): sha})
+    record["datasets"][0]["source"] = str(tmp_path / "day.csv")
+    (one,) = collect([write_fit(tmp_path / "fit", record, rows)]).identified
+    assert one.measured is not None
+    assert one.measured.said(1) == ["pose p1", "x 10.3333", "y 0.5", "temperature 21",
+                                    "approach -"]
+    assert one.positions is not None and one.positions[1].tolist() == [10.0 + 1 / 3, 0.5]
+    html = to_html(collect([tmp_path / "fit"]))
+    assert "temperature 21" in html and "q_leg1" not in html
+    (tmp_path / "day.csv").write_text("pose,x\n1,2\n")
+    assert collect([tmp_path / "fit"]).identified[0].measured is None
