@@ -1,0 +1,111 @@
+"""The first three lines of the page, and the gap step by step."""
+
+import pytest
+from helpers.report_files import cells, identification
+
+from ppmcal.io.results.diagnosis import DiagnosisRecord
+from ppmcal.io.results.identification import IdentificationRecord
+from ppmcal.report.diagnosis_tables import ladder
+from ppmcal.report.records import Diagnosed, Identified, ReportData
+from ppmcal.report.section import Section, placed
+from ppmcal.report.verdict import MOST, verdicts
+
+
+def one(folder="fit", name="bench", **change):
+    record = IdentificationRecord.model_validate({**identification(name), **change})
+    return Identified(folder, record)
+
+
+def lines(found, diagnosis=None):
+    diagnosed = () if diagnosis is None else (
+        Diagnosed(found.folder, DiagnosisRecord.model_validate(diagnosis), None),)
+    (verdict,) = verdicts(ReportData((), (found,), diagnosed))
+    assert verdict.of == ""
+    assert [line.question for line in verdict.lines] == ["Calibrated?", "How sure?", "Next?"]
+    return verdict.lines
+
+
+def test_a_good_calibration_is_to_be_used():
+    good, sure, then = lines(one(redundant=[]))
+    assert (good.word, good.state) == ("Yes", "ok")
+    assert "0.512\u00a0mm → 0.00612\u00a0mm; 0.00655\u00a0mm on poses" in good.text
+    assert (sure.word, sure.state) == ("Sure", "ok")
+    assert (then.word, then.state) == ("Use it", "ok")
+    assert "ppmcal compensate fit" in then.text
+
+
+NOISY = {"sigma_ratio": 3.0, "chi2": 900.0, "degrees": 100.0, "chi2_p": 1e-40}
+FIGURE = {"rms": 0.7, "max": 1.0, "unit": "mm"}
+ROSE = {"before": {"position": {**FIGURE, "rms": 0.1}}, "after": {"position": FIGURE},
+        "holdout": {}}
+
+
+@pytest.mark.parametrize(("change", "diagnosis", "word", "state", "then"), [
+    ({"noise": NOISY}, None, "Not fully", "warn", "Diagnose"),
+    ({"noise": NOISY}, {"verdict": "unnamed"}, "Not fully", "warn", "Look closer"),
+    ({}, {"verdict": "weak"}, "Not fully", "warn", "Look closer"),
+    ({}, {"verdict": "none"}, "Yes", "ok", "Use it"),
+    ({}, {"verdict": "named-set", "next_measurements": {"reason": "Both ways",
+                                                        "file": "next.csv", "rows": 8}},
+     "Not fully", "warn", "Measure"),
+    ({"converged": False}, None, "No", "bad", "Diagnose"),
+    ({"residual": ROSE}, None, "No", "bad", "Diagnose"),
+    ({"residual": {}}, None, "Not known", "warn", "Diagnose"),
+    ({"campaign": {"poses": 9, "file": "next.csv", "text": "Few"}}, None, "In part", "warn",
+     "Measure"),
+])
+def test_no_yes_beside_a_doubt(change, diagnosis, word, state, then):
+    good, _, last = lines(one(**change), diagnosis)
+    assert (good.word, good.state) == (word, state)
+    assert last.word == then
+    assert (last.state == "ok") == (state == "ok")
+
+
+def test_doubts_of_certainty_are_told():
+    assert lines(one(noise=NOISY))[1].state == "warn"
+    assert lines(one(noise={}, redundant=[]))[1].word == "Not known"
+    unsure = lines(one(), {"verdict": "named", "confirmed": False, "effects": [
+        {"kind": "backlash", "on": ["leg1"]}]})[1]
+    assert unsure.word == "With doubts"
+
+
+def test_each_machine_has_its_lines_by_its_last_calibration():
+    found = [one("a", "first", converged=False), one("b", "second"), one("c", "first")]
+    told = verdicts(ReportData((), tuple(found)))
+    assert [v.of for v in told] == ["first", "second"]
+    assert told[0].lines[0].word == "Yes" and "ppmcal compensate c" in told[0].lines[2].text
+    many = tuple(one(str(n), f"m{n}") for n in range(MOST + 3))
+    assert len(verdicts(ReportData((), many))) == MOST
+
+
+def test_a_diagnosis_of_the_same_measurements_counts():
+    own = {"inputs": {"run.csv": "a" * 64}}
+    fit = one(provenance=own)
+    other = Diagnosed("elsewhere", DiagnosisRecord.model_validate(
+        {"verdict": "unnamed", "provenance": own}), None)
+    assert verdicts(ReportData((), (fit,), (other,)))[0].lines[0].word == "Not fully"
+    stray = Diagnosed("elsewhere", DiagnosisRecord.model_validate(
+        {"verdict": "unnamed", "provenance": {"inputs": {"x.csv": "b" * 64}}}), None)
+    assert verdicts(ReportData((), (fit,), (stray,)))[0].lines[0].word == "Yes"
+
+
+def test_shares_of_the_gap_are_of_squares_beyond_the_noise():
+    steps = [{"what": "start", "rms_ratio": 11.0}, {"what": "geometry", "rms_ratio": 2.0},
+             {"what": "effect", "kind": "backlash", "on": ["leg1"], "rms_ratio": 1.5},
+             {"what": "effect", "kind": "windup", "on": ["leg2"], "rms_ratio": 0.9}]
+    html = ladder(DiagnosisRecord.model_validate({"plot_data": {"steps": steps}}))
+    _, first, geometry, one_, two = cells(html, "The gap")
+    assert first[1:] == ["11.0 ×", "–", "–"]
+    assert geometry[1:] == ["2.00 ×", f"{117 / 120:.0%}".replace("%", " %"),
+                            "–"]
+    assert one_[2:] == [f"{100 * 1.75 / 120:.1f} %", "58 %"]
+    assert two[2:] == [f"{100 * 1.25 / 120:.1f} %", "42 %"]
+    assert ladder(DiagnosisRecord()) == ""
+
+
+def test_names_in_links_are_one_of_a_kind():
+    chapters = [Section("Calibration", parts=(Section("Rows"), Section("Rows!"))),
+                Section("Rows"), Section("???")]
+    found = placed(chapters)
+    assert [c.name for c in found] == ["calibration", "rows-3", "part"]
+    assert [p.name for p in found[0].parts] == ["rows", "rows-2"]
