@@ -1,13 +1,9 @@
 """Pictures of kinematics: what is drawn, over what, and what is marked."""
 
-import csv
-import re
-import shlex
 
 import numpy as np
 import pytest
 from helpers import machines
-from helpers.commands import ppmcal
 from helpers.paths import ROOT
 
 import ppmcal as face
@@ -163,23 +159,3 @@ def test_a_table_of_another_hand_is_still_a_report(tmp_path):
     assert "x by row" in to_html(collect([tmp_path / "path"]))
     (tmp_path / "path" / "kinematics.json").unlink()
     assert "Kinematics" in to_html(collect([tmp_path / "path"]))
-
-
-@pytest.mark.slow
-def test_the_commands_of_the_guide_run(tmp_path):
-    """Each line of docs/kinematics.md, in a folder with the files that it names."""
-    text = (ROOT / "docs" / "kinematics.md").read_text(encoding="utf-8")
-    lines = [line for block in re.findall(r"```\n(.*?)```", text, re.S)
-             for line in block.splitlines() if line.startswith("ppmcal ")]
-    assert len(lines) > 5
-    for name in ("3-RPS", "6-UPS"):
-        (tmp_path / f"{name}.yaml").write_text((CONFIGS / f"{name}.yaml").read_text())
-        (tmp_path / f"{name}-helix.csv").write_text((PATHS / f"{name}-helix.csv").read_text())
-    for line in lines:
-        run = ppmcal(*shlex.split(line.partition("#")[0])[1:], cwd=tmp_path)
-        assert run.code in (0, 1), f"{line}\n{run.out}{run.err}"
-    with (tmp_path / "legs" / "kinematics.csv").open(newline="") as file:
-        assert len(list(csv.DictReader(file))) == 61
-    for name in ("path", "pose", "joints", "rates", "singularity"):
-        content = (tmp_path / "legs" / f"{name}.png").read_bytes()
-        assert content.startswith(b"\x89PNG") and len(content) > 10_000
