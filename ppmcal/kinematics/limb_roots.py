@@ -114,11 +114,11 @@ def _inner_products(model: Model, index: int, pose: Array, u: Array,
     if count > FEW:
         return np.stack([_inner_product(model, index, pose, u[:, j], held)
                          for j in range(several)], axis=-1)
+    rows = np.repeat(np.arange(count), several)    # effects give each row slots of its own
     again = None if held is None else {
-        name: np.repeat(value, several, axis=0) if len(value) == count else value
-        for name, value in held.items()}
-    return _inner_product(model, index, np.repeat(pose, several, axis=0), u.ravel(),
-                          again).reshape(count, several)
+        name: value[rows] if len(value) == count else value for name, value in held.items()}
+    return _inner_product(model.take(rows), index, pose[rows], u.ravel(), again).reshape(
+        count, several)
 
 
 def _distance(model: Model, index: int, pose: Array, u: Array) -> Array:

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from helpers.commands import ppmcal
 from helpers.paths import ROOT
+from helpers.report_files import html_of
 
 from ppmcal.calibration.compensation import compensate
 from ppmcal.controllers.export import exporter
@@ -76,7 +77,7 @@ def test_the_models_own_uncertainty_is_in_the_prediction(model: Path, tmp_path: 
     assert told["after"]["rms"] > 1e-3
     assert f"{told['model']['rms']:.2g} mm" in said
     assert f"in the frame of {name}" in said
-    page = export_section(ControllerExport("o", ExportRecord.model_validate(found)))
+    page = html_of(export_section(ControllerExport("o", ExportRecord.model_validate(found))))
     assert f"in the frame of {name}" in page
     assert str(model.with_name("identification.json")) in found["provenance"]["inputs"]
 
@@ -89,7 +90,8 @@ def test_what_is_not_known_is_not_promised(model: Path, tmp_path: Path) -> None:
     assert found["predicted"]["after"]["rms"] is None
     assert found["predicted"]["model"]["rms"] is None
     assert "identification.json is not beside the model" in found["predicted"]["model"]["reason"]
-    for text in (said, export_section(ControllerExport("o", ExportRecord.model_validate(found)))):
+    section = export_section(ControllerExport("o", ExportRecord.model_validate(found)))
+    for text in (said, html_of(section)):
         assert "unknown, as identification.json is not beside the model" in text
         assert "Predicted error with the new" not in text
 

@@ -15,6 +15,7 @@ from typing import Any
 import hidden
 import numpy as np
 import pytest
+from helpers.report_files import html_of
 
 from ppmcal.calibration.left_out_rows import LeftOut
 from ppmcal.calibration.problem import Problem
@@ -184,7 +185,8 @@ def test_the_same_sentences_on_the_console_and_in_the_report(
     found = case("each")
     describe(found.result, found.whole, Console(False, False))
     said = " ".join(capsys.readouterr().out.split())
-    page = " ".join(unescape(diagnosis_section(Diagnosed("d", found.whole, None))).split())
+    section = diagnosis_section(Diagnosed("d", found.whole, None))
+    page = " ".join(unescape(html_of(section)).split())
     step = wording.next_step(found.whole)
     for sentence in (wording.gap_closed(found.whole), wording.worst_block(found.whole)):
         assert sentence.endswith(".")
@@ -266,7 +268,7 @@ def test_amplitude_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert f"amplitude {number(figures['amplitude']['value'])} +-" in said
     assert f"phase {number(figures['phase_mid_stroke']['value'])} +-" in said
     assert "at mid-stroke (" in said
-    page = diagnosis_section(Diagnosed("d", wavy().whole, None))
+    page = html_of(diagnosis_section(Diagnosed("d", wavy().whole, None)))
     assert re.search(r"amplitude [\d.]+ ± [\d.]+ mm; phase at mid-stroke [−-]?[\d.]+ ± [\d.]+ deg",
                      page)
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal.report.section import Section, placed
+
 VOID = {"meta", "br", "wbr", "path", "circle", "rect", "polyline", "link", "img", "hr"}
 
 class Checker(HTMLParser):
@@ -72,6 +74,12 @@ def cells(page: str, caption: str) -> list[list[str]]:
     rows = re.findall(r"<tr[ >].*?</tr>", body)
     return [[unescape(re.sub(r"<[^>]*>", "", c))
              for c in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)] for row in rows]
+
+
+def html_of(section: Section) -> str:
+    """Return a chapter as it stands on a page."""
+    (one,) = placed([section])
+    return one.html
 
 
 def write_csv(path: Path, columns: dict[str, Any]) -> None:
