@@ -55,7 +55,7 @@ def _picture(record: DiagnosisRecord, entry: LearnedEntry) -> Drawing | None:
          with_label(f"error of {what}", unit)),
         [Zero(), Marks(rows[0], factor * rows[1], "before", "o", 3.0),
          Between(curve[0], factor * (curve[1] - half), factor * (curve[1] + half)),
-         Polyline(curve[0], factor * curve[1], "learned"), *both],
+         Polyline(curve[0], factor * curve[1], "what was learned"), *both],
         (entry.input_unit, unit)).drawing(
         f"Learned: {name}",
         "Line: what was learned, with its 95 % band; rings: what single rows say of it, all else "
