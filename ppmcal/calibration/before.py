@@ -7,11 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ppmcal.calibration.fit import FitOptions
-from ppmcal.calibration.identify import identify
 from ppmcal.calibration.observation import coordinates
 from ppmcal.calibration.problem import Problem
-from ppmcal.calibration.validation import LEFT_OUT, Residuals, fresh_state, residuals
+from ppmcal.calibration.validation import (
+    LEFT_OUT,
+    Residuals,
+    fresh_state,
+    register_only,
+    residuals,
+)
 from ppmcal.errors import PpmcalError
 from ppmcal.linalg import Bools
 from ppmcal.model.registration import Registration
@@ -48,7 +52,7 @@ def before(problem: Problem, keep: Sequence[Bools]) -> Before:
     bare = Problem(problem.mechanism.nominal(), used, (),
                    pivots=tuple(o.about for o in problem.opens))
     try:
-        state = identify(bare, FitOptions(method="flat", robust=False)).state
+        state = register_only(bare, robust=False).state
     except PpmcalError:
         return Before(_unknown(problem), {})
     whole = replace(bare, datasets=sets)

@@ -53,7 +53,6 @@ class Fit:
         noise: the rows at the end are white by this many times the stated noise.
         reasons: why rows were left out, by data set: row index -> reason.
         taken_back: rows that had no pose at the start and have one, and belong, at the end.
-        start: where the fit began.
         summed: in how many of the iterations the step came from normal equations.
     """
 
@@ -72,7 +71,6 @@ class Fit:
     noise: float = 1.0
     reasons: tuple[dict[int, str], ...] = ()
     taken_back: int = 0
-    start: State | None = None
     summed: int = 0
 
     @property

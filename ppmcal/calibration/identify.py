@@ -60,7 +60,7 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
     """
     options = options or FitOptions()
     prior = prior_weights(problem, options.method)
-    begun = state = start or problem.start()
+    state = start or problem.start()
     keep, reasons = _usable(problem, state)
     _enough(problem, keep)
     suspects = [np.zeros_like(k) for k in keep]
@@ -101,8 +101,8 @@ def identify(problem: Problem, options: FitOptions | None = None, start: State |
         fit = _cross_validated(fit, options)
         if options.robust:
             fit = _without_outliers(fit, fit.outliers, fit.state.poses, options)
-    return replace(with_unsolved(fit, lambda at, rows, why: _fit(
-        problem, at.state, rows, why, at.prior, options, at.prior_scale)), start=begun)
+    return with_unsolved(fit, lambda at, rows, why: _fit(
+        problem, at.state, rows, why, at.prior, options, at.prior_scale))
 
 
 def _only(state: State, keep: Sequence[Bools]) -> State:

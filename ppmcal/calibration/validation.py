@@ -116,11 +116,11 @@ def closure_lengths(problem: Problem, state: State, index: int) -> Array:
 
 
 @stage("registering the nominal machine")
-def register_only(problem: Problem, state: State | None = None) -> Fit:
-    """Fit only open frames and targets, geometry as it is."""
+def register_only(problem: Problem, robust: bool = True) -> Fit:
+    """Fit only open frames and targets, geometry as it is; ``robust``: gross errors set aside."""
     bare = replace(problem, free=(), earlier=None)
     # with the poses known, any start is near enough for frames and targets
-    return identify(bare, FitOptions(method="flat"), start=state, at_minimum=True)
+    return identify(bare, FitOptions(method="flat", robust=robust), at_minimum=True)
 
 
 def split(datasets: Sequence[Dataset], fraction: float, seed: int) -> list[Bools]:
