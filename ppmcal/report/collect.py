@@ -117,16 +117,18 @@ def _parts(folder: Path) -> list[tuple[str, Any]]:
     if has("truth.json", "measurements.csv"):
         out.append(("simulated", _simulated(folder)))
     diagnosed = has("diagnosis.json", "effects.csv")
-    if has("identification.json", "parameters.csv", "identified.yaml") or (
-            has("residuals.csv") and not diagnosed):
+    fitted = has("identification.json", "parameters.csv", "identified.yaml") or (
+        has("residuals.csv") and not diagnosed)
+    wanted = table("next.csv") if fitted or diagnosed else None
+    if fitted:
         found = _with_parameters(_record(IdentificationRecord, folder),
                                  lambda: table("parameters.csv"))
         out.append(("identified", Identified(name, found, table("residuals.csv"),
-                                             diagnosed=diagnosed, next=table("next.csv"))))
+                                             diagnosed=diagnosed, next=wanted)))
     if diagnosed:
         rest = None if out and out[-1][0] == "identified" else table("residuals.csv")
         out.append(("diagnosed", Diagnosed(name, _record(DiagnosisRecord, folder),
-                                           table("effects.csv"), rest, table("next.csv"))))
+                                           table("effects.csv"), rest, wanted)))
     if has("commands.csv", "commands.json"):
         out.append(("compensated", ResidualRows(
             name, "commands", _record(CommandsRecord, folder),

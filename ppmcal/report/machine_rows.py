@@ -21,6 +21,7 @@ from ppmcal.linalg import Array, Bools, Ints, finite_rows
 from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
+from ppmcal.report.measured_rows import recorded_inputs
 from ppmcal.report.records import Columns, Identified
 from ppmcal.report.residuals import used
 from ppmcal.report.rows import row_key
@@ -115,8 +116,7 @@ def _read(one: Identified, entry: FittedDataset, mechanism: Mechanism) -> Datase
         BadInput: it is not there, or has changed.
     """
     inputs = one.record.provenance.inputs
-    name = next((k for k in inputs if k == entry.source), None) or next(
-        (k for k in inputs if entry.source and Path(k).name == Path(entry.source).name), "")
+    name = next(iter(recorded_inputs(one, entry.source)), "")
     file = Path(name).name or entry.name
     if not name:
         raise BadInput("the record does not say which file they are of", one.folder)

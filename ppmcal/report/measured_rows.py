@@ -67,11 +67,16 @@ def _has_places(table: Columns) -> bool:
     return "x" in table.numbers and "y" in table.numbers
 
 
+def recorded_inputs(one: Identified, source: str) -> list[str]:
+    """Return the inputs of a record that a data set came from: the very one, else its namesakes."""
+    inputs = one.record.provenance.inputs
+    return [k for k in inputs if k == source] or [
+        k for k in inputs if source and Path(k).name == Path(source).name]
+
+
 def _measured(one: Identified, source: str, simulated: Sequence[Simulated]) -> Columns | None:
     """Return the conditions of a measurement file, if it is the very one that was fitted."""
-    inputs = one.record.provenance.inputs
-    names = [k for k in inputs if k == source] or [
-        k for k in inputs if source and Path(k).name == Path(source).name]
+    inputs, names = one.record.provenance.inputs, recorded_inputs(one, source)
     if len(names) != 1 or not inputs[names[0]]:
         return None
     table = next((s.measurements for s in simulated if s.digest == inputs[names[0]]), None)

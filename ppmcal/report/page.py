@@ -54,7 +54,7 @@ FEW = 3
 def to_html(data: ReportData) -> str:
     """Return the report as one self-contained page."""
     verdict = verdicts(data)
-    return page(title=title(data), lead=[] if verdict else _lead(data), verdicts=verdict,
+    return page(title=title(data), lead=[] if verdict else summary(data), verdicts=verdict,
                 look=_look(data), chapters=chapters(data), folders=", ".join(data.folders))
 
 
@@ -108,12 +108,6 @@ def summary(data: ReportData) -> list[str]:
         held = ", ".join(f"{n} × {name}" if n > 1 else name for n, name in parts if n)
         out.append(f"Results found: {held}. No identification is among them.")
     return out
-
-
-def _lead(data: ReportData) -> list[str]:
-    """Return the first paragraphs."""
-    lines = [" ".join(headline(one)) for one in data.identified] + _verdicts(data)
-    return [t for t in lines or summary(data) if t]
 
 
 def _verdicts(data: ReportData) -> list[str]:
