@@ -7,6 +7,7 @@ imports what it needs when it runs.
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import sys
 
@@ -102,11 +103,17 @@ def main() -> None:
             click.echo("Stopped.", err=True)
             code = 130
         if out.error is not None and not isinstance(out.error, BrokenPipeError):
-            click.echo(f"Error: standard output cannot be written ({out.error.strerror}); files in "
-                       "--out are not concerned. Check the space where it is redirected to.",
-                       err=True)
+            refuse(f"Error: standard output cannot be written ({out.error.strerror}); files in "
+                   "--out are not concerned. Check the space where it is redirected to.")
             code = code if code in (3, 130) else 2
     sys.exit(code)
+
+
+def refuse(message: str) -> None:
+    """Print a message on standard error: wrapped at a terminal, else a line for ``grep``."""
+    from ppmcal.cli.display import wrapped
+
+    click.echo(wrapped(message, sys.argv) if sys.stderr.isatty() else message, err=True)
 
 
 def _run() -> int:
@@ -122,17 +129,19 @@ def _run() -> int:
         click.echo("Stopped.", err=True)
         return 130
     except click.ClickException as error:
-        error.show()
+        message = io.StringIO()
+        error.show(message)
+        refuse(message.getvalue().rstrip("\n"))
         return 2
     except PpmcalError as error:
-        click.echo(f"Error: {error}", err=True)
+        refuse(f"Error: {error}")
         return error.exit_code
     except MemoryError:
-        click.echo("Error: not enough memory for this many rows.", err=True)
+        refuse("Error: not enough memory for this many rows.")
         return 3
     except Exception as error:
         if os.environ.get("PPMCAL_DEBUG"):
             raise
-        click.echo(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
-                   "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.", err=True)
+        refuse(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
+               "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.")
         return 3

@@ -86,4 +86,4 @@ def _table(data: ValidatedDataset) -> tuple[list[str], list[list[str]], tuple[in
         size = e.position or e.rotation
         apart = [f"{e.closer:+.2g}", f"{e.low:+.2g} to {e.high:+.2g}"] if e.verdict else ["", ""]
         rows.append([e.model, "" if size is None else number(size.rms), *apart, e.verdict])
-    return header, rows, (1, 2)
+    return header, rows, (1, 2, 3)
