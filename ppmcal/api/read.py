@@ -139,7 +139,9 @@ def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ |
     log, lists = sort_out(found, machine)
     lists = lists if units is None else [_in_unit(points, units) for points in lists]
     options = JoinOptions(join, tolerance, partial, interpolate, clock_offset)
-    together = joined(log, lists, options, block, machine, place)
+    declared = (machine.units if content is None else
+                check(SidecarFile, content, place).units.units())
+    together = joined(log, lists, options, block, machine, declared, place)
     notes = [n for f in found for n in f.findings] + list(together.findings)
     said = "sidecar" if content is not None else "mechanism file"
     if content is None:
