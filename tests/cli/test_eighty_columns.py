@@ -71,7 +71,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "read").mkdir()
     (folder / "fleet.yaml").write_text(
         "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n" + "".join(
-            f"  - {{machine: hexapod-{n}-of-{DAY.replace(' ', '-')}, date: 2026-03-1{n}, data: {data}}}\n"
+            f"  - {{machine: hexapod-{n}-{DAY.replace(' ', '-')}, date: 2026-03-1{n}, "
+            f"data: {data}}}\n"
             for n, data in ((1, "run.csv"), (2, "before/measurements.csv"))), encoding="utf-8")
     shutil.copy(SAMPLES / "printer/printer.cfg", folder / "printer.cfg")
     for line in QUIET:
