@@ -40,5 +40,6 @@ def command(kind: str | None, out: Path | None, force: bool, console: Console) -
         output.add(second.name, for_editors(scenario, "scenario"))
     written = [str(place) for place in output.write()]
     console.say(f"Written: {', '.join(written)}")
-    console.say(f"Next: put your numbers into {target}, then: ppmcal check {target}")
+    console.say_command(f"Next: put your numbers into {target}, then:",
+                        ["ppmcal", "check", target])
     console.summary({"written": written})
