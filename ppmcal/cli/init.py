@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ppmcal.cli import completion
-from ppmcal.cli.common import FILE, Console, console_options, examples, plain_table
+from ppmcal.cli.common import FILE, WIDTH, Console, console_options, examples, plain_table
 
 
 @click.command("init", epilog=examples("ppmcal init", "ppmcal init 6-UPS --out my-hexapod.yaml"))
@@ -40,6 +40,10 @@ def command(kind: str | None, out: Path | None, force: bool, console: Console) -
         output.add(second.name, for_editors(scenario, "scenario"))
     written = [str(place) for place in output.write()]
     console.say(f"Written: {', '.join(written)}")
-    console.say_command(f"Next: put your numbers into {target}, then:",
-                        ["ppmcal", "check", target])
+    head, line = f"Next: put your numbers into {target}, then:", ["ppmcal", "check", target]
+    if len(" ".join(map(str, [head, *line]))) <= WIDTH:
+        console.say_command(head, line)
+    else:
+        console.say(head)
+        console.say_command("   ", line)
     console.summary({"written": written})

@@ -156,3 +156,9 @@ def test_a_wrong_option_is_wrapped_at_a_terminal(tmp_path: Path) -> None:
     assert terminal.code() == 2
     lines = [line for line in terminal.lines() if line]
     assert max(map(len, lines)) <= WIDTH and "Did you mean 'identify'?" in " ".join(lines)
+
+
+@pytest.mark.parametrize("name", ["mine", "delta-linear", "a-machine-with-quite-a-long-name-of-it"])
+def test_the_next_command_can_be_copied_in_one_piece(tmp_path: Path, name: str) -> None:
+    said = ppmcal("init", "delta-linear", "--out", f"{name}.yaml", cwd=tmp_path, expect=0).out
+    assert f"ppmcal check {name}.yaml\n" in said and not too_wide(said)
