@@ -103,7 +103,7 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     findings = (*odd, *(f for d in datasets for f in d.findings))
     record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
                                             source, findings)
-    return ValidationResult(source, findings, mechanism, found, tuple(noise), record, png)
+    return ValidationResult(source, record.findings, mechanism, found, tuple(noise), record, png)
 
 
 def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:
