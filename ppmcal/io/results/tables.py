@@ -38,10 +38,11 @@ def unit_map(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
             out[name] = angle if bare.startswith("r") else length
         elif name in EULER:
             out[name] = angle
-        elif name.startswith(("q_", "rate_")):
-            unit = joints.get(name.removeprefix("q_").removeprefix("rate_")
+        elif bare.removeprefix("sigma_").startswith(("q_", "rate_")):
+            bare = bare.removeprefix("sigma_")
+            unit = joints.get(bare.removeprefix("q_").removeprefix("rate_")
                               .removesuffix("_nominal"), "")
-            out[name] = f"{unit or 'unit'}/s" if name.startswith("rate_") else unit
+            out[name] = f"{unit or 'unit'}/s" if bare.startswith("rate_") else unit
         elif "_position" in name:
             out[name] = length
         elif "_rotation" in name:
