@@ -284,9 +284,9 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
     there = [c for c, name in enumerate(names) if name in own]
     out = np.full((len(full), len(model.mechanism.dof), len(names)), np.nan)
     for r in problem.rows(state):
-        out[r.index] = 0.0
-        out[np.ix_(r.index, range(out.shape[1]), there)] = r.jacobian[
-            ..., [own[names[c]] for c in there]]
+        block = np.zeros((r.index.size, *out.shape[1:]))
+        block[..., there] = r.jacobian[..., [own[names[c]] for c in there]]
+        out[r.index] = block
     return out
 
 

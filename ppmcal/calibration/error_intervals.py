@@ -52,7 +52,7 @@ def quantile_interval(values: Array, groups: Ints, share: float) -> tuple[float,
     """
     poses = np.unique(groups).size
     tail = 0.5 * (1.0 - SURE)
-    low, high = binom.ppf([tail, 1.0 - tail], poses, share) / poses
+    low, high = (float(binom.ppf(t, poses, share)) / poses for t in (tail, 1.0 - tail))
     high += 1.0 / poses
     ordered = np.sort(values)
     below = int(np.floor(low * ordered.size)) - 1
@@ -93,4 +93,5 @@ def _by_pose(squares: Array, groups: Ints) -> tuple[Array, Array]:
     """Return the sums of rows' values (R,) and their number, by pose (G,)."""
     _, place = np.unique(groups, return_inverse=True)
     place = place.reshape(-1)
-    return np.bincount(place, weights=squares), np.bincount(place).astype(float)
+    return (np.asarray(np.bincount(place, weights=squares), dtype=float),
+            np.asarray(np.bincount(place), dtype=float))
