@@ -12,7 +12,7 @@ from pydantic import Field
 from ppmcal.io import csv_text
 from ppmcal.io.results.kinematics_uncertainty import KinematicsUncertainty, ModelSigma
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Shown, Text, Whole
-from ppmcal.io.results.tables import filled_columns, joint_columns, pose_columns, unit_map
+from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.io.rotations import EULER, columns_of
 from ppmcal.kinematics.rotations import euler_like, to_quaternion
 from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_value
@@ -152,7 +152,7 @@ class KinematicsRecord(Record):
                                             counts=modes.counts)
         return cls(format=cls.FORMAT, which=which, rows=len(table.status),
                    status={s: table.status.count(s) for s in sorted(set(table.status))},
-                   units=unit_map(mechanism, names), **chosen, limits=_limits(mechanism),
+                   units=column_units(mechanism, names), **chosen, limits=_limits(mechanism),
                    uncertainty=uncertainty or KinematicsUncertainty(),
                    conditioning=Conditioning(home=home, singular=SINGULAR * home),
                    provenance=Provenance.model_validate(provenance))

@@ -116,13 +116,14 @@ class ValidatedDataset(Part):
 
 
 class ValidationRecord(Record):
-    """validation.json, in ``units``."""
+    """validation.json, in ``units``; ``column_units``: of validation.csv, empty for bare ones."""
 
     FILE: ClassVar[str] = "validation.json"
     FORMAT: ClassVar[str] = "ppmcal/validation/1"
 
     name: Text = ""
     units: UnitNames = UnitNames()
+    column_units: Mapping[Text, Text] = {}
     datasets: tuple[ValidatedDataset, ...] = ()
     findings: tuple[Text, ...] = ()
     provenance: Provenance = Provenance()
@@ -136,6 +137,7 @@ class ValidationRecord(Record):
                          for v, n in zip(found, noise, strict=True))
         return cls(
             format=cls.FORMAT, name=name, units=UnitNames.of(units), datasets=datasets,
+            column_units=_column_units(units, datasets),
             findings=(*findings, *misled(datasets)),
             provenance=Provenance.model_validate(provenance))
 
@@ -157,6 +159,15 @@ def _table(record: ValidationRecord) -> str:
             rows.append([data.name, e.model, data.rows, *sizes, e.noise, e.closer, e.low, e.high,
                          e.verdict])
     return csv_text(list(HEADER), [[r[i] for r in rows] for i in range(len(HEADER))])
+
+
+def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[str, str]:
+    """Return the unit of every column of validation.csv."""
+    compared = {e.unit for d in datasets for e in d.errors}
+    own = compared.pop() if len(compared) == 1 else f"{units.length}, of rotations {units.angle}"
+    return {name: own if name in ("closer", "low", "high") else
+            units.length if name.startswith("position") else
+            units.angle if name.startswith("rotation") else "" for name in HEADER}
 
 
 def registered_sentence(data: ValidatedDataset) -> str:
