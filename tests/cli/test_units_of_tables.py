@@ -11,8 +11,8 @@ from helpers.commands import columns, ppmcal, rows
 from helpers.paths import ROOT
 
 BARE = ("row", "pose", "used", "mode", "own", "condition", "dir_*", "quat_*", "rows", "noise",
-        "disagree", "condition_relative", "dexterity*", "grid_end", "relative", "n", "gain",
-        "share*")
+        "disagree", "condition_relative", "determinant", "dexterity*", "grid_end", "relative",
+        "home", "n", "gain", "share*")
 """Columns that are bare numbers: counts, flags, ratios and chances."""
 
 
