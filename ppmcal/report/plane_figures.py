@@ -69,7 +69,7 @@ def error_vectors(data: DataRows, places: Array, vector: Array, stage: str, unit
     note = (f" Thinned: the largest of each cell, {rows.size} of {whole(total)} rows."
             if rows.size < total else "")
     return Plot(
-        x, y, ("measured x", "measured y"),
+        x, y, ("measured x (unit of the file)", "measured y (unit of the file)"),
         [Arrows(at[:, 0], at[:, 1], dx, dy, stage, size[rows], unit, replace(
             data.points(rows), undrawn=data.undrawn(
                 np.where(np.isfinite(size), places[:, 1], np.nan), places[:, 0])
