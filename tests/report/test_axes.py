@@ -9,9 +9,8 @@ from helpers.report_files import specs
 
 from ppmcal.report import collect, to_html
 
-BARE = re.compile(r"(row|target|parameter|pose), in the order|density$|residual / sigma|over the noise|"
-                  r"p-value|smallest singular value|"
-                  r"direction of approach|^z$|machines?$|share|number of")
+BARE = re.compile(r"(row|target|parameter|pose), in the order|density$|residual / sigma|"
+                  r"over the noise|p-value|smallest singular value|direction of approach|^z$")
 """Axes of bare numbers: counts, ratios and chances."""
 
 
