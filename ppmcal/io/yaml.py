@@ -90,6 +90,7 @@ def read_bytes(path: Path) -> bytes:
     Raises:
         BadInput: it does not exist, is a directory, cannot be read, or would be replaced.
     """
+    note_read(path)
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -102,7 +103,6 @@ def read_bytes(path: Path) -> bytes:
         reason = getattr(error, "strerror", None) or str(error)
         raise BadInput(f"cannot be read ({reason})", str(path),
                        "Give the path of a readable file") from None
-    note_read(path)
     return data
 
 
