@@ -218,6 +218,14 @@ def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
 _Dumper.add_representer(float, _represent_float)
 
 
+def printable(text: str) -> str:
+    r"""Return text as UTF-8 can hold it: a byte of a file's name in another code is ``\udcff``."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+_Dumper.add_representer(str, lambda dumper, text: dumper.represent_str(printable(text)))
+
+
 def dump_yaml(tree: dict[str, Any], comment: str = "") -> str:
     """Return the YAML text of plain data, innermost mappings and lists on one line."""
     head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
