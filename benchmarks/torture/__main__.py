@@ -41,8 +41,9 @@ def prepared(place: Path, names: list[str]) -> Path:
                  "simulate mine.yaml mine.scenario.yaml --seed 5 --out may",
                  "identify mine.yaml may/measurements.csv --out identified-may",
                  "compensate identified targets.csv --out compensated")):
-        if forked(lambda words=line: run([*words, "-q"], desk)) not in faults.DONE:
-            raise RuntimeError(" ".join(line))
+        said = place / "said"
+        if forked(lambda words=line: run([*words, "-q"], desk), said) not in faults.DONE:
+            raise RuntimeError(f"{' '.join(line)}: {said.read_text(errors='replace')}")
     return desk
 
 
@@ -65,13 +66,13 @@ def main() -> int:
 
 
 def _all(asked: argparse.Namespace, place: Path) -> int:
-    names = asked.names or [*COMMANDS, *FILES]
+    kinds = asked.kinds.split(",")
+    names = (asked.names or [*COMMANDS, *FILES]) if {*kinds} & {*KINDS} else []
     desk = prepared(place, names)
     inputs = tree(desk)
     remember()
     gc.freeze()
     total, began = Tally(), time.monotonic()
-    kinds = asked.kinds.split(",")
     print(f"{'':20}" + "".join(f"{heading:>9}" for heading in COLUMNS) + "  wrong")
     for case in cases(desk, place, names):
         case.restore("")
@@ -79,8 +80,8 @@ def _all(asked: argparse.Namespace, place: Path) -> int:
         total += _told(case.work.name, [
             KINDS[k](case, asked.every) for k in kinds
             if k in KINDS and (k == "kills" or not case.brief)])
-    for kind in kinds if not asked.names else ():
-        if kind in WORLDS:
+    for kind in kinds:
+        if kind in WORLDS and not asked.names:
             total += _told(kind, [WORLDS[kind](place)])
     if tree(desk) != inputs:
         total.wrong.append("an input has changed")

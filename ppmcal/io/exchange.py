@@ -21,6 +21,8 @@ from ppmcal.io.journal import move_back, move_in, sync, write_journal
 from ppmcal.io.stage import Stage, staged
 
 AT_FDCWD, EXCHANGE = -100, 2
+MOST = 1000
+"""Files of a folder that are worth linking."""
 Fill = Callable[[Path], None]
 """Writes the new files into a folder."""
 
@@ -90,10 +92,11 @@ def _carried_over(target: Path, new: Path, replaced: Iterable[str]) -> set[str] 
     kept = set[str]()
     try:
         _like(target, new)
-        for entry in _entries(target):
+        held = _entries(target)
+        if len(held) > MOST or any(e.is_dir(follow_symlinks=False) for e in held):
+            return None
+        for entry in held:
             kept.add(entry.name)
-            if entry.is_dir(follow_symlinks=False):
-                return None
             if entry.name.casefold() in away and any(
                     _same(entry.path, target / name) for name in replaced
                     if name.casefold() == entry.name.casefold()):

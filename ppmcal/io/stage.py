@@ -15,8 +15,8 @@ import errno
 import hashlib
 import json
 import os
+import platform
 import shutil
-import socket
 import time
 import weakref
 from collections.abc import Iterator
@@ -89,11 +89,14 @@ class Stage:
     def release(self) -> None:
         """Take it away, with the folders that were made for it and hold nothing."""
         self.clear()
+        if fcntl is None:    # nothing that is open can be taken away there
+            os.close(self.lock)
         if not self.moving:
             with contextlib.suppress(OSError):
                 (self.place / LOCK).unlink()
         _remove([*self.made, self.place])
-        os.close(self.lock)
+        if fcntl is not None:
+            os.close(self.lock)
 
 
 _HELD: weakref.WeakSet[Stage] = weakref.WeakSet()
@@ -264,7 +267,7 @@ def _sign(stage: Stage, command: str) -> None:
     try:
         os.ftruncate(stage.lock, 0)
         os.write(stage.lock, json.dumps({
-            "command": command, "process": os.getpid(), "host": socket.gethostname(),
+            "command": command, "process": os.getpid(), "host": platform.node(),
             "since": time.strftime("%Y-%m-%d %H:%M:%S")}).encode())
     except OSError:
         stage.release()
@@ -275,7 +278,7 @@ def _holder(lock: Path) -> str:
     """Return who holds a lock, as the end of a sentence."""
     try:
         held = json.loads(lock.read_text(encoding="utf-8"))
-        where = "" if held["host"] == socket.gethostname() else f" on {held['host']}"
+        where = "" if held["host"] == platform.node() else f" on {held['host']}"
         name = f"ppmcal {held['command']}, " if held["command"] else ""
         return f": {name}process {held['process']}{where}, since {held['since']}"
     except (OSError, ValueError, TypeError, KeyError):

@@ -32,6 +32,8 @@ def test_commands_survive(kind: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["names", "locales", "small"])
-def test_commands_work_where_things_are_odd(kind: str) -> None:
-    torture("--kinds", kind)
+@pytest.mark.skipif(not AVAILABLE, reason="needs ptrace of x86-64")
+@pytest.mark.parametrize("words", [
+    "--kinds names", "--kinds locales", "--kinds small,signals --every 3 init import simulate"])
+def test_commands_work_where_things_are_odd(words: str) -> None:
+    torture(*words.split())
