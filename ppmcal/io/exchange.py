@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ppmcal.io.journal import move_back, move_in, sync, write_journal
-from ppmcal.io.stage import Stage, staged
+from ppmcal.io.stage import Staging, staged
 
 AT_FDCWD, EXCHANGE = -100, 2
 MOST = 1000
@@ -27,7 +27,7 @@ Fill = Callable[[Path], None]
 """Writes the new files into a folder."""
 
 
-def put(stage: Stage, fill: Fill, files: Sequence[str], gone: Sequence[str], command: str) -> None:
+def put(stage: Staging, fill: Fill, files: Sequence[str], gone: Sequence[str], command: str) -> None:
     """Put files into the folder of a stage, all or none.
 
     Args:
@@ -58,7 +58,7 @@ def put(stage: Stage, fill: Fill, files: Sequence[str], gone: Sequence[str], com
         raise
 
 
-def _as_a_whole(stage: Stage, fill: Fill, replaced: set[str]) -> bool:
+def _as_a_whole(stage: Staging, fill: Fill, replaced: set[str]) -> bool:
     """Put a new folder in the place of the old one; False where that cannot be."""
     stage.clear()
     target, new = stage.target, stage.new

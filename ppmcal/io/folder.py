@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.io.stage import Stage, settle, staged
+from ppmcal.io.stage import Staging, settle, staged
 
 RECORD = ".ppmcal.json"
 FORM = "ppmcal/folder/1"
@@ -54,7 +54,7 @@ class Run:
     typed: str = ""
     read: dict[Identity, str] = field(default_factory=dict)
     doomed: dict[Identity, str] = field(default_factory=dict)
-    stage: Stage | None = None
+    stage: Staging | None = None
 
 
 _RUN: ContextVar[Run | None] = ContextVar("run", default=None)

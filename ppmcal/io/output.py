@@ -30,7 +30,7 @@ from ppmcal.io.folder import (
     refuse_inputs,
     stale_files,
 )
-from ppmcal.io.stage import Stage, not_written, staged
+from ppmcal.io.stage import Staging, not_written, staged
 from ppmcal.wording.progress import note
 
 
@@ -97,7 +97,7 @@ class Output:
                                str(target / name), "Move it away, or name another folder in --out")
 
     @contextmanager
-    def _stage(self, run: Run) -> Iterator[Stage]:
+    def _stage(self, run: Run) -> Iterator[Staging]:
         """Take the stage of the run, or lock one for as long as it takes to write."""
         own = run.stage
         if own and not self.loose and own.target == Path(os.path.realpath(self.directory)):
@@ -107,7 +107,7 @@ class Output:
                     next(iter(self.files), "") if self.loose else "") as stage:
             yield stage
 
-    def _put(self, stage: Stage, run: Run) -> None:
+    def _put(self, stage: Staging, run: Run) -> None:
         stale = [] if self.loose else stale_files(self.directory, self.files, run)
 
         def fill(folder: Path) -> None:

@@ -48,7 +48,7 @@ class Busy(BadInput):
 
 
 @dataclass(eq=False)
-class Stage:
+class Staging:
     """A hidden folder that this process has locked.
 
     Attributes:
@@ -99,7 +99,7 @@ class Stage:
             os.close(self.lock)
 
 
-_HELD: weakref.WeakSet[Stage] = weakref.WeakSet()
+_HELD: weakref.WeakSet[Staging] = weakref.WeakSet()
 
 
 def _let_go_in_a_fork() -> None:
@@ -114,7 +114,7 @@ if hasattr(os, "register_at_fork"):
 
 
 @contextlib.contextmanager
-def staged(folder: Path, command: str, beside: str = "", inside: bool = False) -> Iterator[Stage]:
+def staged(folder: Path, command: str, beside: str = "", inside: bool = False) -> Iterator[Staging]:
     """Lock the stage of a folder; finish or sweep first what a killed run left.
 
     Args:
@@ -205,7 +205,7 @@ def _finish(place: Path, target: Path) -> None:
             stage.release()
 
 
-def _move_in_what_is_left(stage: Stage) -> None:
+def _move_in_what_is_left(stage: Staging) -> None:
     """Finish what a killed run began to move, or throw away what it prepared."""
     if stage.moving:
         move_in(stage.place, stage.target)
@@ -223,7 +223,7 @@ def _may_be_renamed(target: Path) -> bool:
     return not any(os.path.isdir(h) and os.path.samefile(h, target) for h in homes)
 
 
-def _locked(place: Path, target: Path, command: str) -> Stage:
+def _locked(place: Path, target: Path, command: str) -> Staging:
     """Make a stage and lock it."""
     made: list[Path] = []
     for _ in range(TRIES):
@@ -241,7 +241,7 @@ def _locked(place: Path, target: Path, command: str) -> Stage:
                        "Wait until it is done, or name another folder in --out")
         with contextlib.suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(lock), os.stat(place / LOCK)):
-                stage = Stage(place, target, lock, made)
+                stage = Staging(place, target, lock, made)
                 _sign(stage, command)
                 return stage
         os.close(lock)
@@ -262,7 +262,7 @@ def _opened(place: Path, made: list[Path]) -> int:
     return os.open(place / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
 
 
-def _sign(stage: Stage, command: str) -> None:
+def _sign(stage: Staging, command: str) -> None:
     """Write into the lock who holds it."""
     try:
         os.ftruncate(stage.lock, 0)
