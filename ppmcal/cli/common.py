@@ -134,6 +134,22 @@ force_option = click.option("--force", is_flag=True,
                             "that were edited since; inputs are never replaced.")
 
 
+def single_files(function: F) -> F:
+    """Run a command that writes single files, with ``force`` or without, as a run of its own.
+
+    What it reads is never replaced.
+    """
+    @functools.wraps(function)
+    def body(*args: Any, **options: Any) -> Any:
+        from ppmcal.io.folder import running
+
+        name = click.get_current_context().command.name or ""
+        with running(name, None, bool(options.get("force"))):
+            return function(*args, **options)
+
+    return cast(F, body)
+
+
 def out_option(default: str) -> Callable[[F], F]:
     """Return the options ``--out``, with a default folder, and ``--force``.
 

@@ -7,7 +7,15 @@ from pathlib import Path
 import click
 
 from ppmcal.cli import completion
-from ppmcal.cli.common import FILE, WIDTH, Console, console_options, examples, plain_table
+from ppmcal.cli.common import (
+    FILE,
+    WIDTH,
+    Console,
+    console_options,
+    examples,
+    plain_table,
+    single_files,
+)
 
 
 @click.command("init", epilog=examples("ppmcal init", "ppmcal init 6-UPS --out my-hexapod.yaml"))
@@ -15,6 +23,7 @@ from ppmcal.cli.common import FILE, WIDTH, Console, console_options, examples, p
 @click.option("--out", type=FILE, default=None, help="File to write [default: KIND.yaml].")
 @click.option("--force", is_flag=True, help="Overwrite a file that exists.")
 @console_options
+@single_files
 def command(kind: str | None, out: Path | None, force: bool, console: Console) -> None:
     """Write a commented mechanism file for KIND (none: list the kinds)."""
     from ppmcal.errors import BadInput

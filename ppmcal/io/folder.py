@@ -12,17 +12,16 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ppmcal.errors import BadInput
+from ppmcal.io.stage import Staging, settle, staged
 
 RECORD = ".ppmcal.json"
 FORM = "ppmcal/folder/1"
-LEFT = ".ppmcal."
-"""How hidden things of ppmcal's own begin: the record, and what a killed run left behind."""
 MEND = "Name another folder in --out, or replace with --force"
 SHOWN = 3
 Identity = tuple[int, int]
@@ -47,6 +46,7 @@ class Run:
         doomed: device and inode -> path of the files that it wrote into ``--out`` before, and
             will write again.
         typed: the command line that does the same  [default: that of the process].
+        stage: where its files are prepared, which keeps other runs out of ``--out``.
     """
 
     command: str = ""
@@ -54,29 +54,36 @@ class Run:
     typed: str = ""
     read: dict[Identity, str] = field(default_factory=dict)
     doomed: dict[Identity, str] = field(default_factory=dict)
+    stage: Staging | None = None
 
 
 _RUN: ContextVar[Run | None] = ContextVar("run", default=None)
 
 
 @contextmanager
-def running(command: str, folder: Path, force: bool = False, typed: str = "") -> Iterator[Run]:
+def running(command: str, folder: Path | None, force: bool = False, typed: str = ""
+            ) -> Iterator[Run]:
     """Begin a run that will write into ``folder``: what is read from now on is its input.
 
+    Nobody else writes there until it ends. Without ``folder`` it writes single files.
+
     Raises:
-        BadInput: without ``force``, the folder is somebody else's, or files that this command
-            wrote there were edited since.
+        BadInput: another run is writing there; nothing can be written there; or, without
+            ``force``, the folder is somebody else's, or files that this command wrote there were
+            edited since.
     """
-    run = Run(command, force, typed)
-    check_folder(folder, run)
-    for name, written in (read_record(folder) or {}).items():
-        if written.command == command and (identity := _identity(folder / name)):
-            run.doomed[identity] = str(folder / name)
-    token = _RUN.set(run)
-    try:
-        yield run
-    finally:
-        _RUN.reset(token)
+    with staged(folder, command) if folder else nullcontext() as stage:
+        run = Run(command, force, typed, stage=stage)
+        if folder:
+            check_folder(folder, run)
+            for name, written in (read_record(folder) or {}).items():
+                if written.command == command and (identity := _identity(folder / name)):
+                    run.doomed[identity] = str(folder / name)
+        token = _RUN.set(run)
+        try:
+            yield run
+        finally:
+            _RUN.reset(token)
 
 
 def current() -> Run:
@@ -85,11 +92,14 @@ def current() -> Run:
 
 
 def note_read(path: str | os.PathLike[str]) -> None:
-    """Remember a file as an input of the run that is under way, if there is one.
+    """Remember a file that will be read as an input of the run that is under way, if there is one.
+
+    What a killed run was moving into its folder is moved in first.
 
     Raises:
-        BadInput: the run would replace it.
+        BadInput: the run would replace it, or it is one of files that are half old, half new.
     """
+    settle(Path(path).parent)
     run, identity = _RUN.get(), _identity(Path(path))
     if run is None or identity is None:
         return
@@ -132,10 +142,7 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
     Raises:
         BadInput: a file of that name is an input; or, without ``force``, somebody else's.
     """
-    there = [name for name in names if _is_there(folder / name)]
-    for name in there:
-        if _identity(folder / name) in run.read:
-            raise _own_input(str(folder / name))
+    there = refuse_inputs(folder, names, run)
     check_folder(folder, run)
     known = {} if run.force else read_record(folder) or {}
     for name in () if run.force else there:
@@ -146,6 +153,19 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
         if written.command != run.command:
             raise BadInput(f"was written by another command, {written.command}",
                            str(folder / name), MEND)
+
+
+def refuse_inputs(folder: Path, names: Iterable[str], run: Run) -> list[str]:
+    """Return those of the names that are there.
+
+    Raises:
+        BadInput: one is an input of the run.
+    """
+    there = [name for name in names if _is_there(folder / name)]
+    for name in there:
+        if _identity(folder / name) in run.read:
+            raise _own_input(str(folder / name))
+    return there
 
 
 def stale_files(folder: Path, names: Iterable[str], run: Run) -> list[str]:
