@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ppmcal.api.campaign import COMPARE, BatchPlace, finished, run_campaign
-from ppmcal.api.inputs import Path_, source_of
+from ppmcal.api.inputs import Path_, recorded, source_of
 from ppmcal.api.result import Progress, Result
 from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
@@ -89,6 +89,7 @@ class BatchResult(Result):
                 f"{before}: {', '.join(ends) or 'nothing needs a look'}.")
 
 
+@recorded
 @heard
 def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: str | None = None,
           force: bool = False, progress: Progress = silent) -> BatchResult:

@@ -41,6 +41,7 @@ COMMANDS = {
     "schema": "Print the JSON Schema of a file, for editors.",
     "batch": "Identify, diagnose or compensate hundreds of machines and dates.",
     "report": "Gather output folders into one HTML page.",
+    "verify": "Make results again and compare them value by value.",
     "demo": "Run the whole job once on the sample data.",
 }
 MODULES = {"import": "import_"}
