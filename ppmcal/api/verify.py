@@ -40,7 +40,7 @@ from ppmcal.io.results.verification import (
     environment_words,
     status_of,
 )
-from ppmcal.io.sandbox import Sandbox, sandbox
+from ppmcal.io.sandbox import RESULTS, Sandbox, sandbox
 from ppmcal.wording.progress import heard, silent, stage
 
 _NAME = re.compile(r"[a-z_]+\.[a-z_]+")
@@ -125,7 +125,7 @@ def _run_again(run: RecordedRun, function: Callable[..., Any], box: Sandbox,
     """Write the results into the sandbox; return where they come from."""
     box.lay_out(inputs)
     args, options = _arguments(function, {k: box.inside(v) for k, v in run.source.options.items()})
-    out = Path(options["out"]) if run.whole else box.out
+    out = Path(options["out"]) if run.whole else _results(run, box)
     with contextlib.chdir(box.cwd), running(run.command, out, typed=run.source.command) as own:
         try:
             result: Result = function(*args, **options)
@@ -136,11 +136,16 @@ def _run_again(run: RecordedRun, function: Callable[..., Any], box: Sandbox,
     return own.source
 
 
+def _results(run: RecordedRun, box: Sandbox) -> Path:
+    """Return where results go within, in a folder of the name that they had."""
+    return box.root / RESULTS / run.name
+
+
 def _compared(run: RecordedRun, source: Mapping[str, Any], box: Sandbox) -> Iterator[RunCheck]:
     """Yield what came out, folder by folder."""
     apart = environment_words({"version": run.source.version, **run.source.environment},
                               {"version": source["version"], **source["environment"]})
-    out = box.place(run.source.options["out"]) if run.whole else box.out
+    out = box.place(run.source.options["out"]) if run.whole else _results(run, box)
     yield _files(run, out, apart, box)
     for within in folders_within(run.folder) if run.whole else ():
         other = out / within.relative_to(run.folder)

@@ -6,16 +6,16 @@ imports what it needs when it runs.
 
 from __future__ import annotations
 
-import importlib
-import io
-import os
 import sys
 
 try:
+    import importlib
+    import os
+
     import click
 
     from ppmcal import __version__
-    from ppmcal.cli.streams import interruptible, steady
+    from ppmcal.cli.streams import Stopped, interruptible, is_entry, steady
 except KeyboardInterrupt:    # there is nothing to stop yet
     sys.stderr.write("Stopped.\n")
     raise SystemExit(130) from None
@@ -93,13 +93,24 @@ def cli() -> None:
 
 def main() -> None:
     """Run a command; every refusal is one message and an exit code, never a traceback."""
+    try:
+        code = _main(is_entry())
+    except (KeyboardInterrupt, Stopped) as stop:    # a moment before its handler was there
+        sys.stderr.write("Stopped.\n")
+        code = getattr(stop, "exit_code", 130)
+    sys.exit(code)
+
+
+def _main(entry: bool) -> int:
+    """Run a command with steady streams; ``entry``: the process ends with it."""
     # threads slow the small matrices of a fit down; must be set before NumPy loads
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    with interruptible(), steady() as out:
+    with interruptible(entry), steady() as (out, err):
         try:
             code = _run()
             out.flush()
+<<<<<<< HEAD
         except KeyboardInterrupt:
             click.echo("Stopped.", err=True)
             code = 130
@@ -108,6 +119,18 @@ def main() -> None:
                    "--out are not concerned. Check the space where it is redirected to.")
             code = code if code in (3, 130) else 2
     sys.exit(code)
+=======
+        except (KeyboardInterrupt, Stopped) as stop:
+            click.echo("\n" * sys.stderr.isatty() + "Stopped.", err=True)
+            code = getattr(stop, "exit_code", 130)
+        if out.lost:
+            click.echo(f"Error: standard output cannot be written ({out.lost}); files in "
+                       "--out are not concerned. Check the space where it is redirected to.",
+                       err=True)
+        if (out.lost or err.lost) and code in (0, 1):
+            code = 2
+    return code
+>>>>>>> df9e863 (Signals: SIGTERM and SIGHUP end a run as Ctrl-C does, with its processes)
 
 
 def refuse(message: str) -> None:

@@ -13,6 +13,9 @@ from typing import Any
 
 from ppmcal.errors import BadInput
 
+RESULTS = "results.of.verify"
+"""Folder within the sandbox's root for what a run writes, where nothing says more of it."""
+
 
 @dataclass(frozen=True)
 class Sandbox:
@@ -33,11 +36,6 @@ class Sandbox:
     def cwd(self) -> Path:
         """The working folder."""
         return self.place(self.base)
-
-    @property
-    def out(self) -> Path:
-        """Where results go."""
-        return self.root / "results.of.verify"
 
     def place(self, path: str) -> Path:
         """Return where a path of the run is within."""

@@ -50,6 +50,12 @@ class RecordedRun:
         way = str((self.source.model_extra or {}).get("from") or "..")
         return os.path.abspath(self.folder / way)
 
+    @property
+    def name(self) -> str:
+        """The name that its folder had: data sets may be called after it."""
+        name = str((self.source.model_extra or {}).get("name") or "")
+        return name if Path(name).name == name and name else self.folder.resolve().name
+
 
 class FoundInputs:
     """The inputs of a run: where each is now, and what is wrong with the others."""
