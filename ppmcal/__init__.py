@@ -17,7 +17,9 @@ place and mend.
 
 from __future__ import annotations
 
-from typing import Any
+TYPE_CHECKING = False    # typing takes milliseconds to load, in which Ctrl-C would be a traceback
+if TYPE_CHECKING:
+    from typing import Any
 
 __version__ = "0.3.0"
 

@@ -186,8 +186,7 @@ def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sa
         return FileCheck(file=name, status=DIFFERS, count=1, worst=ValueDifference(place=gone))
     if now == then:
         return FileCheck(file=name)
-    content = again.read_bytes().replace(os.fsencode(box.root), b"")
-    found = compared(name, there.read_bytes(), content, exact)
+    found = compared(name, there.read_bytes(), again.read_bytes(), exact, os.fsencode(box.root))
     if digest and then != digest:
         return found.model_copy(update={"edited": True, "status": DIFFERS})
     return found

@@ -195,11 +195,18 @@ def record_text(folder: Path, digests: Mapping[str, str], run: Run, gone: Iterab
     owners = dict.fromkeys([*owners_of(folder), run.command])
     runs = {name: source for name, source in read_runs(folder).items() if name in owners}
     if run.source:
-        runs[run.command] = {**run.source, "from": _working_folder(folder),
+        runs[run.command] = {**run.source, "inputs": _all_inputs(run),
+                             "from": _working_folder(folder),
                              "name": os.path.basename(os.path.abspath(folder))}
     return json.dumps({"format": FORM, "commands": list(owners), "files": {
         name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())},
         "runs": runs}, indent=1) + "\n"
+
+
+def _all_inputs(run: Run) -> dict[str, str]:
+    """Return path -> SHA-256 of a run's inputs, with what it read while it made its files."""
+    known = dict(run.source.get("inputs", {}))
+    return known | {p: digest_of(Path(p)) for p in sorted({*run.read.values()} - {*known})}
 
 
 def _working_folder(folder: Path) -> str:

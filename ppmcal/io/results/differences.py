@@ -45,6 +45,7 @@ class Tally:
     """Differences of a file so far: how many, the worst, and whether all are within bounds."""
 
     exact: bool
+    root: str = ""
     count: int = 0
     over: float = -1.0
     within: bool = True
@@ -66,7 +67,7 @@ class Tally:
         return FileCheck(file=name, status=status, count=self.count, worst=self.worst)
 
 
-def compared(name: str, then: bytes, now: bytes, exact: bool) -> FileCheck:
+def compared(name: str, then: bytes, now: bytes, exact: bool, root: bytes = b"") -> FileCheck:
     """Return how a file differs from an earlier one.
 
     Args:
@@ -74,13 +75,16 @@ def compared(name: str, then: bytes, now: bytes, exact: bool) -> FileCheck:
         then: its bytes.
         now: those that come out today.
         exact: whether they must be the same; else within bounds.
+        root: where paths in it began today, and not then.
     """
+    if root and not _is_binary(now):
+        now = now.replace(root, b"")
     if then == now:
         return FileCheck(file=name)
-    found, readable = Tally(exact), True
+    found, readable = Tally(exact, root.decode(errors="surrogateescape")), True
     try:
         _READERS.get(name.rpartition(".")[2], _text)(then, now, found)
-    except (ValueError, yaml.YAMLError, csv.Error, ImportError, RecursionError):
+    except (ValueError, OSError, yaml.YAMLError, csv.Error, ImportError, RecursionError):
         readable = False
     if found.count and readable:
         return found.of(name)
@@ -198,9 +202,10 @@ def _parquet(then: bytes, now: bytes, found: Tally) -> None:
     from pyarrow import BufferReader, parquet
 
     tables = [parquet.read_table(BufferReader(content)).to_pylist() for content in (then, now)]
-    _walk([{k: v for k, v in row.items() if v is not None} for row in tables[0]],
-          [{k: v for k, v in row.items() if v is not None} for row in tables[1]],
-          _Place("row"), found)
+    if found.root:
+        tables[1] = [{k: v.replace(found.root, "") if isinstance(v, str) else v
+                      for k, v in row.items()} for row in tables[1]]
+    _walk(tables[0], tables[1], _Place("row"), found)
 
 
 # ---- trees
