@@ -15,9 +15,7 @@ and ``findings``. Refusals are :class:`BadInput` and :class:`NoResult`; their te
 place and mend.
 """
 
-from __future__ import annotations
-
-TYPE_CHECKING = False    # typing takes milliseconds to load, in which Ctrl-C would be a traceback
+TYPE_CHECKING = False    # modules take milliseconds to load, in which Ctrl-C is a traceback
 if TYPE_CHECKING:
     from typing import Any
 
@@ -60,7 +58,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Load the module that holds ``name`` on first use."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

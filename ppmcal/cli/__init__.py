@@ -4,18 +4,19 @@
 imports what it needs when it runs.
 """
 
-from __future__ import annotations
-
 import sys
 
 try:
     import importlib
     import os
 
+    from ppmcal.cli.streams import Stopped, interruptible, is_entry, loading, steady
+
+    loaded = loading()
+
     import click
 
     from ppmcal import __version__
-    from ppmcal.cli.streams import Stopped, interruptible, is_entry, steady
 except KeyboardInterrupt:    # there is nothing to stop yet
     sys.stderr.write("Stopped.\n")
     raise SystemExit(130) from None
@@ -169,3 +170,6 @@ def _run() -> int:
         refuse(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
                "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.")
         return 3
+
+
+loaded()

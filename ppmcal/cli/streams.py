@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from time import monotonic
 from types import FrameType
 from typing import Any, TextIO, cast
@@ -155,6 +155,20 @@ def _again(number: int) -> None:
     timer = threading.Timer(MOMENT, send)
     timer.daemon = True
     timer.start()
+
+
+def loading() -> Callable[[], None]:
+    """Let Ctrl-C end the process quietly while modules load; return what ends that."""
+    if (threading.current_thread() is not threading.main_thread()
+            or signal.getsignal(signal.SIGINT) is not signal.default_int_handler):
+        return lambda: None
+    signal.signal(signal.SIGINT, stop)
+
+    def over() -> None:
+        if signal.getsignal(signal.SIGINT) is stop:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    return over
 
 
 @contextlib.contextmanager
