@@ -54,6 +54,7 @@ __all__ = [
     "tolerances",
     "validate",
     "velocity",
+    "verify",
     "workspace",
 ]
 
