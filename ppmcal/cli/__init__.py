@@ -8,6 +8,7 @@ import sys
 
 try:
     import importlib
+    import io
     import os
 
     from ppmcal.cli.streams import Stopped, interruptible, is_entry, loading, steady
@@ -111,27 +112,15 @@ def _main(entry: bool) -> int:
         try:
             code = _run()
             out.flush()
-<<<<<<< HEAD
-        except KeyboardInterrupt:
-            click.echo("Stopped.", err=True)
-            code = 130
-        if out.error is not None and not isinstance(out.error, BrokenPipeError):
-            refuse(f"Error: standard output cannot be written ({out.error.strerror}); files in "
-                   "--out are not concerned. Check the space where it is redirected to.")
-            code = code if code in (3, 130) else 2
-    sys.exit(code)
-=======
         except (KeyboardInterrupt, Stopped) as stop:
             click.echo("\n" * sys.stderr.isatty() + "Stopped.", err=True)
             code = getattr(stop, "exit_code", 130)
         if out.lost:
-            click.echo(f"Error: standard output cannot be written ({out.lost}); files in "
-                       "--out are not concerned. Check the space where it is redirected to.",
-                       err=True)
+            refuse(f"Error: standard output cannot be written ({out.lost}); files in "
+                   "--out are not concerned. Check the space where it is redirected to.")
         if (out.lost or err.lost) and code in (0, 1):
             code = 2
     return code
->>>>>>> df9e863 (Signals: SIGTERM and SIGHUP end a run as Ctrl-C does, with its processes)
 
 
 def refuse(message: str) -> None:
