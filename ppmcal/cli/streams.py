@@ -139,7 +139,9 @@ def stop(number: int, frame: FrameType | None) -> None:
 def _at_stake(files: list[str]) -> bool:
     """Whether leaving at once would leave something behind: half a folder, or processes."""
     processes = sys.modules.get("ppmcal.design.processes")
-    return bool(getattr(processes, "pools", 0)) or any(
+    current = getattr(sys.modules.get("ppmcal.io.folder"), "current", None)
+    prepared = current is not None and getattr(current(), "stage", None) is not None
+    return prepared or bool(getattr(processes, "pools", 0)) or any(
         name.endswith(".py") and os.path.dirname(name).endswith(WRITING)
         and os.path.basename(name) in WRITERS for name in files)
 
