@@ -16,6 +16,7 @@ from ppmcal.api.inputs import (
     files_of,
     load,
     place_of,
+    recorded,
     refuse_unrecorded,
     source_of,
 )
@@ -102,6 +103,7 @@ class CompensationResult(Result):
         return before, float(np.sqrt(np.mean(left**2))) if np.isfinite(left).all() else None
 
 
+@recorded
 def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str | None = None,
                knowledge: Path_ | None = None, approach: str = "columns") -> CompensationResult:
     """Turn wanted poses into corrected commands of an identified machine.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.api.inputs import Machine, Path_, files_of, load, source_of
+from ppmcal.api.inputs import Machine, Path_, files_of, load, recorded, source_of
 from ppmcal.api.result import Result
 from ppmcal.controllers.export import Exported, exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
@@ -51,6 +51,7 @@ class ExportResult(Result):
         return f"{self.record.name}: {self.record.said}."
 
 
+@recorded
 def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ | None = None
            ) -> ExportResult:
     """Write a machine as a controller's configuration takes it.

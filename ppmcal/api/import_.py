@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.api.inputs import Path_, source_of
+from ppmcal.api.inputs import Path_, recorded, source_of
 from ppmcal.api.result import Result
 from ppmcal.controllers import klipper_import, reprap_import
 from ppmcal.controllers.klipper_export import keys
@@ -89,6 +89,7 @@ class ImportResult(Result):
                 "provenance": self.provenance}
 
 
+@recorded
 def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | float] = (),
                   mesh: Path_ | Sequence[Path_] = (), scale: str | None = None,
                   radius: float | None = None) -> ImportResult:

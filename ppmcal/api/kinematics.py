@@ -14,6 +14,7 @@ from ppmcal.api.inputs import (
     files_of,
     load,
     place_of,
+    recorded,
     refuse_unrecorded,
     source_of,
 )
@@ -205,6 +206,7 @@ def velocity(mechanism: Machine, moves: Any, *, tool: str | Sequence[float] | No
                       pictures=pictures)
 
 
+@recorded
 @heard
 def kinematics(which: str, mechanism: Machine, table: Any, *,
                tool: str | Sequence[float] | None = None, rotation: str = "rotvec",

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import Machine, Path_, load, source_of
+from ppmcal.api.inputs import Machine, Path_, load, recorded, source_of
 from ppmcal.api.read_join import Joined, JoinOptions, joined, sort_out
 from ppmcal.api.read_words import understood
 from ppmcal.api.result import Result
@@ -95,6 +95,7 @@ class ReadResult(Result):
                 "findings": list(self.findings), "provenance": self.provenance}
 
 
+@recorded
 def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ | None = None,
          join: str | None = None, tolerance: float = 0.5, partial: bool = False,
          interpolate: bool = False, clock_offset: float | str | None = None,

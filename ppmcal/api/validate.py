@@ -16,6 +16,7 @@ from ppmcal.api.inputs import (
     data_files,
     load,
     prepared,
+    recorded,
     same_machine,
     source_of,
 )
@@ -65,6 +66,7 @@ class ValidationResult(Result):
         return model_sentence(self.record.datasets[0])
 
 
+@recorded
 @heard
 def validate(model: Machine | CalibratedMachine, data: Measurements, *,
              against: Sequence[Path_] = (), register: Sequence[str] | str | None = None,

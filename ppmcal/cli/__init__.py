@@ -4,18 +4,20 @@
 imports what it needs when it runs.
 """
 
-from __future__ import annotations
-
-import importlib
-import io
-import os
 import sys
 
 try:
+    import importlib
+    import io
+    import os
+
+    from ppmcal.cli.streams import Stopped, interruptible, is_entry, loading, steady
+
+    loaded = loading()
+
     import click
 
     from ppmcal import __version__
-    from ppmcal.cli.streams import interruptible, steady
 except KeyboardInterrupt:    # there is nothing to stop yet
     sys.stderr.write("Stopped.\n")
     raise SystemExit(130) from None
@@ -41,6 +43,7 @@ COMMANDS = {
     "schema": "Print the JSON Schema of a file, for editors.",
     "batch": "Identify, diagnose or compensate hundreds of machines and dates.",
     "report": "Gather output folders into one HTML page.",
+    "verify": "Make results again and compare them value by value.",
     "demo": "Run the whole job once on the sample data.",
 }
 MODULES = {"import": "import_"}
@@ -92,21 +95,32 @@ def cli() -> None:
 
 def main() -> None:
     """Run a command; every refusal is one message and an exit code, never a traceback."""
+    try:
+        code = _main(is_entry())
+    except (KeyboardInterrupt, Stopped) as stop:    # a moment before its handler was there
+        sys.stderr.write("Stopped.\n")
+        code = getattr(stop, "exit_code", 130)
+    sys.exit(code)
+
+
+def _main(entry: bool) -> int:
+    """Run a command with steady streams; ``entry``: the process ends with it."""
     # threads slow the small matrices of a fit down; must be set before NumPy loads
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    with interruptible(), steady() as out:
+    with interruptible(entry), steady() as (out, err):
         try:
             code = _run()
             out.flush()
-        except KeyboardInterrupt:
-            click.echo("Stopped.", err=True)
-            code = 130
-        if out.error is not None and not isinstance(out.error, BrokenPipeError):
-            refuse(f"Error: standard output cannot be written ({out.error.strerror}); files in "
+        except (KeyboardInterrupt, Stopped) as stop:
+            click.echo("\n" * sys.stderr.isatty() + "Stopped.", err=True)
+            code = getattr(stop, "exit_code", 130)
+        if out.lost:
+            refuse(f"Error: standard output cannot be written ({out.lost}); files in "
                    "--out are not concerned. Check the space where it is redirected to.")
-            code = code if code in (3, 130) else 2
-    sys.exit(code)
+        if (out.lost or err.lost) and code in (0, 1):
+            code = 2
+    return code
 
 
 def refuse(message: str) -> None:
@@ -145,3 +159,6 @@ def _run() -> int:
         refuse(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
                "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.")
         return 3
+
+
+loaded()

@@ -27,7 +27,8 @@ Fill = Callable[[Path], None]
 """Writes the new files into a folder."""
 
 
-def put(stage: Staging, fill: Fill, files: Sequence[str], gone: Sequence[str], command: str) -> None:
+def put(stage: Staging, fill: Fill, files: Sequence[str], gone: Sequence[str], command: str
+        ) -> None:
     """Put files into the folder of a stage, all or none.
 
     Args:

@@ -16,6 +16,7 @@ from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ppmcal.errors import BadInput
 from ppmcal.io.stage import Staging, settle, staged
@@ -47,6 +48,7 @@ class Run:
             will write again.
         typed: the command line that does the same  [default: that of the process].
         stage: where its files are prepared, which keeps other runs out of ``--out``.
+        source: provenance of what it writes, as far as that is known.
     """
 
     command: str = ""
@@ -55,6 +57,7 @@ class Run:
     read: dict[Identity, str] = field(default_factory=dict)
     doomed: dict[Identity, str] = field(default_factory=dict)
     stage: Staging | None = None
+    source: dict[str, Any] = field(default_factory=dict)
 
 
 _RUN: ContextVar[Run | None] = ContextVar("run", default=None)
@@ -84,6 +87,20 @@ def running(command: str, folder: Path | None, force: bool = False, typed: str =
             yield run
         finally:
             _RUN.reset(token)
+
+
+@contextmanager
+def reading() -> Iterator[Run]:
+    """Note what is read in the block, where no run is under way that does."""
+    run = _RUN.get()
+    if run is not None:
+        yield run
+        return
+    token = _RUN.set(run := Run())
+    try:
+        yield run
+    finally:
+        _RUN.reset(token)
 
 
 def current() -> Run:
@@ -196,9 +213,39 @@ def record_text(folder: Path, digests: Mapping[str, str], run: Run, gone: Iterab
              if _is_there(folder / name) and name not in away}
     known |= {name: Written(run.command, digest) for name, digest in digests.items()}
     owners = dict.fromkeys([*owners_of(folder), run.command])
+    runs = {name: source for name, source in read_runs(folder).items() if name in owners}
+    if run.source:
+        runs[run.command] = {**run.source, "inputs": _all_inputs(run),
+                             "from": _working_folder(folder),
+                             "name": os.path.basename(os.path.abspath(folder))}
     return json.dumps({"format": FORM, "commands": list(owners), "files": {
-        name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())}},
-        indent=1) + "\n"
+        name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())},
+        "runs": runs}, indent=1) + "\n"
+
+
+def _all_inputs(run: Run) -> dict[str, str]:
+    """Return path -> SHA-256 of a run's inputs, with what it read while it made its files."""
+    known = dict(run.source.get("inputs", {}))
+    return known | {p: digest_of(Path(p)) for p in sorted({*run.read.values()} - {*known})}
+
+
+def _working_folder(folder: Path) -> str:
+    """Return the way from a folder of results to the folder that the run's paths begin in."""
+    try:
+        return os.path.relpath(os.getcwd(), folder)
+    except (OSError, ValueError):    # gone, or on another drive
+        return ""
+
+
+def read_runs(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return command -> where its results in a folder come from, as far as that is recorded."""
+    try:
+        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        runs = content.get("runs") if content["format"] == FORM else None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return {}
+    return {str(k): v for k, v in runs.items() if isinstance(v, dict)} if isinstance(
+        runs, dict) else {}
 
 
 def read_record(folder: Path) -> dict[str, Written] | None:

@@ -19,6 +19,7 @@ import numpy as np
 from ppmcal import __version__
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import Content, encoded
+from ppmcal.io.environment import environment
 from ppmcal.io.exchange import put
 from ppmcal.io.folder import (
     RECORD,
@@ -172,9 +173,17 @@ def plain(obj: object) -> Any:
     return str(obj)
 
 
-def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int | None
-               ) -> dict[str, Any]:
-    """Return where results come from: version, SHA-256 of each input, command, seed."""
+def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int | None,
+               function: str = "", options: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return where results come from: all that decides what is in them.
+
+    Args:
+        inputs: files that were read.
+        command: as it was typed.
+        seed: of what is drawn at random.
+        function: of ``ppmcal.api`` that made the result, ``module.name``.
+        options: all that it was called with, defaults too.
+    """
     sums = {}
     for path in inputs:
         try:
@@ -185,4 +194,5 @@ def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int
             raise BadInput(f"cannot be read ({error.strerror})", str(path),
                            "Give the path of a readable file") from None
     return {"version": __version__, "inputs": sums, "command": command, "seed": seed,
+            "function": function, "options": dict(options or {}), "environment": environment(),
             "numpy": np.__version__, "python": platform.python_version()}
