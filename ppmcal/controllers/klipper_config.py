@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ppmcal.errors import BadInput
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
+from ppmcal.io.limits import CONFIG_BYTES
 
 TOWERS = ("a", "b", "c")
 ANGLES = (210.0, 330.0, 90.0)
@@ -122,7 +123,7 @@ def read_config(path: str | os.PathLike[str]) -> Config:
     Raises:
         BadInput: not a text file, or not of this syntax where it matters.
     """
-    data = read_bytes(Path(path))
+    data = read_bytes(Path(path), CONFIG_BYTES)
     if b"\0" in data:
         raise BadInput("is not a text file", str(path), "Give the printer.cfg of a printer")
     return parse_config(data.decode("utf-8-sig", errors="replace"), str(path))

@@ -23,7 +23,7 @@ from ppmcal.controllers.klipper_config import (
 from ppmcal.controllers.klipper_nominal import read_nominal
 from ppmcal.controllers.printer import Mesh, Printer
 from ppmcal.errors import BadInput, unknown
-from ppmcal.io.yaml import read_bytes
+from ppmcal.io.input_files import read_bytes
 from ppmcal.linalg import Array
 
 PROBES = ("probe", "bltouch", "smart_effector")

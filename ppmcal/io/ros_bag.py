@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ppmcal.errors import BadInput, unknown
+from ppmcal.io.limits import BAG_BYTES, TABLE_ROWS, UNPACKED_BYTES
 from ppmcal.io.ros_tables import POSE_COLUMNS, Recording, joint_header, recording, seconds
 from ppmcal.model.mechanism import Mechanism
 
@@ -39,6 +40,8 @@ def bag_tables(path: Path, mechanism: Mechanism, topics: Sequence[str] = ()) -> 
             among which one must be chosen.
     """
     source = str(path)
+    if path.is_file():
+        BAG_BYTES.refuse(path.stat().st_size, source)
     try:
         from rosbags.highlevel import AnyReader  # 20 MB with what it needs, for those with bags
         from rosbags.typesys import Stores, get_typestore
@@ -50,7 +53,11 @@ def bag_tables(path: Path, mechanism: Mechanism, topics: Sequence[str] = ()) -> 
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             wanted = _chosen(reader.connections, topics, source)
             held: dict[str, list[Any]] = {c.topic: [] for c in wanted}
+            TABLE_ROWS.refuse(sum(c.msgcount for c in wanted), source)
+            size = 0
             for connection, _, data in reader.messages(connections=wanted):
+                size += len(data)
+                UNPACKED_BYTES.refuse(size, source)
                 held[connection.topic].append(reader.deserialize(data, connection.msgtype))
             types = {c.topic: c.msgtype for c in wanted}
     except BadInput:
