@@ -47,9 +47,9 @@ def _shown(text: str) -> str:
     """
     if len(text) > LONGEST:
         text = f"{text[:LONGEST // 2]} ... {text[-LONGEST // 2:]}"
-    if text.replace("\n", "").isprintable():
+    if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or c == "\n" or c.isspace() and ord(c) > 159 else
+    return "".join(c if c.isprintable() or c in "\n\xa0" else
                    c.encode("unicode_escape").decode("ascii") for c in text)
 
 

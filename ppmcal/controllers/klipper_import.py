@@ -28,6 +28,8 @@ from ppmcal.linalg import Array
 
 PROBES = ("probe", "bltouch", "smart_effector")
 """Sections that hold a probe's offsets."""
+LARGEST = 1e6
+"""mm: no touch is as far off."""
 FLAT_ROW = 0.05
 """Touches whose x differ by less, mm, do not tell a direction of travel."""
 _NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
@@ -176,6 +178,9 @@ def _logged(path: Path) -> tuple[Array, Array, str]:
         raise BadInput(f"{len(found)} lines such as `probe at 0.000,0.000 is z=1.234` stand here",
                        str(path), "Give a log of the console or klippy.log with a bed's touches")
     point = np.array(found)
+    if not np.all(np.abs(point) <= LARGEST):
+        raise BadInput("a touch lies where no printer reaches", str(path),
+                       f"Take out lines with numbers above {LARGEST:g}")
     moved = np.diff(point[:, 0], prepend=point[:1, 0])
     # repeats of a touch, and steps along y, go on as the move before
     last = np.maximum.accumulate(np.where(np.abs(moved) <= FLAT_ROW, 0, np.arange(len(point))))
