@@ -19,6 +19,8 @@ from ppmcal.io.input_files import read_bytes
 from ppmcal.io.limits import CONFIG_BYTES
 
 TOWERS = ("a", "b", "c")
+LARGEST = 1e9
+"""mm, degrees, microsteps: no number of a printer is as large."""
 ANGLES = (210.0, 330.0, 90.0)
 DIGITS = 6
 """Decimals of what is written, as many as the firmware saves itself."""
@@ -78,7 +80,7 @@ class Config:
         parts = [p.strip() for p in entry.text.split(",")]
         good = len(parts) == count and all(_NUMBER.fullmatch(p) for p in parts)
         values = tuple(float(p) for p in parts) if good else ()
-        if not good or not all(math.isfinite(v) for v in values):
+        if not good or not all(abs(v) <= LARGEST for v in values):
             raise BadInput(f"'{entry.text[:40]}' is not {_count(count)}", self.at(section, key),
                            "Write decimal numbers" + (", separated by commas" if count > 1 else ""))
         return values

@@ -11,6 +11,7 @@ import numpy as np
 
 from ppmcal.controllers.klipper import MM, travel
 from ppmcal.controllers.klipper_config import (
+    LARGEST,
     TOWERS,
     Config,
     DeltaGeometry,
@@ -28,8 +29,6 @@ from ppmcal.linalg import Array
 
 PROBES = ("probe", "bltouch", "smart_effector")
 """Sections that hold a probe's offsets."""
-LARGEST = 1e6
-"""mm: no touch is as far off."""
 FLAT_ROW = 0.05
 """Touches whose x differ by less, mm, do not tell a direction of travel."""
 _NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import os
 import re
 from collections.abc import Sequence
@@ -35,6 +34,7 @@ from ppmcal.linalg import Array
 OVERRIDE = "config-override.g"
 """What M500 writes and M501 runs."""
 LARGEST = 1000
+FARTHEST = 1e6
 """No grid has more points along an axis."""
 _PROBE = re.compile(r"^\s*G31\b([^;\n]*)", re.ASCII | re.IGNORECASE | re.MULTILINE)
 _LETTER = re.compile(r"([XYZ])\s*([-+]?(?:\d+\.?\d*|\.\d+))", re.ASCII | re.IGNORECASE)
@@ -169,7 +169,7 @@ def read_map(path: Path) -> tuple[Array, Array]:
 
 def _number(cell: str) -> bool:
     try:
-        return math.isfinite(float(cell))
+        return abs(float(cell)) <= FARTHEST
     except ValueError:
         return False
 

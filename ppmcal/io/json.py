@@ -38,8 +38,16 @@ def read_object(path: Path, mend: str = AGAIN) -> dict[str, Any]:
     text = read_text(path)
     # commas, colons and brackets in texts count too; no result comes near
     JSON_NODES.refuse(sum(map(text.count, ",:[{")), str(path))
+    odd = list[float]()
+
+    def number(word: str) -> float:
+        value = float(word)
+        if not math.isfinite(value):
+            odd.append(value)
+        return value
+
     try:
-        content = json.loads(text, parse_int=_whole, parse_float=_finite, parse_constant=_refused)
+        content = json.loads(text, parse_int=_whole, parse_float=number, parse_constant=number)
         if not isinstance(content, dict):
             raise BadInput("holds no JSON object", str(path), mend)
     except json.JSONDecodeError as error:
@@ -51,6 +59,9 @@ def read_object(path: Path, mend: str = AGAIN) -> dict[str, Any]:
     except RecursionError:
         raise JSON_DEPTH.error(str(path)) from None
     _refuse_deep(content, path)
+    if odd:
+        place = _place_of_odd(content)
+        raise BadInput("should be a number that is finite", f"{path}: {place}", mend)
     return content
 
 
@@ -60,15 +71,17 @@ def _whole(text: str) -> int:
     return int(text)
 
 
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text[:40]} is too large for a number")
-    return value
-
-
-def _refused(word: str) -> float:
-    raise ValueError(f"{word} is no number of JSON")
+def _place_of_odd(node: Any, place: str = "") -> str:
+    """Return where the first number stands that is not finite, empty without one."""
+    if isinstance(node, float) and not math.isfinite(node):
+        return place
+    pairs = node.items() if isinstance(node, dict) else (
+        enumerate(node) if isinstance(node, list) else ())
+    for key, child in pairs:
+        part = f"[{key}]" if isinstance(key, int) else f".{key}" if place else str(key)
+        if found := _place_of_odd(child, place + part):
+            return found
+    return ""
 
 
 def _refuse_deep(content: dict[str, Any], path: Path) -> None:

@@ -57,7 +57,8 @@ TABLE_ROWS = Limit(2_000_000, "rows", _SPLIT, "any table; in a CSV lines count")
 TABLE_COLUMNS = Limit(1_000, "columns", "Leave out columns that no key of the sidecar names, or "
                       "check what separates the cells", "any table")
 TABLE_CELLS = Limit(50_000_000, "cells", _SPLIT, "any table: rows times columns")
-LINE_BYTES = Limit(200_000, "bytes in one line", "Check the line ends and the quotes",
+LINE_BYTES = Limit(200_000, "bytes in one line", "Check line ends and quotes; a table has "
+                   f"{grouped(TABLE_COLUMNS.most)} columns at most",
                    "CSV, list of points, log, configuration")
 UNPACKED_BYTES = Limit(1_000_000_000, "bytes when unpacked", _SPLIT, "spreadsheet, Parquet")
 BAG_BYTES = Limit(2_000_000_000, "bytes", "Record only the topics of joints and poses",
@@ -101,7 +102,8 @@ def refuse_long_lines(data: bytes, source: str) -> None:
         end = data.rfind(b"\n", start, start + most + 1)
         if end < 0:
             line = data.count(b"\n", 0, start) + 1
-            raise LINE_BYTES.error(f"{source}: line {line}", f"more than {grouped(most)}")
+            raise BadInput(f"the line is longer than {grouped(most)} bytes, the limit",
+                           f"{source}: line {line}", LINE_BYTES.mend)
         start = end + 1
 
 

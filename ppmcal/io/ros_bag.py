@@ -14,6 +14,8 @@ from ppmcal.io.ros_tables import POSE_COLUMNS, Recording, joint_header, recordin
 from ppmcal.model.mechanism import Mechanism
 
 MAGIC = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
+BAG_INFO = "metadata.yaml"
+"""What every folder of a bag of ROS 2 holds."""
 JOINTS = "sensor_msgs/msg/JointState"
 POINTS = {"geometry_msgs/msg/PoseStamped": "pose", "geometry_msgs/msg/PointStamped": "point",
           "geometry_msgs/msg/TransformStamped": "transform",
@@ -40,6 +42,8 @@ def bag_tables(path: Path, mechanism: Mechanism, topics: Sequence[str] = ()) -> 
             among which one must be chosen.
     """
     source = str(path)
+    if path.is_dir() and not (path / BAG_INFO).is_file():
+        raise BadInput("is a folder, and no bag of ROS 2", source, "Give files")
     if path.is_file():
         BAG_BYTES.refuse(path.stat().st_size, source)
     try:

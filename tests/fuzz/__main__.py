@@ -5,14 +5,15 @@ import json
 import signal
 import sys
 import time
+import warnings
 
 from fuzz.campaign import HEAD, Tally, clean, fuzz, keep_crash, minimised
 from fuzz.judge import limit_memory
 from fuzz.readers import readers
 from fuzz.tracing import Lines
 
-TURN = 2.0
-"""Seconds that one reader has at a time."""
+TURN, INPUTS = 2.0, 1000
+"""Seconds and inputs that one reader has at a time."""
 
 
 def main():
@@ -31,6 +32,7 @@ def main():
         made = readers
     chosen = {n: r for n, r in made().items() if not given.only or n in given.only}
     limit_memory()
+    warnings.simplefilter("error")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         tallies = _run(chosen, given)
@@ -56,7 +58,7 @@ def _run(chosen, given):
             known = set(tallies[name].faults)
             seconds = min(TURN, max(0.0, stop - time.monotonic()))
             _, kept[name] = fuzz(reader, seconds, f"{given.seed}/{turn}/{name}", tallies[name],
-                                 lines[name], keep=kept[name])
+                                 lines[name], INPUTS, kept[name])
             for fault in set(tallies[name].faults) - known:
                 data, detail = tallies[name].faults[fault]
                 path = keep_crash(name, minimised(reader, fault, data))

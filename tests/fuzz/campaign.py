@@ -42,12 +42,14 @@ def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
     rng = random.Random(seed)
     tally, lines = tally or Tally(), lines or Lines()
     pool = [*reader.seeds, *keep]
+    form = reader.form
     stop, seeds = time.monotonic() + seconds, list(pool)
+    most = None if most is None else tally.inputs + most
     while time.monotonic() < stop and (most is None or tally.inputs < most):
-        data = seeds.pop() if seeds else mutated(rng.choice(pool), pool, rng)
+        data = seeds.pop() if seeds else mutated(rng.choice(pool), pool, rng, form)
         begun = time.process_time()
         with lines.watching(always=bool(seeds)):
-            outcome = judged(reader.read, data)
+            outcome = judged(reader.read, data, reader.seconds)
         tally.slowest = max(tally.slowest, time.process_time() - begun)
         tally.inputs += 1
         fresh = outcome.key not in tally.outcomes
@@ -64,7 +66,10 @@ def fuzz(reader, seconds, seed, tally=None, lines=None, most=None, keep=()):
 
 def minimised(reader, fault, data):
     """Return a shorter input with the same fault."""
-    return smaller(data, lambda shorter: judged(reader.read, shorter).fault == fault)
+    def fails(shorter):
+        return judged(reader.read, shorter, reader.seconds).fault == fault
+
+    return smaller(data, fails)
 
 
 def keep_crash(name, data):

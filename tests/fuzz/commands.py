@@ -4,10 +4,13 @@ import functools
 import json
 import shutil
 import tempfile
+import time
 from pathlib import Path
 
-from fuzz.readers import Reader, texts
 from helpers.commands import ppmcal
+
+from fuzz.judge import SECONDS, bare
+from fuzz.readers import Reader, texts
 
 SCENARIO = """format: ppmcal/scenario/1
 units: {length: mm, angle: deg}
@@ -22,6 +25,8 @@ campaigns:
   - {machine: a, date: 2026-01-02, model: m.yaml, data: [d.csv]}
 """
 WELL = {0, 1, 2, 3}
+LONGEST = 30.0
+"""Seconds for a command that does not refuse."""
 
 
 @functools.cache
@@ -58,7 +63,8 @@ def _runs(name, *args):
         path = desk() / name
         good = path.read_bytes()
         out = Path(tempfile.mkdtemp(prefix="ppmcal-out-"))
-        words = [str(out / "o") if a == "OUT" else a for a in args]
+        words = [str(out / a.lower()) if a.startswith("OUT") else a for a in args]
+        begun = time.process_time()
         try:
             path.write_bytes(data)
             run = ppmcal(*words, cwd=desk())
@@ -66,16 +72,13 @@ def _runs(name, *args):
             path.write_bytes(good)
             shutil.rmtree(out, ignore_errors=True)
             (desk() / ".ppmcal.json").unlink(missing_ok=True)
-        _check(run)
+        _check(run, time.process_time() - begun)
+        return f"{run.code} {bare(run.err)}"
 
     return call
 
 
-class Refused(Exception):
-    """A command ended with a code above 0; its message tells outcomes apart."""
-
-
-def _check(run):
+def _check(run, seconds):
     text = run.out + run.err
     assert run.code in WELL, f"exit code {run.code}"
     assert "Traceback" not in text, "a traceback was shown"
@@ -83,8 +86,10 @@ def _check(run):
         raise AssertionError(run.err.splitlines()[0][:150])
     if run.code == 2:
         assert run.err.count("Error:") == 1, "not one message"
+        assert seconds < SECONDS, "slow to refuse"
 
 
+CORRECT = ("compensate", "i", "t.csv", "--frame", "base", "--out", "OUT")
 COMMANDS = {
     "check-machine": ("m.yaml", "check", "m.yaml"),
     "check-table": ("d.csv", "check", "m.yaml", "d.csv"),
@@ -98,11 +103,9 @@ COMMANDS = {
     "simulate-scenario": ("s.yaml", "simulate", "m.yaml", "s.yaml", "--out", "OUT"),
     "inverse": ("t.csv", "kinematics", "inverse", "m.yaml", "t.csv", "--out", "OUT"),
     "forward": ("d.csv", "kinematics", "forward", "m.yaml", "d.csv", "--out", "OUT"),
-    "compensate-targets": ("t.csv", "compensate", "i", "t.csv", "--frame", "base", "--out", "OUT"),
-    "compensate-model": ("i/identified.yaml", "compensate", "i", "t.csv", "--frame", "base", "--out",
-                         "OUT"),
-    "compensate-knowledge": ("i/identification.json", "compensate", "i", "t.csv", "--frame", "base",
-                             "--out", "OUT"),
+    "compensate-targets": ("t.csv", *CORRECT),
+    "compensate-model": ("i/identified.yaml", *CORRECT),
+    "compensate-knowledge": ("i/identification.json", *CORRECT),
     "validate": ("i/identification.json", "validate", "i", "sim2/measurements.csv", "--out", "OUT"),
     "compare": ("i/identification.json", "compare", "i", "j", "--out", "OUT"),
     "report-fit": ("i/identification.json", "report", "i", "--out", "OUT"),
@@ -118,14 +121,14 @@ COMMANDS = {
     "report-sensitivity": ("se/sensitivity.json", "report", "se", "--out", "OUT"),
     "report-export": ("e/export.json", "report", "e", "--out", "OUT"),
     "import-klipper": ("printer.cfg", "import", "klipper", "printer.cfg", "--out", "OUT"),
-    "read": ("d.csv", "read", "d.csv", "--mechanism", "m.yaml", "--out", "OUT"),
+    "read": ("d.csv", "read", "d.csv", "--mechanism", "m.yaml", "--out", "OUT.csv"),
 }
 
 
 def commands():
     """Return name -> what takes the bytes of the changed file, as a reader."""
     home = desk()
-    return {name: Reader(name, _runs(file, *args), ((home / file).read_bytes(),))
+    return {name: Reader(name, _runs(file, *args), ((home / file).read_bytes(),), LONGEST)
             for name, (file, *args) in COMMANDS.items() if (home / file).is_file()}
 
 

@@ -1,12 +1,12 @@
-"""What may come of an input: it is read, or refused with place and mend, soon and in little space."""
+"""What may come of an input: it is read, or refused with place and mend, soon, in little space."""
 
 import re
 import resource
 import signal
 import traceback
-import warnings
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from ppmcal.errors import PpmcalError
 
@@ -23,7 +23,7 @@ class TooLong(BaseException):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an input: ``key`` without numbers and names, ``fault`` empty where it is well."""
+    """What came of an input: ``key`` without numbers and names, ``fault`` empty if all is well."""
 
     key: str
     fault: str = ""
@@ -38,21 +38,21 @@ def bare(text):
 @contextmanager
 def bounded(seconds=SECONDS):
     """Raise TooLong after so much processor time."""
-    def over(number, frame):
-        raise TooLong
-
-    before = signal.signal(signal.SIGPROF, over)
+    signal.signal(signal.SIGPROF, _over)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.signal(signal.SIGPROF, before)
+
+
+def _over(number, frame):
+    raise TooLong
 
 
 def limit_memory(more=BYTES):
     """Let the process take so many bytes more than it has mapped now."""
-    pages = int(open("/proc/self/statm").read().split()[0])
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + more,
                                             resource.getrlimit(resource.RLIMIT_AS)[1]))
 
@@ -60,9 +60,8 @@ def limit_memory(more=BYTES):
 def judged(function, data, seconds=SECONDS):
     """Return what comes of ``function(data)``."""
     try:
-        with bounded(seconds), warnings.catch_warnings():
-            warnings.simplefilter("error")
-            function(data)
+        with bounded(seconds):
+            found = function(data)
     except TooLong as error:
         return Outcome("slow", "slow: " + _place(error), f"over {seconds:g} s")
     except PpmcalError as error:
@@ -70,9 +69,10 @@ def judged(function, data, seconds=SECONDS):
     except MemoryError as error:
         return Outcome("memory", "memory: " + _place(error), "over 1 GB")
     except Exception as error:
-        place = f"{type(error).__name__}: {_place(error)}"
+        said = f" ({bare(str(error))})" if isinstance(error, AssertionError) else ""
+        place = f"{type(error).__name__}: {_place(error)}{said}"
         return Outcome(place, place, "".join(traceback.format_exception(error))[-1500:])
-    return Outcome("read")
+    return Outcome(found if isinstance(found, str) else "read")
 
 
 def _lacking(error):

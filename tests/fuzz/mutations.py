@@ -1,4 +1,4 @@
-"""Inputs made from good ones: bytes, lines, numbers, cells and trees are changed, joined, repeated."""
+"""Inputs made from good ones: bytes, lines, numbers, cells and trees are changed or joined."""
 
 import csv
 import io
@@ -9,14 +9,16 @@ import re
 import yaml
 
 NUMBER = re.compile(rb"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
-NUMBERS = ["nan", ".nan", ".inf", "-.inf", "inf", "1e400", "-1e400", "1e308", "1e154", "1e16", "1e15",
-           "1e12", "1e-320", "1e-300", "0", "-0.0", "1", "-1", "2", "9" * 20, "9" * 400, "9" * 5000,
-           "0x10", "1_000", "1,5", "1.5.2", "1e", "--1", "+1", ".5", "5.", "010", "1:30", "٣", "½"]
+NUMBERS = ["nan", ".nan", ".inf", "-.inf", "inf", "1e400", "-1e400", "1e308", "1e154", "1e16",
+           "1e15", "1e12", "1e-320", "1e-300", "0", "-0.0", "1", "-1", "2", "9" * 20, "9" * 400,
+           "9" * 5000, "0x10", "1_000", "1,5", "1.5.2", "1e", "--1", "+1", ".5", "5.", "010",
+           "1:30", "٣", "½"]
 WORDS = ["", " ", "\t", "\n", "\r", "\r\n", "\x00", "\x1b[2J", "\ufeff", "\u2028", "\x85", "\ud800",
          "null", "~", "true", "no", "[]", "{}", "[", "{", "]", "}", '"', "'", "#", ":", ": ", "- ",
-         "?", "|", ">", "%", "@", "`", "&a ", "*a", "<<: *a", "!!float ", "!!python/name:os.system ",
-         "---\n", "...\n", ",", ";", ",,", "=", "..", "../../x", "/dev/zero", "a/b", ".", "*", "x" * 300,
-         "unknown", "known", "quat_w", "rz", "leg1", "setp", "[JOINT_0]", "#*#", "M665", "G31"]
+         "?", "|", ">", "%", "@", "`", "&a ", "*a", "<<: *a", "!!float ", "!!python/name:os.system",
+         "---\n", "...\n", ",", ";", ",,", "=", "..", "../../x", "/dev/zero", "a/b", ".", "*",
+         "x" * 300, "unknown", "known", "quat_w", "rz", "leg1", "setp", "[JOINT_0]", "#*#", "M665",
+         "G31"]
 TREES = [None, True, False, 0, -1, 1, 2, 0.5, -0.0, 1e16, -1e16, 1e154, 1e300, 1e-300, float("nan"),
          float("inf"), -float("inf"), 10 ** 20, 10 ** 350, 10 ** 4500, "", " ", "x", "nan", "1.5",
          "unknown", "known", "leg1", "*", "\x00", "\x1b[2J", "\ud800", "é" * 50, [], {}, [[]], [{}],
@@ -24,10 +26,13 @@ TREES = [None, True, False, 0, -1, 1, 2, 0.5, -0.0, 1e16, -1e16, 1e154, 1e300, 1
          {"same_as": "x"}, {"x": 1, "y": 2, "rz": 3}, [None], ["a", "a"]]
 
 
-def mutated(data, others, rng):
-    """Return ``data`` changed one to four times; ``others``: inputs to take parts from."""
+def mutated(data, others, rng, form="text"):
+    """Return ``data`` changed one to four times; ``others``: inputs to take parts from.
+
+    ``form``: text, csv or tree, for changes that know of cells or of keys.
+    """
     for _ in range(rng.choice((1, 1, 1, 2, 3, 4))):
-        data = rng.choice(WAYS)(data, others, rng)
+        data = rng.choice(WAYS[form])(data, others, rng)
     return data[:200_000]
 
 
@@ -188,8 +193,8 @@ def _places(tree):
             stack.append(node[key])
 
 
-WAYS = (_bytes, _word, _number, _number, _cut, _lines, _spliced, _recoded, _cells, _cells, _tree, _tree,
-        _tree, _tree)
+_TEXT = (_bytes, _word, _number, _number, _cut, _lines, _spliced, _recoded)
+WAYS = {"text": _TEXT, "csv": (*_TEXT, *[_cells] * 6), "tree": (*_TEXT, *[_tree] * 12)}
 
 
 def smaller(data, still_fails, tries=300, seed=0):

@@ -1,4 +1,4 @@
-"""Every reader of the package: good inputs to begin with, and a call that takes an input's bytes."""
+"""Every reader of the package: good inputs to begin with, and a call that takes bytes."""
 
 import dataclasses
 import functools
@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from helpers.paths import ROOT
 
+from fuzz.judge import SECONDS
 from ppmcal.controllers import (
     joint_tables_file,
     klipper_config,
@@ -52,11 +53,21 @@ CORPUS = ROOT / "tests" / "fuzz" / "corpus"
 
 @dataclasses.dataclass(frozen=True)
 class Reader:
-    """One reader: its name, what takes bytes, and good inputs."""
+    """One reader: its name, what takes bytes, good inputs, and the seconds that it may take."""
 
     name: str
     read: Callable[[bytes], object]
     seeds: tuple[bytes, ...]
+    seconds: float = SECONDS
+
+    @property
+    def form(self):
+        """What the mutations take it for."""
+        name = self.name.partition("-")[0]
+        if name in ("record", "report", "knowledge", "posterior", "yaml", "mechanism", "scenario",
+                    "batch") or self.seeds[0][:1] == b"{":
+            return "tree"
+        return "csv" if b"," in self.seeds[0].split(b"\n", 1)[0] else "text"
 
 
 def texts(*names):
@@ -195,7 +206,7 @@ def readers():
                      "configs/delta-linear.yaml", "sample_data/hexapod.yaml")
     made = [
         Reader("csv", _csv, run[:1]),
-        Reader("table", from_file("t.csv", lambda p: read_table(p, loose=lambda n: n == "note")),
+        Reader("table", from_file("t.csv", lambda p: read_table(p, loose=lambda n: n in ("note", "session"))),
                run[:1]),
         Reader("poses", from_file("p.csv", lambda p: read_poses(p, bench())),
                texts("sample_data/targets.csv") + (b"x,y,rz,note\n500,280,20,a\n510,270,22,b\n",)),
@@ -214,10 +225,10 @@ def readers():
         Reader("scenario", from_file("s.yaml", lambda p: read_scenario(p, bench())),
                texts("tests/broken/good_scenario.yaml")),
         Reader("batch", from_file("b.yaml", read_manifest), (
-            b"format: ppmcal/batch/1\ncampaigns:\n  - {machine: a, date: 2026-01-02, model: m.yaml, "
-            b"data: [d.csv]}\n",)),
+            b"format: ppmcal/batch/1\ncampaigns:\n  - {machine: a, date: 2026-01-02, "
+            b"model: m.yaml, data: [d.csv]}\n",)),
         Reader("klipper", lambda d: klipper_config.read_geometry(klipper_config.parse_config(
-            d.decode("utf-8", "replace"), "printer.cfg")), texts("sample_data/printer/printer.cfg")),
+            d.decode("utf-8", "replace"), "p.cfg")), texts("sample_data/printer/printer.cfg")),
         Reader("printer", from_file("printer.cfg", _klipper),
                texts("sample_data/printer/printer.cfg")),
         Reader("klipper-log", from_file("l.log", _log), (
@@ -225,14 +236,15 @@ def readers():
             b"probe at 10.0,9.0 is z=1.3\n",)),
         Reader("reprap", lambda d: reprap_config.read_delta(reprap_config.parse_lines(
             d.decode("utf-8", "replace"), "config.g")), (
-            b"M665 L300:300:300 R150 H240 B90 X0.1 Y-0.2 Z0\nM666 X0.1 Y0 Z-0.1 A0 B0\nG31 Z1.2\n",)),
+            b"M665 L300:300:300 R150 H240 B90 X0.1 Y-0.2 Z0\nM666 X0.1 Y0 Z-0.1 A0 B0\nG31 Z1\n",)),
         Reader("heightmap", from_file("heightmap.csv", _heights), (
             b"RepRapFirmware height map file v2\naxis0,axis1,min0,max0,min1,max1,radius,spacing0,"
             b"spacing1,num0,num1\nX,Y,-10,10,-10,10,-1,10,10,3,3\n0.1,0.2,0.3\n0.1,0,0.3\n"
             b"0.1,0.2,0.3\n",)),
-        Reader("hal", _hal, (_hal_text(),)),
+        Reader("hal", _hal, (_hal_text(), _hal_text() + b"net a genhexkins.screw-lead <= b\n")),
         Reader("hal-joints", _joints, (
-            b"[JOINT_0]\n# HOME_OFFSET = present * 1.5 + 0.25\n# HOME = 5.0\n[JOINT_1]\n# HOME = 1\n",)),
+            b"[JOINT_0]\n# HOME_OFFSET = present * 1.5 + 0.25\n# HOME = 5.0\n[JOINT_1]\n"
+            b"# HOME = 1\n",)),
         Reader("triplets", lambda d: joint_tables_file.parse_triplets(
             d.decode("utf-8", "replace"), "c.comp"), (b"0 0.1 0.2\n1 1.1 1.2\n2 2.0 2.1\n",)),
         Reader("knowledge", from_file("identification.json", _knowledge), ()),
@@ -250,5 +262,5 @@ def readers():
 def _hal_text():
     lines = [f"setp genhexkins.{group}.{n}.{c} {n + 0.5}" for group in ("base", "platform")
              for n in range(6) for c in "xyz"]
-    return "\n".join(["loadrt genhexkins", *lines, "net a genhexkins.screw-lead <= b", ""]).encode()
+    return "\n".join(["loadrt genhexkins", *lines, ""]).encode()
 

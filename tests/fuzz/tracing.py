@@ -1,8 +1,8 @@
 """Which lines of the package a call reaches that none has reached before.
 
 From Python 3.12 on by ``sys.monitoring``, where a line that was reached is not watched again, so
-that it costs nothing. Before that by ``sys.settrace``, which is slow: there only functions with lines
-that nobody has reached are watched, and only in a part of the calls.
+that it costs nothing. Before that by ``sys.settrace``, which is slow: there only functions with
+lines that nobody has reached are watched, and only in a part of the calls.
 """
 
 import random
