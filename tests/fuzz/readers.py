@@ -241,7 +241,8 @@ def readers():
             b"RepRapFirmware height map file v2\naxis0,axis1,min0,max0,min1,max1,radius,spacing0,"
             b"spacing1,num0,num1\nX,Y,-10,10,-10,10,-1,10,10,3,3\n0.1,0.2,0.3\n0.1,0,0.3\n"
             b"0.1,0.2,0.3\n",)),
-        Reader("hal", _hal, (_hal_text(), _hal_text() + b"net a genhexkins.screw-lead <= b\n")),
+        Reader("hal", _hal, (_hal_text(),
+                             _hal_text() + b"net a genhexkins.screw-lead <= b\n")),
         Reader("hal-joints", _joints, (
             b"[JOINT_0]\n# HOME_OFFSET = present * 1.5 + 0.25\n# HOME = 5.0\n[JOINT_1]\n"
             b"# HOME = 1\n",)),

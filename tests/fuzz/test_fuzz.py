@@ -1,4 +1,4 @@
-"""The short form of `make fuzz`: what failed once, some seconds of each reader, near-valid files."""
+"""The short form of `make fuzz`: what failed once, moments of each reader, near-valid files."""
 
 import random
 import warnings

@@ -191,7 +191,8 @@ def strange(tmp_path):
     with socket.socket(socket.AF_UNIX) as made:
         made.bind(str(tmp_path / "s"))
         yield {"pipe": tmp_path / "pipe.csv", "loop": tmp_path / "loop.csv",
-               "socket": tmp_path / "s", "folder": tmp_path, "device": Path("/dev/zero"), "name": Path("x" * 5000)}
+               "socket": tmp_path / "s", "folder": tmp_path, "device": Path("/dev/zero"),
+               "name": Path("x" * 5000)}
 
 
 @pytest.mark.parametrize("what", ["pipe", "loop", "socket", "folder", "device", "name"])
