@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
+MINUTES ?= 10
 
-.PHONY: demo test test-all lint bench torture study schemas docs docs-output screenshots strangers-path clean
+.PHONY: demo test test-all lint bench fuzz torture study schemas docs docs-output screenshots strangers-path clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -54,6 +55,10 @@ docs-output: $(VENV)/.test
 
 strangers-path: $(VENV)/.run
 	@$(BIN)/python docs/strangers_path.py
+
+fuzz: $(VENV)/.test
+	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES)
+	@PYTHONPATH=.:tests $(BIN)/python -m fuzz --minutes $(MINUTES) --commands
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts= -s

@@ -121,6 +121,8 @@ class SidecarFile(Strict):
 
 def sidecar_path(csv_path: Path) -> Path:
     """Return the path of a CSV's sidecar, ``.yaml`` where there is neither that nor ``.yml``."""
+    if not csv_path.name:
+        raise BadInput("is a folder, not a file", str(csv_path), "Give the path of a CSV")
     short = csv_path.with_suffix(".yml")
     long = csv_path.with_suffix(".yaml")
     return short if short.is_file() and not long.is_file() else long
