@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, directions, posterior
 from ppmcal.calibration.least_squares import column_scale, prior_weights, qr_factor
 from ppmcal.calibration.problem import Problem
@@ -70,7 +71,7 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
     size = len(kept)
     combination = np.zeros((0, len(dropped)))
     if size:
-        combination = np.asarray(np.linalg.solve(r[:size, :size], r[:size, size:]))
+        combination = linalg.solve(r[:size, :size], r[:size, size:])
     return Rank(tuple(kept), tuple(dropped), combination, r[:size, :size], singular)
 
 
@@ -240,7 +241,7 @@ def _farthest(fit: Fit, i: int) -> tuple[float, Array] | None:
         return None
     closure = Model(problem.mechanism, state.g).closure(q[two], problem.free)
     twist = np.zeros((2, 6, len(problem.free)))
-    twist[:, list(problem.mechanism.dof)] = -np.linalg.pinv(
+    twist[:, list(problem.mechanism.dof)] = -linalg.pinv(
         closure.pose_matrix(pose[two])) @ closure.error_matrix(pose[two], problem.free)
     # the point moves with the platform's origin, and turns about it
     moves = twist[:, :3] - cross_matrix(turn[two] @ target) @ twist[:, 3:]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ppmcal import linalg
 from ppmcal.calibration.before import before
 from ppmcal.calibration.campaign import WeakCampaign
 from ppmcal.calibration.disagreement import Disagreement
@@ -171,7 +172,7 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     norms = np.linalg.norm(scaled, axis=0)
     for d in dropped:
         used = [k for k in kept if k != d]
-        solution = np.linalg.lstsq(scaled[:, used], scaled[:, d], rcond=RANK_TOLERANCE)[0]
+        solution = linalg.lstsq(scaled[:, used], scaled[:, d], rcond=RANK_TOLERANCE)[0]
         weight = np.abs(solution) * norms[used]
         depends = {fit.problem.columns[k]: float(v * fit.scale[k] / fit.scale[d])
                    for k, v, w in zip(used, solution, weight, strict=True)
