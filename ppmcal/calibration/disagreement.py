@@ -24,6 +24,7 @@ from scipy.special import chdtrc, ndtr
 from ppmcal import linalg
 from ppmcal.calibration.fit import Fit, posterior, prediction_covariance
 from ppmcal.calibration.session_clusters import Clusters, Components, components
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.linalg import Array, Bools, svd
 
 SWEEPS, WARM_UP, LEAST_SWEEPS = 600, 0.2, 80
@@ -83,6 +84,9 @@ class Disagreement:
         return np.asarray(self.p_value * max(self.p_value.size, 1) < SURE, dtype=bool)
 
 
+DIFFERENCES = "how far sessions, or stretches of rows, differ"
+
+
 class _Posterior:
     """The posterior of the variances: theta and all frames are integrated out."""
 
@@ -95,7 +99,11 @@ class _Posterior:
         self.seen = data.right @ g
         self.prior = np.diag(data.prior**2 + RIDGE)
         self.offset = data.prior**2 * data.away
-        self.covariance = linalg.inv(data.matrix.sum(axis=0) + self.prior)
+        self.covariance = linalg.inv(data.matrix.sum(axis=0) + self.prior, DIFFERENCES)
+        if not np.all(np.diagonal(self.covariance) > 0.0):
+            raise LinearAlgebraError(f"{DIFFERENCES} could not be had: what the tolerances say "
+                                     "drowns in the round-off of what the data say",
+                                     mend="Look for a sigma that is far too small")
 
     @cached_property
     def shrinkage(self) -> Array:
@@ -120,12 +128,12 @@ class _Posterior:
         each = spread[self.parts.member]
         inner = each[:, None] * self.inner * each / noise
         inner += np.eye(each.size)
-        factor = linalg.cholesky(inner)
+        factor = linalg.cholesky(inner, DIFFERENCES)
         half = linalg.solve(factor, np.concatenate(
             [each[:, None] * self.cross, (each * self.seen)[..., None]], axis=-1)) / noise
         known = self.data.matrix.sum(axis=0) / noise - np.einsum("smc,smd->cd", half[..., :-1],
                                                                  half[..., :-1])
-        total = linalg.cholesky(known + self.prior)
+        total = linalg.cholesky(known + self.prior, DIFFERENCES)
         right = self.data.right.sum(axis=0) / noise - np.einsum(
             "smc,sm->c", half[..., :-1], half[..., -1]) + self.offset
         square = self.data.square.sum() / noise - float(np.sum(half[..., -1] ** 2))

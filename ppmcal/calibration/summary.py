@@ -22,9 +22,11 @@ from ppmcal.calibration.identifiability import (
     RANK_TOLERANCE,
     Identifiability,
     Rank,
+    Unidentifiable,
     analyse,
     identifiability,
     observability,
+    unidentifiable,
 )
 from ppmcal.calibration.intervals import honest, in_words
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
@@ -40,6 +42,7 @@ from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.session_validation import sessions_left_out
 from ppmcal.calibration.validation import Residuals, held_out, on_other, residuals
+from ppmcal.errors import LinearAlgebraError
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array, svd
 from ppmcal.model.dataset import Dataset
@@ -48,6 +51,8 @@ from ppmcal.model.registration import Registration
 from ppmcal.wording import counted
 
 Z95 = 1.959963984540054
+BEYOND = 1e3
+"""Residuals so many times the stated noise: it is the noise that is wrong."""
 IMPLAUSIBLE = 8.0
 """A finding: a parameter that ends so many tolerances from its nominal value."""
 
@@ -111,6 +116,7 @@ class Identification:
     ``doubtful``: where the machine is another than this one, in no way that the model knows.
     ``sessions``: how far they disagree, None where there is one; ``blocks``: the same of stretches
     of rows, None where they do not; ``covariance`` counts what is sure to differ.
+    ``unidentifiable``: what the data see only together, as whole sets.
     ``campaign``: what is weak about the poses, and which are missing; None: nothing.
     """
 
@@ -132,6 +138,7 @@ class Identification:
     findings: tuple[str, ...]
     identifiability: Identifiability
     gross_errors: GrossErrors
+    unidentifiable: tuple[Unidentifiable, ...] = ()
     flats: tuple[Flat, ...] = ()
     unexplained: Mapping[str, float] = field(default_factory=dict)
     earlier: Posterior | None = None
@@ -161,11 +168,12 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     # carried-on rows are straight: what only their bend against the new ones tells is not told
     largest = float(np.linalg.norm(scaled[:, :count], axis=0).max(initial=BENT))
     least = RANK_TOLERANCE if fit.problem.earlier is None else BENT / largest
-    rank = analyse(fit.reduced.triangle, count, fit.scale[:count], least)
+    names = fit.problem.columns
+    rank = analyse(fit.reduced.triangle, count, fit.scale[:count], least, names[:count])
     nuisance = Rank((), (), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
     if scaled.shape[1] > count:
         flipped = fit.reduced.triangle[:, count:]
-        nuisance = analyse(flipped, flipped.shape[1], fit.scale[count:])
+        nuisance = analyse(flipped, flipped.shape[1], fit.scale[count:], names=names[count:])
     kept = [*rank.kept, *(count + c for c in nuisance.kept)]
     dropped = [*rank.dropped, *(count + c for c in nuisance.dropped)]
     redundant = []
@@ -276,7 +284,14 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
     rank, total, redundant = rank_of(fit)
     wrong = find_gross_errors(fit), tuple(flats(fit))
     fit = with_noise(fit, inflation, options)
-    sessions, blocks = honest(fit, inflation)
+    try:
+        sessions, blocks = honest(fit, inflation)
+    except LinearAlgebraError as error:
+        if noise.sigma_ratio < BEYOND:
+            raise
+        raise LinearAlgebraError(
+            f"the intervals could not be had: the residuals are {noise.sigma_ratio:.3g} times the "
+            "stated noise", mend="State the sigma that the instrument has") from error
     wider = sessions or blocks
     found = estimates(fit, rank, wider)
     mechanism = with_estimates(fit, found)
@@ -295,7 +310,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
         was.residuals, stood, after, held, note,
-        _findings(fit, noise, inflation, found, out, wider), identifiability(fit), *wrong,
+        _findings(fit, noise, inflation, found, out, wider), identifiability(fit),
+        wrong[0], unidentifiable(rank, fit.problem.columns), wrong[1],
         _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out),
         sessions=sessions, blocks=blocks)
 

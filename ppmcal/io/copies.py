@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from decimal import Decimal
 
 import numpy as np
 
@@ -41,6 +42,8 @@ def step_of(values: Array) -> float:
     0.25
     """
     known = np.unique(values[np.isfinite(values)])
+    if known.size == 1:
+        return last_digit(float(known[0]))
     gaps = np.diff(known[np.unique(np.linspace(0, known.size - 1, LOOKED_AT).astype(int))]
                    if known.size > LOOKED_AT else known)
     if not gaps.size:
@@ -54,6 +57,17 @@ def step_of(values: Array) -> float:
             return step
         step = float(left.min())
     return 0.0
+
+
+def last_digit(value: float) -> float:
+    """Return the place of a number's last digit, inf for 0, which may be any.
+
+    >>> last_digit(37.25), last_digit(1200.0)
+    (0.01, 100.0)
+    """
+    if value == 0.0:
+        return math.inf
+    return float(Decimal(1).scaleb(int(Decimal(repr(value)).normalize().as_tuple().exponent)))
 
 
 def chance_of_equal(step: float, sigma: float) -> float:

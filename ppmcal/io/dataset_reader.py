@@ -21,6 +21,7 @@ from ppmcal.io.header_units import with_units, without_units
 from ppmcal.io.joint_columns import joint_values, second_joints
 from ppmcal.io.measured import measured
 from ppmcal.io.measurement_columns import further_columns, row_list
+from ppmcal.io.noise_limits import refuse_noise
 from ppmcal.io.read_block import MATRIX, ReadFile
 from ppmcal.io.reading import as_declared, of_homogeneous, renamed
 from ppmcal.io.remarks import remark_data
@@ -128,6 +129,7 @@ def dataset_of(table: Table, file: SidecarFile, side: str, mechanism: Mechanism)
         convention=convention, read=file.read.model_dump(exclude_unset=True),
         headers=headers)
     refuse_flat(data.kind, mechanism.motion, side)
+    refuse_noise(data, mechanism, side)
     remark_data(data, table, file, side)
     data = replace(data, chance=chance(data, steps_of(plain, data, mechanism.reach)))
     data = _usable(shifted_rows(_from_point(data, side), file.read.shift), mechanism)
