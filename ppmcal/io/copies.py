@@ -29,7 +29,7 @@ BY_CHANCE = 1e-4
 ALWAYS = 10
 """Where so many repeats or more, and all there are, equal the first of their pose, the noise is far
 below the steps or there is none: one of them tells what all do."""
-LOOKED_AT = 2000
+LOOKED_AT, FEWEST = 2000, 3
 REASON = "equal to an earlier row in every digit: a copy is no repeat"
 NO_INFLUENCE = ("time",)
 """Columns that a copy need not share."""
@@ -42,17 +42,18 @@ def step_of(values: Array) -> float:
     0.25
     """
     known = np.unique(values[np.isfinite(values)])
-    if known.size == 1:
-        return last_digit(float(known[0]))
-    gaps = np.diff(known[np.unique(np.linspace(0, known.size - 1, LOOKED_AT).astype(int))]
-                   if known.size > LOOKED_AT else known)
+    if known.size > LOOKED_AT:
+        known = known[np.unique(np.linspace(0, known.size - 1, LOOKED_AT).astype(int))]
+    noise = 1e-12 * float(np.abs(known).max(initial=0.0))
+    gaps = np.diff(known)
+    gaps = gaps[gaps > noise]
     if not gaps.size:
-        return math.inf
-    noise = 1e-12 * float(np.abs(known).max())
+        return last_digit(float(known[0])) if known.size else math.inf
     step = float(gaps.min())
     while step > 100.0 * noise:
         rest = np.abs(gaps - np.round(gaps / step) * step)
-        left = rest[rest > noise * np.maximum(1.0, gaps / step * 1e-3)]
+        # a quotient carries the round-off of the step as often as it goes into the gap
+        left = rest[rest > np.minimum(noise * np.maximum(1.0, gaps / step), 0.02 * step)]
         if not left.size:
             return step
         step = float(left.min())
@@ -185,10 +186,18 @@ def copied(data: Dataset) -> Bools:
 
 
 def without_copies(data: Dataset) -> Dataset:
-    """Return the data set with copied rows left out, and that as a finding."""
+    """Return the data set with copied rows left out, and that as a finding.
+
+    Raises:
+        BadInput: next to nothing else is there.
+    """
     out = copied(data)
     if not out.any():
         return data
+    if len(data) - out.sum() < FEWEST <= len(data):
+        raise BadInput(f"the {len(data)} rows are {counted(len(data) - int(out.sum()), 'row')} "
+                       "copied: equal in every digit, they tell nothing more", data.source,
+                       "Measure more poses, and a pose again where it is to be a repeat")
     return _left_out(data, out, f"{data.source}: {row_list(data.rows[out] - 1)}: {REASON}; "
                                 "each counts once.")
 

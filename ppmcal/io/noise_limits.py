@@ -17,6 +17,8 @@ from ppmcal.units import Units
 
 SMALLEST, LARGEST = 1e-13, 1e3
 """Parts of the machine's reach; of rotations, of a radian."""
+LOOSEST = 1e9
+"""The same of tolerances, some of which stand for "no idea"."""
 
 
 def refuse_noise(data: Dataset, mechanism: Mechanism, side: str) -> None:
@@ -46,13 +48,14 @@ def refuse_tolerances(mechanism: Mechanism) -> None:
     """
     for p in mechanism.parameters:
         if p.prior_sigma and p.quantity in ("length", "angle") and not p.per_unit:
-            refuse_sigma(np.array([min(p.prior_sigma, 1.0)]), p.quantity, mechanism,
+            refuse_sigma(np.array([p.prior_sigma]), p.quantity, mechanism,
                          mechanism.units, f"{mechanism.source}: tolerance of {p.name}",
-                         nothing="0, or `fixed: true`, for a parameter that must not change")
+                         nothing="0, or `fixed: true`, for a parameter that must not change",
+                         largest=LOOSEST, more="`.inf` for no prior")
 
 
 def refuse_sigma(sigma: Array, quantity: str, mechanism: Mechanism, units: Units, place: str,
-                 nothing: str = "") -> None:
+                 nothing: str = "", largest: float = LARGEST, more: str = "") -> None:
     """Refuse standard deviations (...), SI, outside the limits; nan is passed over.
 
     Args:
@@ -62,6 +65,8 @@ def refuse_sigma(sigma: Array, quantity: str, mechanism: Mechanism, units: Units
         units: in which the message says it.
         place: where they stand.
         nothing: what to write for none.
+        more: what to write for one without bound.
+        largest: so many times the machine's size are too many.
 
     Raises:
         BadInput: with the limits, in the file's units.
@@ -77,7 +82,7 @@ def refuse_sigma(sigma: Array, quantity: str, mechanism: Mechanism, units: Units
                        f"is below the round-off of {of}", place,
                        "Write what the instrument's data sheet says, at least "
                        f"{SMALLEST * size / factor:.2g} {name}" + f", or {nothing}" * bool(nothing))
-    if most > LARGEST * size:
+    if most > largest * size:
         raise BadInput(f"a standard deviation of {most / factor:.3g} {name} cannot be meant: it "
                        f"tells nothing about {of}", place, "Check its unit; at most "
-                       f"{LARGEST * size / factor:.3g} {name}")
+                       f"{largest * size / factor:.3g} {name}" + f", or {more}" * bool(more))
