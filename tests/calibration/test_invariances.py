@@ -279,7 +279,6 @@ def test_a_turned_base_has_the_same_sets(seed, turn):
 EFFECTS = {
     "none": [],
     "backlash": [{"kind": "backlash", "on": ["leg2"], "parameters": {"width": 0.15}}],
-    "gain": [{"kind": "gain", "on": ["leg1"], "parameters": {"gain": 8e-4}}],
 }
 
 
