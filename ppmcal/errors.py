@@ -63,6 +63,13 @@ class NoResult(PpmcalError):
     exit_code = 3
 
 
+class LinearAlgebraError(NoResult):
+    """A linear system or decomposition that could not be had (exit code 3).
+
+    Raised in :mod:`ppmcal.linalg` alone: no other module calls a solver.
+    """
+
+
 def unknown(what: str, name: object, allowed: Iterable[object], where: str = "") -> BadInput:
     """Return the error for a name that is not in ``allowed``, with the nearest match."""
     names = [str(a) for a in allowed]

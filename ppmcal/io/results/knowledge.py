@@ -24,7 +24,7 @@ from ppmcal.io.results.identification_parts import (
 from ppmcal.io.results.record import Part
 from ppmcal.io.results.session_parts import SessionInformation, SessionRows, rest_factors
 from ppmcal.io.results.units import Numbers, column_factor
-from ppmcal.linalg import Array
+from ppmcal.linalg import Array, eigh
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
@@ -208,7 +208,8 @@ def _refuse_no_covariance(matrix: Array, names: Sequence[str], path: Path) -> No
         raise refusal("the entries belong to no covariance", int(known[np.argwhere(bad)[0, 0]]))
     free = sigma > 0.0
     if free.any():
-        lowest, way = np.linalg.eigh(block[np.ix_(free, free)] / scale[np.ix_(free, free)])
+        size = sigma[free]
+        lowest, way = eigh(block[np.ix_(free, free)] / size / size[:, None])
         if lowest[0] < -ROUND_OFF * len(lowest):
             strongest = int(np.argmax(np.abs(way[:, 0])))
             raise refusal("the entries together belong to no covariance",
