@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ppmcal.api.inputs import Machine, Path_, files_of, load, source_of
+from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import Result
 from ppmcal.controllers.export import Exported, exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
@@ -51,8 +52,8 @@ class ExportResult(Result):
         return f"{self.record.name}: {self.record.said}."
 
 
-def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ | None = None
-           ) -> ExportResult:
+def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ | None = None,
+           force: bool = False) -> ExportResult:
     """Write a machine as a controller's configuration takes it.
 
     The file is read back, and the machine is driven through the controller's own arithmetic
@@ -64,12 +65,16 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
         old: the controller's file in use, to predict the gain against  [default: the nominal
             values].
         poses: CSV of wanted poses, for formats that are tables of them.
+        force: take a model that misses the measurements that it was made from, and numbers with
+            which the machine is predicted to be worse than with the old ones.
 
     Raises:
         BadInput: a machine that this controller does not drive, or an option without use.
-        NoResult: the file does not read back as what it was written from.
+        NoResult: the file does not read back as what it was written from, or it is not safe to
+            use it.
     """
     writer, machine = exporter(form), load(model)
+    warned = refuse_missed(machine, force=force)
     source_file = Path(machine.source)
     made = writer.export(machine, None if old is None else Path(old),
                          None if poses is None else Path(poses))
@@ -77,4 +82,4 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
     known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
     record = record_of(made, machine.name, source)
-    return ExportResult(source, tuple(record.attention()), machine, made, record)
+    return ExportResult(source, (*warned, *record.attention()), machine, made, record)
