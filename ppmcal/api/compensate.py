@@ -39,10 +39,12 @@ from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, comman
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
 from ppmcal.linalg import finite_rows
-from ppmcal.model.dataset import environment
+from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording import counted
+
+OR_ASSUME = ", or give one value for all rows with --assume, such as --assume temperature=22"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,7 +183,7 @@ def _beyond(found: Compensation, machine: Mechanism, knowledge: Knowledge | None
         quantity = machine.actuator_quantity[joint]
         factor, unit = machine.units.factor(quantity), machine.units.name(quantity)
         yield (f"{counted(int(np.sum(steps.beyond > 0.0)), 'row')} step beyond their targets' own "
-               f"step, by {steps.beyond[worst] / factor:.3g} {unit} at most "
+               f"steps, by {steps.beyond[worst] / factor:.3g} {unit} at most "
                f"({machine.actuators[joint]}, row {steps.rows[worst] + 1}): what the model's "
                "effects do there is another than in the row before")
 
@@ -252,7 +254,15 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     rows = environment(poses.environment, mechanism.actuators, mechanism.gravity, joints, sequence)
     if rows.history is not None:    # whether joints went straight is seen once they are known
         rows = replace(rows, history=replace(rows.history, direct=np.ones(joints.shape[1], bool)))
-    refuse_unrecorded(mechanism, rows, "the model's effects", source)
+    refuse_unrecorded(mechanism, rows, "the model's effects", source, OR_ASSUME)
+    # a load that the measurements had is none of 0 where only another one is given
+    seen = mechanism.measured.ranges if mechanism.measured else {}
+    needs = {need for effect in mechanism.effects for need in effect.kind.needs}
+    lacking = [c for c in ("payload", *WRENCH) if any(seen.get(c, ())) and c not in
+               poses.environment and needs & {"load", "wrench"}]
+    if lacking:
+        raise BadInput(f"the model was identified with {', '.join(lacking)}, which is not there",
+                       f"{source}: header", f"Add the column {lacking[0]}{OR_ASSUME}")
 
 
 def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:

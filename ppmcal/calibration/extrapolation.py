@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ppmcal.linalg import Array, Bools
-from ppmcal.model.dataset import ZERO_CELSIUS
+from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
 from ppmcal.model.measured import Measured
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.wording import counted
@@ -20,7 +20,9 @@ STILL = 1e-3
 """Of the reach, and of a radian: what was measured at one value holds this far around it."""
 Ranges = Mapping[str, tuple[float, float]]
 CONDITIONS = {"temperature": (1.0, "C", ZERO_CELSIUS), "payload": (1.0, "kg", 0.0),
-              "time": (1.0, "s", 0.0)}
+              "time": (1.0, "s", 0.0), **dict.fromkeys(WRENCH[:3], (1.0, "N", 0.0)),
+              **dict.fromkeys(WRENCH[3:], (1.0, "N.m", 0.0))}
+"""SI value of the unit in which it is shown, the unit, and what is 0 there."""
 
 
 def refuse_far(mechanism: Mechanism, full: Array, ranges: Ranges, status: list[str],

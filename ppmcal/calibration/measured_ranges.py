@@ -8,10 +8,11 @@ from ppmcal.calibration.fit import Fit
 from ppmcal.calibration.noise import Noise
 from ppmcal.kinematics.partial_pose import pose_vector
 from ppmcal.linalg import Array
+from ppmcal.model.dataset import WRENCH
 from ppmcal.model.measured import Measured
 from ppmcal.model.mechanism import POSE_COORDINATES
 
-CONDITIONS = ("temperature", "payload", "time")
+CONDITIONS = ("temperature", "payload", "time", *WRENCH)
 
 
 def measured_by(fit: Fit, noise: Noise) -> Measured:

@@ -23,25 +23,27 @@ from ppmcal.wording.progress import stage
 
 NOTHING = 1e-9
 """Errors and steps below this part of the reach are arithmetic."""
+JUMP = 0.25
+"""A correction may change from row to row by this part of the targets' own step in the joints."""
 MOST_AHEAD = 12
 """So often the rows that are tried after a refused one are doubled."""
+PATIENCE = 100
+"""Rounds in which refusals are taken back; where ways fail so often, more are refused than need."""
 Judge = Callable[[Ints, Ints], dict[int, str]]
 
 
 def refused(found: Compensation, rows: Mapping[int, str]) -> Compensation:
-    """Return the commands without those of ``rows``: index -> reason."""
+    """Return the commands without those of ``rows``: index -> reason; predictions stay."""
     if not rows:
         return found
     gone = np.zeros(len(found.status), dtype=np.bool_)
     gone[list(rows)] = True
-    blank = {name: np.where(gone, np.nan, getattr(found, name)) for name in (
-        "position_after", "rotation_after", "sigma_position", "sigma_rotation")}
     status, reason = list(found.status), list(found.reason)
     for n, why in rows.items():
         status[n], reason[n] = "refused", why
     return replace(found, q=np.where(gone[:, None], np.nan, found.q),
                    command=np.where(gone[:, None], np.nan, found.command),
-                   status=tuple(status), reason=tuple(reason), **blank)
+                   status=tuple(status), reason=tuple(reason))
 
 
 def sent(found: Compensation) -> Bools:
@@ -83,8 +85,9 @@ def _with_sigma(left: Array, sigma: Array) -> Array:
 class Steps:
     """How far the commands step beyond what the targets do, of rows one after the other.
 
-    ``rows``: indices of the later row (M,); ``beyond``: m or rad of the worst joint (M,), 0 where
-    it steps no more than the targets; ``joint``: its index (M,).
+    ``rows``: indices of the later row (M,); ``beyond``: m or rad by which the correction of the
+    worst joint changes (M,), 0 where that is less than :data:`JUMP` of the targets' own step;
+    ``joint``: its index (M,).
     """
 
     rows: Ints
@@ -102,7 +105,7 @@ def _added_steps(mechanism: Mechanism, added: Array, nominal: Array, before: Int
     for quantity in set(mechanism.actuator_quantity):
         mine = [q == quantity for q in mechanism.actuator_quantity]
         least = NOTHING * (mechanism.reach if quantity == "length" else 1.0)
-        beyond[:, mine] = step[:, mine] - own[:, mine].max(axis=1, keepdims=True) - least
+        beyond[:, mine] = step[:, mine] - JUMP * own[:, mine].max(axis=1, keepdims=True) - least
     beyond = np.where(np.isfinite(beyond), np.maximum(beyond, 0.0), 0.0)
     joint = beyond.argmax(axis=1)
     return Steps(after, np.where(beyond.max(axis=1) > 0.0, step[np.arange(len(step)), joint], 0.0),
@@ -165,23 +168,25 @@ def _followed(rows: Ints, judge: Judge) -> dict[int, str]:
     """Return which of the rows cannot be come to, by one pass in their order: row -> reason.
 
     Every row is judged from the last one before it that is not refused, all of them together:
-    after a row that is refused, twice as many are tried each time.
+    after a row that is refused, twice as many are tried each time. What was refused from a row
+    that is then refused itself is judged again, and so is what was refused across it.
     """
     alive = np.ones(len(rows), dtype=np.bool_)
-    come_from = np.full(len(rows), -1)
+    come_from, refused_from = np.full(len(rows), -1), np.full(len(rows), -1)
+    reason: dict[int, str] = {}
+    patience = PATIENCE
     tries = np.ones(len(rows), dtype=np.int64)
     wrong = judge(rows[:-1], rows[1:])
     sound = np.setdiff1d(np.arange(len(rows) - 1), list(wrong))
     come_from[sound + 1] = sound
-    out: dict[int, str] = {}
     while True:
         index = np.flatnonzero(alive)
         open_ = np.flatnonzero(come_from[index[1:]] != index[:-1])
         if not open_.size:
-            return out
+            return {int(rows[n]): reason[n] for n in np.flatnonzero(~alive).tolist()}
         ahead = 2 ** np.minimum(tries[index[open_]], MOST_AHEAD)
-        # of rows whose tries would overlap only the first is certain to stay
-        apart = np.concatenate([[True], np.diff(open_) > ahead[:-1]])
+        # of rows whose tries overlap the first goes first
+        apart = np.concatenate([[True], open_[1:] > np.maximum.accumulate(open_ + ahead)[:-1]])
         open_, ahead = open_[apart], np.minimum(ahead[apart], len(index) - 1 - open_[apart])
         start = np.cumsum(ahead) - ahead
         step = np.arange(int(ahead.sum())) - np.repeat(start, ahead)
@@ -191,9 +196,16 @@ def _followed(rows: Ints, judge: Judge) -> dict[int, str]:
         good = np.ones(len(after), dtype=np.bool_)
         good[list(wrong)] = False
         first = np.minimum.reduceat(np.where(good, step, len(rows)), start)
-        for n in np.flatnonzero(step < np.repeat(first, ahead)):
-            alive[after[n]] = False
-            out[int(rows[after[n]])] = wrong[int(n)]
+        lost = np.flatnonzero(step < np.repeat(first, ahead))
+        reason.update((int(after[n]), wrong[n]) for n in lost.tolist())
+        alive[after[lost]], refused_from[after[lost]] = False, before[lost]
+        again = ~alive & np.isin(refused_from, after[lost])
+        patience -= 1
+        while patience > 0 and again.any():
+            alive[again], come_from[again] = True, -1
+            # a row that is back stands between others and what they were refused from
+            back = np.cumsum(again)
+            again = ~alive & (back > back[np.maximum(refused_from, 0)])
         reached = first < len(rows)
         come_from[index[open_[reached] + 1 + first[reached]]] = index[open_[reached]]
         tries[index[open_]] += 1

@@ -12,13 +12,14 @@ from ppmcal.io.mechanism_schema import MeasurementFile, MechanismFile
 from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, pose_from_map, pose_to_map, quantity
 from ppmcal.io.yaml import to_file
 from ppmcal.linalg import Array
-from ppmcal.model.dataset import ZERO_CELSIUS
+from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
 from ppmcal.model.measured import Measured
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
-CONDITIONS = {"temperature": ZERO_CELSIUS, "payload": 0.0, "time": 0.0}
+CONDITIONS = {"temperature": ZERO_CELSIUS, "payload": 0.0, "time": 0.0,
+              **dict.fromkeys(WRENCH, 0.0)}
 """Recorded conditions whose ranges are kept, and what is added to make them SI."""
 
 

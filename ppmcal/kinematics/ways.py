@@ -151,7 +151,7 @@ class Ways:
         apart = np.linalg.norm(right.matrix - left.matrix, axis=(1, 2))
         clear = 0.5 * (left.value + right.value) - LEEWAY * apart > SINGULAR * self.home_value
         low, high = self.mechanism.limits.T
-        looked = np.isfinite(bend).all(axis=1)
+        looked = finite_rows(bend)
         step = 0.5 * np.abs(right.q - left.q) + np.where(looked[:, None], 0.5 * bend, 0.0)
         room = np.ones(len(clear), dtype=np.bool_)
         for place, more in zip((left, right), added, strict=True):
