@@ -27,7 +27,7 @@ JUMP = 0.25
 """A correction may change from row to row by this part of the targets' own step in the joints."""
 MOST_AHEAD = 12
 """So often the rows that are tried after a refused one are doubled."""
-PATIENCE = 100
+PATIENCE = 1000
 """Rounds in which refusals are taken back; where ways fail so often, more are refused than need."""
 Judge = Callable[[Ints, Ints], dict[int, str]]
 
