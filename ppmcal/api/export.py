@@ -12,8 +12,10 @@ from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import Result
 from ppmcal.controllers.export import Exported, exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
+from ppmcal.controllers.pose_errors import MM
+from ppmcal.errors import NoResult
 from ppmcal.io.csv_writer import Content, csv_text
-from ppmcal.io.results.export import ExportRecord
+from ppmcal.io.results.export import NO_GAIN, ExportRecord
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -79,7 +81,32 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
     made = writer.export(machine, None if old is None else Path(old),
                          None if poses is None else Path(poses))
     made = replace(made, uncertainty=pose_uncertainty(machine, made.poses, source_file))
+    warned += _refuse_worse(made, machine.source, force)
     known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
     record = record_of(made, machine.name, source)
     return ExportResult(source, (*warned, *record.attention()), machine, made, record)
+
+
+def _refuse_worse(made: Exported, source: str, force: bool) -> list[str]:
+    """Refuse numbers with which the machine misses more than with the old ones.
+
+    Returns:
+        That they are no better, as far as the model is known.
+
+    Raises:
+        NoResult: with both errors, if the model is exact.
+    """
+    before, after, predicted = made.before.rms, made.after.rms, made.predicted
+    if after > before + NO_GAIN * MM:
+        if force:
+            return []     # the record says it
+        raise NoResult(
+            f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "
+            f"with them, {before / MM:.3g} mm without", source,
+            "Keep the old ones; --force writes the new ones all the same")
+    if predicted is not None and predicted.rms > before + NO_GAIN * MM:
+        return [f"the new {made.title} numbers are not known to be better than the old ones: "
+                f"{predicted.rms / MM:.3g} mm rms expected, {before / MM:.3g} mm with the old "
+                "ones if the model is exact; measure more, or keep the old ones"]
+    return []
