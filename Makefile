@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 
-.PHONY: demo test test-all lint bench study schemas docs docs-output screenshots strangers-path clean
+.PHONY: demo test test-all lint bench torture study schemas docs docs-output screenshots strangers-path clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -57,6 +57,9 @@ strangers-path: $(VENV)/.run
 
 bench: $(VENV)/.test
 	$(BIN)/python -m pytest benchmarks --benchmark-only -o addopts= -s
+
+torture: $(VENV)/.test
+	@PYTHONPATH=benchmarks $(BIN)/python -m torture
 
 study: $(VENV)/.test
 	$(BIN)/python benchmarks/diagnosis_study.py --out study-results --minutes 10

@@ -15,9 +15,9 @@ and ``findings``. Refusals are :class:`BadInput` and :class:`NoResult`; their te
 place and mend.
 """
 
-from __future__ import annotations
-
-from typing import Any
+TYPE_CHECKING = False    # modules take milliseconds to load, in which Ctrl-C is a traceback
+if TYPE_CHECKING:
+    from typing import Any
 
 __version__ = "0.3.0"
 
@@ -54,11 +54,12 @@ __all__ = [
     "tolerances",
     "validate",
     "velocity",
+    "verify",
     "workspace",
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Load the module that holds ``name`` on first use."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

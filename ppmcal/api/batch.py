@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ppmcal.api.campaign import COMPARE, BatchPlace, finished, run_campaign
-from ppmcal.api.inputs import Path_, source_of
+from ppmcal.api.inputs import Path_, recorded, source_of
 from ppmcal.api.result import Progress, Result
 from ppmcal.design.processes import cores as all_cores
 from ppmcal.design.processes import over
@@ -89,6 +89,7 @@ class BatchResult(Result):
                 f"{before}: {', '.join(ends) or 'nothing needs a look'}.")
 
 
+@recorded
 @heard
 def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: str | None = None,
           force: bool = False, progress: Progress = silent) -> BatchResult:
@@ -133,8 +134,17 @@ def batch(manifest: Path_, out: Path_, *, cores: int | None = None, scheduler: s
                       + f", {failed} failed" * (failed > 0))
     named = [*campaigns, *(c for line in lines for c in line if c.command == COMPARE)]
     records = tuple(found[c.name] for c in named if c.name in found)
-    return BatchResult(source_of("batch", [str(manifest)], None), tuple(_findings(records)),
-                       records, before)
+    inputs = [str(manifest), *_inputs(Path(manifest).parent, records, at)]
+    return BatchResult(source_of("batch", inputs, None), tuple(_findings(records)), records, before)
+
+
+def _inputs(folder: Path, records: Sequence[CampaignRecord], at: BatchPlace) -> Iterator[str]:
+    """Yield the files that the campaigns have read, but for those that a batch writes itself."""
+    for record in records:
+        for name in record.inputs:
+            path = folder / name
+            if path.is_file() and not os.path.normpath(name).startswith(at.out + os.sep):
+                yield str(path)
 
 
 def lines_of(campaigns: Sequence[CampaignJob], at: BatchPlace) -> list[tuple[CampaignJob, ...]]:

@@ -20,7 +20,7 @@ from ppmcal.api.identify import IdentificationResult, identify
 from ppmcal.calibration.misread import Misread
 from ppmcal.errors import BadInput, PpmcalError
 from ppmcal.io.batch_manifest import CampaignJob, options_key
-from ppmcal.io.folder import LEFT, digest_of, read_record, running
+from ppmcal.io.folder import digest_of, read_record, running
 from ppmcal.io.results.batch import (
     CampaignQuantity,
     CampaignRecord,
@@ -29,8 +29,9 @@ from ppmcal.io.results.batch import (
     fit_quantities,
 )
 from ppmcal.io.sidecar import sidecar_path
+from ppmcal.io.stage import HIDDEN
 
-KEPT = f"{LEFT}batch"
+KEPT = f"{HIDDEN}batch"
 """Folder of what is remembered of each campaign, within that of the results."""
 LOCK = threading.Lock()
 """Campaigns change the folder of the process: one at a time where a worker has threads."""

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import Path_, same_machine, source_of
+from ppmcal.api.inputs import Path_, recorded, same_machine, source_of
 from ppmcal.api.result import Result
 from ppmcal.calibration.change_detection import Comparison, between
 from ppmcal.io import read_mechanism
@@ -49,6 +49,7 @@ class ComparisonResult(Result):
         return verdict_sentence(self.record)
 
 
+@recorded
 def compare(old: Path_, new: Path_) -> ComparisonResult:
     """Tell what changed between two calibrations of one machine.
 

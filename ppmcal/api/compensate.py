@@ -16,6 +16,7 @@ from ppmcal.api.inputs import (
     files_of,
     load,
     place_of,
+    recorded,
     refuse_unrecorded,
     source_of,
 )
@@ -114,9 +115,10 @@ class CompensationResult(Result):
         return before, float(np.sqrt(np.mean(left**2))) if np.isfinite(left).all() else None
 
 
+@recorded
 def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str | None = None,
                knowledge: Path_ | None = None, approach: str = "columns", path: bool = True,
-               assume: Mapping[str, float] | None = None, force: bool = False
+               assume: Mapping[str, float] | None = None, regardless: bool = False
                ) -> CompensationResult:
     """Turn wanted poses into corrected commands of an identified machine.
 
@@ -133,7 +135,7 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
         path: the targets are visited in their order, so that the ways between them are judged
             too; else each is judged alone.
         assume: conditions that all targets have, by the name of the column that they stand for.
-        force: take a model that misses the measurements that it was made from.
+        regardless: take a model too that misses the measurements that it was made from.
 
     Raises:
         BadInput: anything wrong in the files, or a frame that the model does not know.
@@ -141,7 +143,7 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
             are far beyond the noise of its own measurements.
     """
     machine, known, files, notes = _known(model, knowledge)
-    notes += refuse_missed(machine, None if knowledge is None else Path(knowledge), force)
+    notes += refuse_missed(machine, None if knowledge is None else Path(knowledge), regardless)
     registration, name = _frame(machine, frame)
     poses = read_poses(targets, machine, assume=assume or {})
     sequence = approach == "sequence"

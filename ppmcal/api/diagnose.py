@@ -15,6 +15,7 @@ from ppmcal.api.inputs import (
     data_files,
     load,
     prepared,
+    recorded,
     source_of,
 )
 from ppmcal.api.result import Progress, Result
@@ -36,6 +37,7 @@ from ppmcal.diagnosis.result import Diagnosis
 from ppmcal.errors import BadInput, unknown
 from ppmcal.io import Output
 from ppmcal.io.csv_writer import Content
+from ppmcal.io.folder import current
 from ppmcal.io.results.diagnosis import DiagnosisRecord
 from ppmcal.io.results.diagnosis_files import files
 from ppmcal.io.results.diagnosis_parts import HeldOutGap, NextMeasurements, ResidualAfter
@@ -106,6 +108,7 @@ class DiagnosisResult(Result):
         return headline(self.record)
 
 
+@recorded
 @heard
 def diagnose(mechanism: Machine, data: Measurements, *, free: Sequence[str] | str = (),
              kinds: Sequence[str] = (), holdout: float = 0.27, leave_out: str = "",
@@ -191,6 +194,7 @@ def save_misread(refused: Misread, mechanism: Machine, data: Measurements, folde
         return None
     machine, datasets = prepared(mechanism, data)
     record = misread_record(refused, machine, [*machine.inputs, *data_files(datasets)], seed)
+    current().source.update(record.provenance.model_dump())
     output = Output(folder)
     output.add(record.FILE, record.text())
     output.write()

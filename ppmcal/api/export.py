@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.api.inputs import Machine, Path_, files_of, load, source_of
+from ppmcal.api.inputs import Machine, Path_, files_of, load, recorded, source_of
 from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import Result
 from ppmcal.controllers.export import Exported, exporter, record_of
@@ -54,8 +54,9 @@ class ExportResult(Result):
         return f"{self.record.name}: {self.record.said}."
 
 
+@recorded
 def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ | None = None,
-           force: bool = False) -> ExportResult:
+           regardless: bool = False) -> ExportResult:
     """Write a machine as a controller's configuration takes it.
 
     The file is read back, and the machine is driven through the controller's own arithmetic
@@ -67,8 +68,8 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
         old: the controller's file in use, to predict the gain against  [default: the nominal
             values].
         poses: CSV of wanted poses, for formats that are tables of them.
-        force: take a model that misses the measurements that it was made from, and numbers with
-            which the machine is predicted to be worse than with the old ones.
+        regardless: take a model too that misses the measurements that it was made from, and
+            numbers with which the machine is predicted to be worse than with the old ones.
 
     Raises:
         BadInput: a machine that this controller does not drive, or an option without use.
@@ -76,19 +77,19 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
             use it.
     """
     writer, machine = exporter(form), load(model)
-    warned = refuse_missed(machine, force=force)
+    warned = refuse_missed(machine, regardless=regardless)
     source_file = Path(machine.source)
     made = writer.export(machine, None if old is None else Path(old),
                          None if poses is None else Path(poses))
     made = replace(made, uncertainty=pose_uncertainty(machine, made.poses, source_file))
-    warned += _refuse_worse(made, machine.source, force)
+    warned += _refuse_worse(made, machine.source, regardless)
     known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
     record = record_of(made, machine.name, source)
     return ExportResult(source, (*warned, *record.attention()), machine, made, record)
 
 
-def _refuse_worse(made: Exported, source: str, force: bool) -> list[str]:
+def _refuse_worse(made: Exported, source: str, regardless: bool) -> list[str]:
     """Refuse numbers with which the machine misses more than with the old ones.
 
     Returns:
@@ -99,7 +100,7 @@ def _refuse_worse(made: Exported, source: str, force: bool) -> list[str]:
     """
     before, after, predicted = made.before.rms, made.after.rms, made.predicted
     if after > before + NO_GAIN * MM:
-        if force:
+        if regardless:
             return []     # the record says it
         raise NoResult(
             f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "

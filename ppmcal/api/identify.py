@@ -18,6 +18,7 @@ from ppmcal.api.inputs import (
     data_files,
     datasets_of,
     prepared,
+    recorded,
     source_of,
     started,
 )
@@ -139,6 +140,7 @@ class IdentificationResult(Result):
                 f"{found.rank} of {len(found.columns)}{errors}")
 
 
+@recorded
 @heard
 def identify(mechanism: Machine, data: Measurements, *, method: str = "prior",
              prior: str = "tolerances", damping: float = 0.9, iterations: int | None = None,

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
-from ppmcal.api.inputs import Path_, source_of
+from ppmcal.api.inputs import Path_, recorded, source_of
 from ppmcal.api.result import Result
 from ppmcal.controllers import klipper_import, reprap_import
 from ppmcal.controllers.klipper_export import keys
 from ppmcal.controllers.klipper_refit import differences, refit, sentence
 from ppmcal.controllers.printer import Printer
+from ppmcal.controllers.printer_before import before_sentence, printer_before
 from ppmcal.controllers.printer_files import RODS, files, rods_of, scale_of
 from ppmcal.errors import BadInput, unknown
 from ppmcal.wording import counted
@@ -53,7 +55,16 @@ class ImportResult(Result):
 
     def files(self) -> Mapping[str, str | bytes]:
         """Return machine.yaml, saved.yaml, and heights, distances and meshes with sidecars."""
-        return dict(files(self.printer, self.rods, self.scale, self.choose))
+        return dict(self._texts)
+
+    @cached_property
+    def _texts(self) -> dict[str, str]:
+        return files(self.printer, self.rods, self.scale, self.choose)
+
+    @cached_property
+    def before(self) -> Mapping[str, object]:
+        """Errors of the written machine on each table of touches, mm, and their definition."""
+        return printer_before(self._texts)
 
     def headline(self) -> str:
         """Return what the file holds."""
@@ -61,7 +72,8 @@ class ImportResult(Result):
                        for m in self.printer.meshes)
         return (f"{self.file}: a delta printer with "
                 f"{counted(len(self.printer.heights), 'height')} and "
-                f"{counted(len(self.printer.distances), 'distance')}{beds}; rods {self.rods}.")
+                f"{counted(len(self.printer.distances), 'distance')}{beds}; rods {self.rods}. "
+                f"{before_sentence(self.before)}").strip()
 
     def summary(self) -> dict[str, object]:
         """Return what the command prints as JSON, but for the files written; mm and degrees."""
@@ -72,10 +84,12 @@ class ImportResult(Result):
                 "rods": self.rods, "scale": self.scale if self.printer.distances else None,
                 "nominal": keys(nominal.geometry), "nominal_from": nominal.origin,
                 "saved": keys(self.printer.geometry) if self.printer.calibrated else None,
-                "saved_off": dict(self.off), "findings": list(self.findings),
+                "saved_off": dict(self.off), "before": dict(self.before),
+                "findings": list(self.findings),
                 "provenance": self.provenance}
 
 
+@recorded
 def import_config(form: str, file: Path_, *, rods: str | float | Sequence[str | float] = (),
                   mesh: Path_ | Sequence[Path_] = (), scale: str | None = None,
                   radius: float | None = None) -> ImportResult:

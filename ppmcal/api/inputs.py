@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -17,9 +20,11 @@ from ppmcal.errors import BadInput, unknown
 from ppmcal.io import provenance, read_campaign, read_mechanism
 from ppmcal.io.campaign import joined
 from ppmcal.io.dataset_reader import LABELS, dataset_of, read_files
-from ppmcal.io.folder import current
+from ppmcal.io.environment import one_thread
+from ppmcal.io.folder import current, reading
 from ppmcal.io.frames import as_table, is_path
 from ppmcal.io.sidecar import read_sidecar, sidecar_of, sidecar_path
+from ppmcal.io.stage import settle
 from ppmcal.io.tables import read_table
 from ppmcal.io.templates import find_template
 from ppmcal.kinematics.effect_response import environment_of, with_strokes
@@ -29,6 +34,8 @@ from ppmcal.model.dataset import Dataset, Environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.parameters import unmatched
 
+P = ParamSpec("P")
+R = TypeVar("R")
 Path_ = str | os.PathLike[str]
 Machine = Mechanism | Path_ | Mapping[str, Any]
 """A mechanism, the path of its file, or what such a file holds."""
@@ -36,8 +43,59 @@ Measurements = Any
 """Data sets, paths of their files, or a mixture."""
 
 
+UNRECORDED = ("progress", "cores", "scheduler", "force")
+"""Arguments that change how long a function takes, and what it may replace, not what it finds."""
+IN_MEMORY = "in_memory"
+"""The key that an argument without a file is recorded under, with the name of its type."""
+_CALL: ContextVar[tuple[str, dict[str, Any]] | None] = ContextVar("call", default=None)
+
 MODELS = ("model.yaml", "identified.yaml")
 """Files of a folder that a calibration wrote, the one with effects first."""
+
+
+def recorded(function: Callable[P, R]) -> Callable[P, R]:
+    """Let the provenance of what a function returns hold its arguments, defaults too.
+
+    Its sums run in one thread of BLAS, so that they are the same wherever it runs. ``verify``
+    calls it again by its module and name, with the arguments that were recorded.
+    """
+    signature = inspect.signature(function)
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        bound = signature.bind(*args, **kwargs)
+        bound.apply_defaults()
+        options = {k: _option(v, signature.parameters[k].default)
+                   for k, v in bound.arguments.items() if k not in UNRECORDED}
+        name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"
+        token = _CALL.set((name, options))
+        try:
+            with one_thread(), reading() as run:
+                run.source.update(function=name, options=options)
+                return function(*args, **kwargs)
+        finally:
+            _CALL.reset(token)
+
+    call.recorded = signature  # type: ignore[attr-defined]
+    return call
+
+
+def _option(value: Any, default: Any = None) -> Any:
+    """Return an argument as JSON has it; a number in words, where a number goes, as that."""
+    if isinstance(value, str) and isinstance(default, float):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, list | tuple):
+        return [_option(v) for v in value]
+    if isinstance(value, Mapping) and all(isinstance(v, int | float) for v in value.values()):
+        return dict(value)
+    return {IN_MEMORY: type(value).__name__}
 
 
 def shipped(kind: str, scenario: bool = False) -> Path:
@@ -79,6 +137,7 @@ def _model_file(path: Path) -> Path:
     """Return the machine's file of a folder; a file as it is."""
     if not path.is_dir():
         return path
+    settle(path)
     for name in MODELS:
         if (path / name).is_file():
             return path / name
@@ -210,7 +269,9 @@ def source_of(function: str, inputs: Sequence[Path_], seed: int | None) -> dict[
     run = current()
     typed = run.typed or (
         "ppmcal " + shlex.join(sys.argv[1:]) if run.command else f"ppmcal.{function}()")
-    return provenance(inputs, typed, seed)
+    own = dict.fromkeys(str(path) for path in inputs)
+    call = _CALL.get() or (run.source.get("function", ""), run.source.get("options"))
+    return provenance([*own, *sorted(set(run.read.values()) - {*own})], typed, seed, *call)
 
 
 def place_of(source: Any, what: str) -> str:

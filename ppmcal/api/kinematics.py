@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -14,10 +14,13 @@ from ppmcal.api.inputs import (
     files_of,
     load,
     place_of,
+    recorded,
     refuse_unrecorded,
     source_of,
 )
+from ppmcal.api.kinematics_uncertainty import Solve, SolvedRows, carried, model_sigma
 from ppmcal.api.result import Progress, Result
+from ppmcal.calibration.kinematics_sigma import PoseRows
 from ppmcal.calibration.observation import stretched
 from ppmcal.design.every_mode import every_mode
 from ppmcal.design.intersection import forward_by_intersection
@@ -33,10 +36,11 @@ from ppmcal.io.results.kinematics import (
     modes_sentence,
     solved_sentence,
 )
+from ppmcal.io.results.kinematics_uncertainty import ModelSigma
 from ppmcal.io.rotations import check_convention
 from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import shifted
-from ppmcal.kinematics.partial_pose import PoseConvention, pose_motor
+from ppmcal.kinematics.partial_pose import PoseConvention, inverse_partial, pose_motor
 from ppmcal.kinematics.registration import measured_pose
 from ppmcal.kinematics.tables import (
     KinematicsTable,
@@ -48,6 +52,7 @@ from ppmcal.kinematics.tables import (
 from ppmcal.linalg import Array, Ints, finite_rows
 from ppmcal.model.dataset import Environment, environment
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import heard, silent
 
 WHICH = ("inverse", "forward", "velocity")
@@ -65,6 +70,7 @@ class KinematicsResult(Result):
         given: header and columns of the table as it was given; with all assembly modes, repeated
             for each of them.
         modes: which assembly mode each row is, where all of them were asked for.
+        sure: how well the model itself is known: standard deviations, file units.
         pictures: whether pictures are among the files.
     """
 
@@ -77,6 +83,7 @@ class KinematicsResult(Result):
     form: PoseFormat
     given: tuple[tuple[str, ...], tuple[Any, ...]]
     modes: ModeColumns | None = None
+    sure: ModelSigma = field(default_factory=ModelSigma)
     pictures: bool = False
 
     @property
@@ -108,7 +115,7 @@ class KinematicsResult(Result):
     def _made(self) -> KinematicsFiles:
         header, columns = self.given
         return kinematics_files(self.mechanism, self.table, header, list(columns), self.which,
-                                self.provenance, self.form, self.modes)
+                                self.provenance, self.form, self.modes, self.sure)
 
     @property
     def gimbal_lock(self) -> int:
@@ -125,10 +132,11 @@ class KinematicsResult(Result):
             self._made.record, self._made.columns, self.mechanism.name)}
 
     def headline(self) -> str:
-        """Return how many rows are ok."""
+        """Return how many rows are ok, and how sure they are."""
         more = "" if self.modes is None else f" {modes_sentence(self.modes)}"
         return (f"{self.mechanism.name}: {self.which} kinematics, "
-                f"{solved_sentence(self.asked - len(self.failed), self.asked)}.{more}")
+                f"{solved_sentence(self.asked - len(self.failed), self.asked)}.{more} "
+                f"{self.sure.entry.words()}")
 
 
 def inverse(mechanism: Machine, poses: Any, *, tool: str | Sequence[float] | None = None,
@@ -198,6 +206,7 @@ def velocity(mechanism: Machine, moves: Any, *, tool: str | Sequence[float] | No
                       pictures=pictures)
 
 
+@recorded
 @heard
 def kinematics(which: str, mechanism: Machine, table: Any, *,
                tool: str | Sequence[float] | None = None, rotation: str = "rotvec",
@@ -230,14 +239,14 @@ def kinematics(which: str, mechanism: Machine, table: Any, *,
     _refuse_options(which, tool, method, dataset, all_modes)
     machine = load(mechanism)
     asked = _point(tool, machine), check_convention(rotation, machine)
-    found, rows, given = _solved(which, machine, table, asked, method)
+    found, rows, given, solve = _solved(which, machine, table, asked, method)
     modes, used = None, None
     if all_modes:
         every = every_mode(Model(machine), found, method, seed)
         modes = ModeColumns(every.row + 1, every.mode, every.own,
                             tuple(zip(found.status, found.reason, strict=True)), every.method,
                             every.complete)
-        found, given = every.table, _repeated(given, every.row)
+        found, given, rows = every.table, _repeated(given, every.row), rows.take(every.row)
         used = seed if every.method == "search" else None
     pose = None
     if dataset is not None:
@@ -245,8 +254,14 @@ def kinematics(which: str, mechanism: Machine, table: Any, *,
     elif asked[0] is not None:
         pose = tool_poses(Model(machine), found.pose, asked[0])
     form = PoseFormat(asked[0], pose, asked[1], method if which == "forward" else "")
-    source = source_of("kinematics", [*machine.inputs, *files_of(table)], used)
-    return KinematicsResult(source, (), machine, which, found, form, given, modes, pictures)
+    known = carried(machine)
+    seen = machine.registrations[dataset] if dataset is not None else Registration() if (
+        asked[0] is None) else PoseConvention(asked[0]).registration
+    sure = model_sigma(machine, SolvedRows(which, PoseRows(found.pose, found.q, rows), seen,
+                                           dataset or "", solve), known)
+    source = source_of("kinematics", [*machine.inputs, *files_of(table),
+                                      *(known.files if known else ())], used)
+    return KinematicsResult(source, (), machine, which, found, form, given, modes, sure, pictures)
 
 
 def _refuse_options(which: str, tool: object, method: str, dataset: str | None, all_modes: bool
@@ -286,8 +301,11 @@ def _point(tool: str | Sequence[float] | None, mechanism: Mechanism) -> Array | 
 
 
 def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | None, str],
-            method: str) -> tuple[KinematicsTable, Environment, Given]:
-    """Return the kinematics of a table, the environment of its rows, and the table as it stands."""
+            method: str) -> tuple[KinematicsTable, Environment, Given, Solve | None]:
+    """Return the kinematics of a table, the environment of its rows, and the table as it stands.
+
+    Last, how joint values and rates follow from another model of the machine.
+    """
     model, (tool, rotation) = Model(machine), asked
     instead = f", or take the effect out of {machine.source}"
     if which == "forward":
@@ -295,19 +313,25 @@ def _solved(which: str, machine: Mechanism, table: Any, asked: tuple[Array | Non
         rows = environment(joints.environment, machine.actuators, machine.gravity, joints.q)
         refuse_unrecorded(machine, rows, OWNER, place_of(table, "joints"), instead)
         found = forward_by_intersection(model, joints.q) if method == "intersection" else None
-        return forward_table(model, joints.q, rows, found), rows, joints.given
+        return forward_table(model, joints.q, rows, found), rows, joints.given, None
     poses = read_poses(table, machine, rotation)
     rows = environment(poses.environment, machine.actuators, machine.gravity,
                        np.full((len(poses.rows), len(machine.actuators)), np.nan))
     refuse_unrecorded(machine, rows, OWNER, place_of(table, "poses"), instead)
     convention = PoseConvention(np.zeros(3) if tool is None else tool, rotation)
     if which == "inverse":
-        return inverse_table(model, poses.poses, rows, convention), rows, poses.given
+        return (inverse_table(model, poses.poses, rows, convention), rows, poses.given,
+                lambda other: inverse_partial(other, poses.poses, rows, convention).q)
     motion = twists(poses.extra, machine)
     if motion is None:
         raise BadInput("no velocity columns", place_of(table, "poses"),
                        "Add vx, vy, vz, wx, wy, wz as far as the machine has them")
-    return velocity_table(model, poses.poses, motion, rows, convention), rows, poses.given
+
+    def again(other: Model) -> Array:
+        moving = velocity_table(other, poses.poses, motion, rows, convention)
+        return np.concatenate([moving.q, moving.rate], axis=1)
+
+    return (velocity_table(model, poses.poses, motion, rows, convention), rows, poses.given, again)
 
 
 def _as_measured(mechanism: Mechanism, dataset: str, found: KinematicsTable, rows: Environment

@@ -14,7 +14,7 @@ MEND = ("Look with `ppmcal diagnose` for what the model lacks; if the stated noi
         "use `identify --sigma estimated`; --force takes the model as it is")
 
 
-def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, force: bool = False
+def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, regardless: bool = False
                   ) -> list[str]:
     """Refuse a model whose residuals are far beyond the noise of its own measurements.
 
@@ -22,7 +22,7 @@ def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, force: bo
         mechanism: the model; its file says how well it fits, whatever lies beside.
         knowledge: identification.json to ask where the file is of an older version  [default:
             beside the file].
-        force: take it all the same.
+        regardless: take it all the same.
 
     Returns:
         What to warn of.
@@ -36,7 +36,7 @@ def refuse_missed(mechanism: Mechanism, knowledge: Path | None = None, force: bo
         return []
     what = (f"the model misses the measurements that it was made from: residuals are "
             f"{seen.sigma_ratio:.3g} times their noise")
-    if not force:
+    if not regardless:
         raise NoResult(what, mechanism.source, MEND)
     return [f"{what}; taken all the same, with --force"]
 

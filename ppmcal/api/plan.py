@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, source_of
+from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, recorded, source_of
 from ppmcal.api.result import Progress, Result
 from ppmcal.design.plan.plan import PlanOptions
 from ppmcal.design.plan.plan import plan as planned
@@ -52,6 +52,7 @@ class PlanResult(Result):
         return f"{self.mechanism.name}: {self.record.said[0]}"
 
 
+@recorded
 @heard
 def plan(mechanism: Machine, *, count: int | None = None, instrument: Path_ | None = None,
          tasks: Any = None, candidates: Any = None, effects: Sequence[str] = (),

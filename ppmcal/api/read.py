@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import Machine, Path_, load, source_of
+from ppmcal.api.inputs import Machine, Path_, load, recorded, source_of
 from ppmcal.api.read_join import Joined, JoinOptions, joined, sort_out
 from ppmcal.api.read_words import understood
 from ppmcal.api.result import Result
@@ -95,6 +95,7 @@ class ReadResult(Result):
                 "findings": list(self.findings), "provenance": self.provenance}
 
 
+@recorded
 def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ | None = None,
          join: str | None = None, tolerance: float = 0.5, partial: bool = False,
          interpolate: bool = False, clock_offset: float | str | None = None,
@@ -139,7 +140,9 @@ def read(files: Path_ | Sequence[Path_], mechanism: Machine, *, sidecar: Path_ |
     log, lists = sort_out(found, machine)
     lists = lists if units is None else [_in_unit(points, units) for points in lists]
     options = JoinOptions(join, tolerance, partial, interpolate, clock_offset)
-    together = joined(log, lists, options, block, machine, place)
+    declared = (machine.units if content is None else
+                check(SidecarFile, content, place).units.units())
+    together = joined(log, lists, options, block, machine, declared, place)
     notes = [n for f in found for n in f.findings] + list(together.findings)
     said = "sidecar" if content is not None else "mechanism file"
     if content is None:

@@ -14,12 +14,13 @@ from ppmcal.io.clock import Clock, on_clock_of
 from ppmcal.io.clock_offset import find_clock_offset
 from ppmcal.io.csv import Table
 from ppmcal.io.foreign import ForeignTable, pose_names
-from ppmcal.io.join import Join, join
+from ppmcal.io.join import Join, join, unwrapped
 from ppmcal.io.measurement_columns import stacked
-from ppmcal.io.read_block import ReadFile
+from ppmcal.io.read_block import ANGULAR, ReadFile
 from ppmcal.io.reading import as_declared, unit_of
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
+from ppmcal.units import TURN, Units
 
 FIND = "find"
 LONGEST = 1e10
@@ -68,8 +69,10 @@ def sort_out(found: Sequence[ForeignTable], mechanism: Mechanism
 
 
 def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOptions, block: ReadFile,
-           mechanism: Mechanism, place: str) -> Joined:
+           mechanism: Mechanism, units: Units, place: str) -> Joined:
     """Return the log with the points beside it, or as it is where there are none.
+
+    ``units`` are those of columns that say nothing else.
 
     Raises:
         BadInput: lists that differ, clocks that cannot be compared, or as :func:`join`.
@@ -95,7 +98,7 @@ def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOption
         own = _comparable(log, points)
         ahead = offset
         if offset == FIND:
-            found = find_clock_offset(mechanism, *_joints(log, block, mechanism, place), own,
+            found = find_clock_offset(mechanism, *_joints(log, block, mechanism, units, place), own,
                                       stacked(table, ["x", "y", "z"]), table.source)
             sentences.append(str(found))
             ahead = found.value
@@ -106,7 +109,8 @@ def joined(log: ForeignTable, lists: Sequence[ForeignTable], options: JoinOption
         table = replace(table, numbers={**table.numbers, "time": times})
     by = options.by or ("time" if offset is not None else None)
     try:
-        made = join(log.table, table, by, options.tolerance, options.partial, options.interpolate)
+        made = join(log.table, table, by, options.tolerance, options.partial, options.interpolate,
+                    _turns(log, block, mechanism, units, place))
     except BadInput as error:
         raise _with_hint(error, log, points, offset) from None
     after, said = _from_first(made.table, log.clock if "time" in log.table.header else points.clock)
@@ -165,7 +169,38 @@ def _with_hint(error: BadInput, log: ForeignTable, points: ForeignTable,
                     f"{error.mend}. If the clocks differ: --clock-offset S, or --clock-offset find")
 
 
-def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, place: str
+def _turns(log: ForeignTable, block: ReadFile, mechanism: Mechanism, units: Units, place: str
+           ) -> dict[str, float]:
+    """Return columns of joints that may turn over -> one turn as the column counts it."""
+    out = {}
+    for name in _wrapping(mechanism):
+        unit = log.units.get(name) or unit_of(name, block, place) or units.angle
+        if unit == "counts" and block.counts_per_turn is not None:
+            out[name] = float(block.counts_per_turn)
+        elif unit in ANGULAR:
+            out[name] = TURN / ANGULAR[unit]
+    return out
+
+
+def _wrapping(mechanism: Mechanism) -> list[str]:
+    """Return the columns of rotary joints whose readings may jump by a turn."""
+    return [f"q_{a}" for a, quantity, bare, (low, high) in zip(
+        mechanism.actuators, mechanism.actuator_quantity, mechanism.actuator_has_ratio,
+        mechanism.limits.tolist(), strict=True)
+        if quantity == "angle" and not bare and _may_jump(low, high)]
+
+
+def _may_jump(low: float, high: float) -> bool:
+    """Whether over half a turn from one reading to the next is a jump, not a long move: rad.
+
+    It is none where limits allow such a move and keep the joint off 180 deg, where readings wrap.
+    """
+    if high - low <= 0.5 * TURN or high - low >= TURN * (1.0 - 1e-9):
+        return True
+    return bool(low < TURN * (math.ceil(low / TURN - 0.5) + 0.5) < high)
+
+
+def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, declared: Units, place: str
             ) -> tuple[Array, Array]:
     """Return a log's times (N,), ascending, and joint values (N, k), SI."""
     names = [f"q_{a}" for a in mechanism.actuators]
@@ -178,13 +213,15 @@ def _joints(log: ForeignTable, block: ReadFile, mechanism: Mechanism, place: str
                                     counts_per_turn=block.counts_per_turn)
     rest = rest.model_copy(update={"signs": {
         p: s for p, s in block.signs.items() if p.startswith("q_")}})
-    table = as_declared(log.table, rest, mechanism, mechanism.units, place, units)
+    table = as_declared(log.table, rest, mechanism, declared, place, units)
     assert log.clock is not None
     times = log.clock.seconds
     order = np.argsort(times, kind="stable")
     order = order[np.isfinite(times[order])]
-    q = stacked(table, names) * mechanism.joint_factors(mechanism.units)
-    return times[order], q[order]
+    q = (stacked(table, names) * mechanism.joint_factors(declared))[order]
+    for i in [names.index(n) for n in _wrapping(mechanism)]:
+        q[:, i] = unwrapped(q[:, i], TURN)
+    return times[order], q
 
 
 def _one_list(lists: Sequence[ForeignTable]) -> ForeignTable:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ppmcal.api.inputs import Path_, source_of
+from ppmcal.api.inputs import Path_, recorded, source_of
 from ppmcal.api.result import Result
 from ppmcal.io import csv_text, json_text
 from ppmcal.report import collect, to_html, to_json
@@ -44,6 +44,7 @@ class ReportResult(Result):
         return " ".join(self.content["headline"])
 
 
+@recorded
 def make_report(*folders: Path_) -> ReportResult:
     """Gather output folders into one page.
 

@@ -79,6 +79,7 @@ class Result:
         with nullcontext() if current().command else running(self.COMMAND, folder, force):
             for path in self.provenance.get("inputs", {}):
                 note_read(path)
+            current().source.update(self.provenance)
             yield
 
     def to_frame(self, file: str = "") -> Any:

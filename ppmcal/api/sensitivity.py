@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from ppmcal.api.inputs import Machine, files_of, load, source_of
+from ppmcal.api.inputs import Machine, files_of, load, recorded, source_of
 from ppmcal.api.result import Result
 from ppmcal.design.error_sources import all_components as every_component
 from ppmcal.design.sensitivity import Sensitivity, SensitivityOptions, analyse
@@ -48,6 +48,7 @@ class SensitivityResult(Result):
         return self.record.said[0]
 
 
+@recorded
 def sensitivity(mechanism: Machine, *, poses: Any = None, grid: str | None = None,
                 home_only: bool = False, all_components: bool = False, free: Sequence[str] = (),
                 tool: str | None = None, metric: float | None = None, sigmas: float = 1.0,

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ppmcal.api.inputs import Machine, Path_, load, read_data, source_of
+from ppmcal.api.inputs import Machine, Path_, load, read_data, recorded, source_of
 from ppmcal.api.result import Result
 from ppmcal.io import read_scenario
 from ppmcal.io.csv_writer import Content
@@ -66,6 +66,7 @@ class SimulationResult(Result):
                 f"{counted(int(self.campaign.outlier.sum()), 'outlier')} injected.")
 
 
+@recorded
 def simulate(mechanism: Machine, scenario: Path_ | Mapping[str, Any], *, seed: int | None = None
              ) -> SimulationResult:
     """Simulate measurements of a machine.

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import Machine, files_of, load, source_of
+from ppmcal.api.inputs import Machine, files_of, load, recorded, source_of
 from ppmcal.api.result import Result
 from ppmcal.design.stiffness import stiffness_at_home, stiffness_table
 from ppmcal.errors import BadInput, unknown
@@ -63,6 +63,7 @@ class StiffnessResult(Result):
         return f"{self.mechanism.name}: {self.record.said[0]}"
 
 
+@recorded
 def stiffness(mechanism: Machine, *, grid: str | None = None, poses: Any = None,
               load_at_tool: str | None = None, payload: float | None = None,
               tool: str | None = None) -> StiffnessResult:

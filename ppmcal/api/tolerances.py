@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, source_of
+from ppmcal.api.inputs import Machine, Path_, files_of, load, place_of, recorded, source_of
 from ppmcal.api.result import Progress, Result
 from ppmcal.design.error_jacobian import Poses, covariance, root_sum_square
 from ppmcal.design.error_sources import Source, geometry_only, natural_units, sources
@@ -65,6 +65,7 @@ class TolerancesResult(Result):
         return self.record.said[0]
 
 
+@recorded
 @heard
 def tolerances(mechanism: Machine, *, accuracy: float | None = None, rotation: float | None = None,
                share: float = 0.95, method: str = "cost", poses: Any = None,

@@ -16,6 +16,7 @@ from ppmcal.api.inputs import (
     data_files,
     load,
     prepared,
+    recorded,
     same_machine,
     source_of,
 )
@@ -65,6 +66,7 @@ class ValidationResult(Result):
         return model_sentence(self.record.datasets[0])
 
 
+@recorded
 @heard
 def validate(model: Machine | CalibratedMachine, data: Measurements, *,
              against: Sequence[Path_] = (), register: Sequence[str] | str | None = None,
@@ -103,7 +105,7 @@ def validate(model: Machine | CalibratedMachine, data: Measurements, *,
     findings = (*odd, *(f for d in datasets for f in d.findings))
     record = ValidationRecord.of_validation(found, noise, mechanism.name, mechanism.units,
                                             source, findings)
-    return ValidationResult(source, findings, mechanism, found, tuple(noise), record, png)
+    return ValidationResult(source, record.findings, mechanism, found, tuple(noise), record, png)
 
 
 def _words(register: Sequence[str] | str | None) -> tuple[str, ...] | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ppmcal.api.inputs import Machine, files_of, load, place_of, source_of
+from ppmcal.api.inputs import Machine, files_of, load, place_of, recorded, source_of
 from ppmcal.api.result import Progress, Result
 from ppmcal.design.assembly_modes import assembly_modes
 from ppmcal.design.workspace import Workspace
@@ -52,6 +52,7 @@ class WorkspaceResult(Result):
         return f"{self.mechanism.name}: {self.record.said[0]}"
 
 
+@recorded
 @heard
 def workspace(mechanism: Machine, *, grid: str | None = None, joints: Any = None, seed: int = 0,
               progress: Progress = silent) -> WorkspaceResult:

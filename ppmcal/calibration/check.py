@@ -14,8 +14,8 @@ import numpy as np
 from ppmcal.calibration.identifiability import (
     RANK_TOLERANCE,
     Identifiability,
-    analyse,
     predict_identifiability,
+    whole_rank,
 )
 from ppmcal.calibration.least_squares import column_scale, qr_factor
 from ppmcal.calibration.misread import mend_of, misreading_sentence
@@ -310,12 +310,9 @@ def visibility(mechanism: Mechanism, datasets: Sequence[Dataset]
     reduced = qr_factor(problem, state, keep)
     count = len(problem.free)
     scale = column_scale(problem)
-    found = analyse(reduced.triangle, count, scale[:count])
+    _, kept, dropped = whole_rank(reduced.triangle, count, scale)
     norms = np.linalg.norm(reduced.triangle[:, :count] * scale[:count], axis=0)
     blind = norms <= RANK_TOLERANCE * max(float(norms.max(initial=0.0)), 1e-300)
     names = problem.columns
-    nuisance = reduced.triangle[:, count:]
-    more = len(analyse(nuisance, nuisance.shape[1], scale[count:]).kept) if nuisance.size else 0
-    return (len(found.kept) + more, len(names),
-            tuple(names[c] for c in range(count) if blind[c]),
-            tuple(names[c] for c in found.dropped if not blind[c]), lost)
+    return (len(kept), len(names), tuple(names[c] for c in range(count) if blind[c]),
+            tuple(names[c] for c in dropped if c >= count or not blind[c]), lost)

@@ -150,7 +150,7 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     before, q_nominal = _uncorrected(model, nominal, registration, believed, full, wanted, rows)
     good = np.array([s == "ok" for s in status])
     result = _after(model, nominal, registration, table.q, full, good, rows)
-    sigma = _sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
+    sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
     return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
@@ -209,11 +209,13 @@ def _errors(registration: Registration, real: Array, ideal: Array) -> tuple[Arra
 
 
 @stage("how sure they are")
-def _sigma(model: Model, registration: Registration, full: Array, q: Array, good: Bools,
-           knowledge: Knowledge | None, dataset: str, rows: Environment) -> tuple[Array, Array]:
-    """Return the standard deviations (N,) of the corrected position and rotation.
+def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, good: Bools,
+               knowledge: Knowledge | None, dataset: str, rows: Environment
+               ) -> tuple[Array, Array]:
+    """Return standard deviations (N,) of position, m, and rotation, rad, at given joint values.
 
-    What the identification left unexplained is there at these poses too.
+    What the identification left unexplained is there at these poses too. nan where not ``good``;
+    arguments as those of :func:`prediction_jacobian`.
     """
     position, rotation = np.full(q.shape[0], np.nan), np.full(q.shape[0], np.nan)
     if knowledge is None or not good.any():
@@ -221,7 +223,7 @@ def _sigma(model: Model, registration: Registration, full: Array, q: Array, good
     jacobian = prediction_jacobian(model, registration, full[good], q[good], knowledge, dataset,
                                    rows.take(good))
     variance = np.einsum("nmc,nmc->nm", jacobian @ knowledge.covariance, jacobian)
-    variance += _own_variance(model, registration, full[good], q[good], dataset, rows.take(good))
+    variance += own_variance(model, registration, full[good], q[good], dataset, rows.take(good))
     places = sum(1 for c in model.mechanism.dof if c < 3)
     left = knowledge.missed(q[good], model.mechanism.actuators) ** 2
     position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[:, 0])
@@ -251,7 +253,7 @@ def model_sigma(mechanism: Mechanism, poses: Array, registration: Registration,
                        np.full((len(full), k), np.nan))
     table = inverse_table(model, full, rows)
     good = np.array([s == "ok" for s in table.status])
-    return _sigma(model, registration, full, table.q, good, knowledge, dataset, rows)
+    return pose_sigma(model, registration, full, table.q, good, knowledge, dataset, rows)
 
 
 def prediction_jacobian(model: Model, registration: Registration, full: Array, q: Array,
@@ -269,20 +271,20 @@ def prediction_jacobian(model: Model, registration: Registration, full: Array, q
 
     Returns:
         (N, m, C), m and rad in the measuring frame per unit of a column, SI; 0 in columns of
-        other data sets' frames and of unknown names.
+        other data sets' frames and of unknown names, nan in rows that the machine does not take.
     """
     names = knowledge.names
     place = {n: i for i, n in enumerate(model.mechanism.names)}
     free = tuple(place[n] for n in names if n in place)
     about = knowledge.pivots.get(dataset, np.zeros(3))
     problem, state = _as_measured(model, registration, full, q, dataset, rows, free, about)
-    found = [r.jacobian for r in problem.rows(state)]
     own = {name: c for c, name in enumerate(problem.columns)}
-    stacked = np.concatenate(found)
-    out = np.zeros((*stacked.shape[:2], len(names)))
-    for c, name in enumerate(names):
-        if name in own:
-            out[..., c] = stacked[..., own[name]]
+    there = [c for c, name in enumerate(names) if name in own]
+    out = np.full((len(full), len(model.mechanism.dof), len(names)), np.nan)
+    for r in problem.rows(state):
+        block = np.zeros((r.index.size, *out.shape[1:]))
+        block[..., there] = r.jacobian[..., [own[names[c]] for c in there]]
+        out[r.index] = block
     return out
 
 
@@ -298,8 +300,8 @@ def _as_measured(model: Model, registration: Registration, full: Array, q: Array
             State(mechanism.values, (registration,), (closed,)))
 
 
-def _own_variance(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
-                  rows: Environment) -> Array:
+def own_variance(model: Model, registration: Registration, full: Array, q: Array, dataset: str,
+                 rows: Environment) -> Array:
     """Return the variance (N, m) of poses by what effects are uncertain by of themselves."""
     mechanism = model.mechanism
     uncertain = [e for e in mechanism.effects if e.kind.spread is not None]

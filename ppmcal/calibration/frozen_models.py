@@ -13,6 +13,7 @@ from itertools import compress
 
 import numpy as np
 
+from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_interval
 from ppmcal.calibration.fit import Fit, FitOptions
 from ppmcal.calibration.gross_rows import gross_errors
 from ppmcal.calibration.identify import identify
@@ -26,8 +27,6 @@ from ppmcal.model.dataset import Dataset
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.wording import where
 
-DRAWS = 2000
-SURE = (0.025, 0.975)
 FEWEST = 3
 
 
@@ -45,7 +44,8 @@ class ModelError:
 
     Attributes:
         label: of the machine.
-        position, rotation: rms, p95 and max of the measured errors, m and rad; empty: not measured.
+        position, rotation: rms, p95 and max of the measured errors, m and rad, with the 95 %
+            intervals of the first two (``rms_low``, ...; nan: open); empty: not measured.
         noise: rms over the noise of the data set as it is given.
         squares: squared error of each row, m^2 (of rotation alone rad^2), (R,).
         closer: rms of the reference machine less this one's, m or rad, and its 95 % interval; 0 of
@@ -215,25 +215,29 @@ def _error(label: str, found: Residuals, rows: Bools, fit: Fit) -> ModelError:
         squares = np.nan_to_num(found.rotation[0][rows]) ** 2
     white = found.vector[0][rows] / found.sigma[0][rows]
     noise = float(np.sqrt(np.nanmean(white**2))) if np.isfinite(white).any() else np.nan
-    return ModelError(label, figures.get("position", {}), figures.get("rotation", {}), noise,
-                      squares)
+    kept = 1.0 - len(fit.problem.columns) / max(int(np.isfinite(white).sum()), 1)
+    groups = fit.problem.datasets[0].groups[rows]
+    sizes = [figures.get(kind, {}) | _intervals(errors[0][rows], groups, kept)
+             for kind, errors in (("position", found.position), ("rotation", found.rotation))]
+    return ModelError(label, sizes[0], sizes[1], noise, squares)
+
+
+def _intervals(errors: Array, groups: Ints, kept: float) -> dict[str, float]:
+    """Return the 95 % intervals of rms and 95 % point of errors (R,), nan where not measured."""
+    there = np.isfinite(errors)
+    if not there.any():
+        return {}
+    errors, groups = errors[there], groups[there]
+    low, high = rms_interval(errors**2, groups, kept)
+    ends = quantile_interval(errors, groups, 0.95)
+    return {"rms_low": low, "rms_high": high, "p95_low": ends[0], "p95_high": ends[1]}
 
 
 def _compared(errors: Sequence[ModelError], groups: Ints, seed: int) -> tuple[ModelError, ...]:
     """Return the errors with how much closer each machine is than the first, drawn by pose."""
-    labels, group = np.unique(groups, return_inverse=True)
-    drawn = np.random.default_rng(seed).integers(labels.size, size=(DRAWS, labels.size))
-    count = np.bincount(group.reshape(-1), minlength=labels.size).astype(float)
-    total = count[drawn].sum(axis=1)
-
-    def rms(squares: Array) -> tuple[float, Array]:
-        sums = np.bincount(group.reshape(-1), weights=squares, minlength=labels.size)
-        return float(np.sqrt(squares.mean())), np.sqrt(sums[drawn].sum(axis=1) / total)
-
-    first, many = rms(errors[0].squares)
-    out = [errors[0]]
-    for one in errors[1:]:
-        own, others = rms(one.squares)
-        low, high = np.quantile(many - others, SURE)
-        out.append(replace(one, closer=first - own, interval=(float(low), float(high))))
-    return tuple(out)
+    draws = RmsDraws(groups, seed)
+    many = draws.rms(errors[0].squares)
+    rms = [float(np.sqrt(e.squares.mean())) for e in errors]
+    return (errors[0], *(
+        replace(e, closer=rms[0] - own, interval=draws.interval(many - draws.rms(e.squares)))
+        for e, own in zip(errors[1:], rms[1:], strict=True)))

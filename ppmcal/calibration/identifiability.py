@@ -74,6 +74,24 @@ def analyse(triangle: Array, geometry: int, scale: Array, tolerance: float = RAN
     return Rank(tuple(kept), tuple(dropped), combination, r[:size, :size], singular)
 
 
+def whole_rank(triangle: Array, geometry: int, scale: Array, tolerance: float = RANK_TOLERANCE
+               ) -> tuple[Rank, list[int], list[int]]:
+    """Return the geometry's rank, and of all columns those kept and those that others explain.
+
+    What `check` foretells and `identify` tells of redundancy: open frames and targets add no rank
+    where the geometry can imitate them, and are judged among themselves. Arguments as those of
+    :func:`analyse`, but ``scale`` (C,) of all columns.
+    """
+    rank = analyse(triangle, geometry, scale[:geometry], tolerance)
+    kept, dropped = list(rank.kept), list(rank.dropped)
+    if triangle.shape[1] > geometry:
+        nuisance = triangle[:, geometry:]
+        among = analyse(nuisance, nuisance.shape[1], scale[geometry:])
+        kept += [geometry + c for c in among.kept]
+        dropped += [geometry + c for c in among.dropped]
+    return rank, kept, dropped
+
+
 def pivoted(block: Array, tolerance: float) -> tuple[list[int], list[int], Array]:
     """Pivoted QR by Householder steps, ties broken by file order.
 

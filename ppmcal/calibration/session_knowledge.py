@@ -78,6 +78,10 @@ def session_knowledge(fit: Fit) -> SessionKnowledge:
         matrix, reduced = block[:, :-1], block[:, -1]
     else:
         matrix, reduced = of_data(triangle, right, known, scale)
+        # a row has no sign of its own, and would have another one on another processor
+        leading = np.take_along_axis(matrix, np.abs(matrix).argmax(axis=1)[:, None], axis=1)[:, 0]
+        sign = np.where(leading < 0.0, -1.0, 1.0)
+        matrix, reduced = matrix * sign[:, None], reduced * sign
     left = max(float(right @ right) - float(explained @ explained), 0.0)
     noise = float(np.sqrt(left / degrees)) if degrees > 0 else 1.0
     basis = vt[seen].T / s[seen] / length[:, None]

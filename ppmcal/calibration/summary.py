@@ -21,9 +21,9 @@ from ppmcal.calibration.identifiability import (
     RANK_TOLERANCE,
     Identifiability,
     Rank,
-    analyse,
     identifiability,
     observability,
+    whole_rank,
 )
 from ppmcal.calibration.intervals import honest, in_words
 from ppmcal.calibration.least_squares import SOLVE_TOLERANCE
@@ -34,7 +34,7 @@ from ppmcal.calibration.left_out_rows import (
     left_out,
 )
 from ppmcal.calibration.measured_ranges import measured_by
-from ppmcal.calibration.noise import Noise, noise_check, with_noise
+from ppmcal.calibration.noise import LEAST, Noise, noise_check, with_noise
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
 from ppmcal.calibration.problem import Problem, State
@@ -56,6 +56,9 @@ IMPLAUSIBLE = 8.0
 @dataclass(frozen=True)
 class Estimate:
     """One parameter after the fit, SI. ``status``: identified, fixed or redundant.
+
+    ``nominal`` is nan where there is none: what a fitted effect's stiffness, period or time
+    constant began at is only a start.
 
     ``sigma``: by the noise of rows alone, prior included; ``half``: of the 95 % interval with what
     sessions differ by, None where only noise is known of; ``by_session``: label, value and sigma of
@@ -161,13 +164,7 @@ def rank_of(fit: Fit) -> tuple[Rank, int, tuple[Dependence, ...]]:
     # carried-on rows are straight: what only their bend against the new ones tells is not told
     largest = float(np.linalg.norm(scaled[:, :count], axis=0).max(initial=BENT))
     least = RANK_TOLERANCE if fit.problem.earlier is None else BENT / largest
-    rank = analyse(fit.reduced.triangle, count, fit.scale[:count], least)
-    nuisance = Rank((), (), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
-    if scaled.shape[1] > count:
-        flipped = fit.reduced.triangle[:, count:]
-        nuisance = analyse(flipped, flipped.shape[1], fit.scale[count:])
-    kept = [*rank.kept, *(count + c for c in nuisance.kept)]
-    dropped = [*rank.dropped, *(count + c for c in nuisance.dropped)]
+    rank, kept, dropped = whole_rank(fit.reduced.triangle, count, fit.scale, least)
     redundant = []
     norms = np.linalg.norm(scaled, axis=0)
     for d in dropped:
@@ -199,7 +196,9 @@ def estimates(fit: Fit, rank: Rank, wider: Disagreement | None = None) -> tuple[
             status = "identified" if c in data_sigma else "redundant"
             from_data = data_sigma.get(c)
         out.append(Estimate(parameter.name, parameter.quantity, parameter.per_unit,
-                            parameter.nominal, float(fit.state.g[p]), sigma, from_data,
+                            np.nan if c is not None and (parameter.reciprocal
+                                                         or parameter.nonlinear)
+                            else parameter.nominal, float(fit.state.g[p]), sigma, from_data,
                             parameter.tolerance, status))
         if c is not None and wider is not None and sigma is not None:
             out[-1] = replace(out[-1], **_by_session(out[-1], wider, c))
@@ -295,7 +294,8 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
         fit, mechanism, found, total, redundant, noise, index, fit.problem.columns,
         wider.covariance if wider and wider.differ else prediction_covariance(fit), inflation,
         was.residuals, stood, after, held, note,
-        _findings(fit, noise, inflation, found, out, wider), identifiability(fit), *wrong,
+        (*_findings(fit, noise, inflation, found, out, wider), *unchecked(fit, total)),
+        identifiability(fit), *wrong,
         _unexplained(after.figures(fit.keep), noise), doubtful=doubtful_stretches(fit, after, out),
         sessions=sessions, blocks=blocks)
 
@@ -342,10 +342,26 @@ def _findings(fit: Fit, noise: Noise, inflation: float, found: Sequence[Estimate
     return tuple(out)
 
 
+def unchecked(fit: Fit, rank: int) -> list[str]:
+    """Return a sentence where the data have no redundancy by which their noise can be checked.
+
+    Args:
+        fit: a finished one; carried on from an earlier one, it has the redundancy of both.
+        rank: of all columns: so many values the data alone are spent on.
+    """
+    more = fit.reduced.count - rank
+    if fit.problem.earlier is not None or more >= LEAST or not rank:
+        return []
+    return [f"{counted(fit.reduced.count, 'measured value')} for {rank} that they determine: too "
+            "few to check the noise by, so intervals rest on the stated sigma alone; measure more "
+            "poses"]
+
+
 def far_from_nominal(found: Sequence[Estimate]) -> str:
     """Return the parameters that end so far from nominal that something is wrong, in words."""
     far = sorted((-abs(e.error) / e.tolerance, e.name) for e in found
-                 if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance))
+                 if e.status == "identified" and e.tolerance and np.isfinite(e.tolerance)
+                 and np.isfinite(e.error))
     if not far or -far[0][0] <= IMPLAUSIBLE:
         return ""
     words = ", ".join(f"{name} by {-times:.0f}" for times, name in far[:3])

@@ -4,17 +4,20 @@
 imports what it needs when it runs.
 """
 
-from __future__ import annotations
-
-import importlib
-import os
 import sys
 
 try:
+    import importlib
+    import io
+    import os
+
+    from ppmcal.cli.streams import Stopped, interruptible, is_entry, loading, steady
+
+    loaded = loading()
+
     import click
 
     from ppmcal import __version__
-    from ppmcal.cli.streams import interruptible, steady
 except KeyboardInterrupt:    # there is nothing to stop yet
     sys.stderr.write("Stopped.\n")
     raise SystemExit(130) from None
@@ -40,6 +43,7 @@ COMMANDS = {
     "schema": "Print the JSON Schema of a file, for editors.",
     "batch": "Identify, diagnose or compensate hundreds of machines and dates.",
     "report": "Gather output folders into one HTML page.",
+    "verify": "Make results again and compare them value by value.",
     "demo": "Run the whole job once on the sample data.",
 }
 MODULES = {"import": "import_"}
@@ -91,22 +95,39 @@ def cli() -> None:
 
 def main() -> None:
     """Run a command; every refusal is one message and an exit code, never a traceback."""
+    try:
+        code = _main(is_entry())
+    except (KeyboardInterrupt, Stopped) as stop:    # a moment before its handler was there
+        sys.stderr.write("Stopped.\n")
+        code = getattr(stop, "exit_code", 130)
+    sys.exit(code)
+
+
+def _main(entry: bool) -> int:
+    """Run a command with steady streams; ``entry``: the process ends with it."""
     # threads slow the small matrices of a fit down; must be set before NumPy loads
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    with interruptible(), steady() as out:
+    with interruptible(entry), steady() as (out, err):
         try:
             code = _run()
             out.flush()
-        except KeyboardInterrupt:
-            click.echo("Stopped.", err=True)
-            code = 130
-        if out.error is not None and not isinstance(out.error, BrokenPipeError):
-            click.echo(f"Error: standard output cannot be written ({out.error.strerror}); files in "
-                       "--out are not concerned. Check the space where it is redirected to.",
-                       err=True)
-            code = code if code in (3, 130) else 2
-    sys.exit(code)
+        except (KeyboardInterrupt, Stopped) as stop:
+            click.echo("\n" * sys.stderr.isatty() + "Stopped.", err=True)
+            code = getattr(stop, "exit_code", 130)
+        if out.lost:
+            refuse(f"Error: standard output cannot be written ({out.lost}); files in "
+                   "--out are not concerned. Check the space where it is redirected to.")
+        if (out.lost or err.lost) and code in (0, 1):
+            code = 2
+    return code
+
+
+def refuse(message: str) -> None:
+    """Print a message on standard error: wrapped at a terminal, else a line for ``grep``."""
+    from ppmcal.cli.display import wrapped
+
+    click.echo(wrapped(message, sys.argv) if sys.stderr.isatty() else message, err=True)
 
 
 def _run() -> int:
@@ -122,17 +143,22 @@ def _run() -> int:
         click.echo("Stopped.", err=True)
         return 130
     except click.ClickException as error:
-        error.show()
+        message = io.StringIO()
+        error.show(message)
+        refuse(message.getvalue().rstrip("\n"))
         return 2
     except PpmcalError as error:
-        click.echo(f"Error: {error}", err=True)
+        refuse(f"Error: {error}")
         return error.exit_code
     except MemoryError:
-        click.echo("Error: not enough memory for this many rows.", err=True)
+        refuse("Error: not enough memory for this many rows.")
         return 3
     except Exception as error:
         if os.environ.get("PPMCAL_DEBUG"):
             raise
-        click.echo(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
-                   "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.", err=True)
+        refuse(f"Error: ppmcal failed: {type(error).__name__}: {error}\nThis is a fault of "
+               "ppmcal. Set PPMCAL_DEBUG=1 to see where, and report it.")
         return 3
+
+
+loaded()

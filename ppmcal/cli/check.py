@@ -14,6 +14,7 @@ from ppmcal.cli.common import (
     examples,
     leave,
     plain_table,
+    single_files,
 )
 from ppmcal.errors import BadInput
 from ppmcal.wording import number, some
@@ -26,6 +27,7 @@ from ppmcal.wording import number, some
 @click.option("--draw", type=FILE, default=None, metavar="PATH",
               help="Draw the machine to scale, as an HTML page to turn and move, offline.")
 @console_options
+@single_files
 def command(mech: Path, data: tuple[Path, ...], draw: Path | None, console: Console) -> None:
     """Check MECH: schema, closure and singularity at home, units, what DATA can see."""
     from ppmcal.api.check import CheckResult, check

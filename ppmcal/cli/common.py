@@ -6,6 +6,7 @@ import functools
 import logging
 import math
 import shlex
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from ppmcal.cli.display import aside, remarks, shortened, shown
+from ppmcal.cli.display import aside, remarks, shortened, shown, wrapped
 from ppmcal.wording import MOST, gathered
 
 if TYPE_CHECKING:
@@ -133,6 +134,22 @@ force_option = click.option("--force", is_flag=True,
                             "that were edited since; inputs are never replaced.")
 
 
+def single_files(function: F) -> F:
+    """Run a command that writes single files, with ``force`` or without, as a run of its own.
+
+    What it reads is never replaced.
+    """
+    @functools.wraps(function)
+    def body(*args: Any, **options: Any) -> Any:
+        from ppmcal.io.folder import running
+
+        name = click.get_current_context().command.name or ""
+        with running(name, None, bool(options.get("force"))):
+            return function(*args, **options)
+
+    return cast(F, body)
+
+
 def out_option(default: str) -> Callable[[F], F]:
     """Return the options ``--out``, with a default folder, and ``--force``.
 
@@ -169,10 +186,10 @@ class Console:
         return not self.quiet and not self.as_json
 
     def say(self, text: str = "") -> None:
-        """Print one paragraph, wrapped at 80 columns."""
+        """Print one paragraph, wrapped at 80 columns; no name of a file is broken."""
         if self.speaks:
             with aside():
-                self.rich.print(text, markup=False, highlight=False)
+                click.echo(wrapped(text, sys.argv))
 
     def say_command(self, head: str, words: Sequence[object]) -> None:
         """Print a command to be copied: longer than a line, it goes on behind a backslash."""

@@ -50,9 +50,9 @@ def command(old: Path, new: Path, out: Path, console: Console) -> None:
 
 
 def _status(row: ParameterDifference) -> str:
-    """Return what the named changes say of a parameter."""
+    """Return by how much the named changes say that a parameter changed."""
     if row.status == "changed":
-        return f"changed {row.explained:+.3g}" if row.explained else row.status
+        return f"{row.explained:+.3g}" if row.explained else "yes"
     return "" if row.status == "unchanged" else row.status
 
 
@@ -77,7 +77,7 @@ def _show(record: ComparisonRecord, console: Console) -> None:
             console.say(sentence)
     rows = sorted(record.parameters, key=lambda r: r.p_alone or 0.0)
     console.table(plain_table(
-        ["parameter", "new", "new - old", "+- 95 %", "unit", ""],
+        ["parameter", "new", "new - old", "+- 95 %", "unit", "changed"],
         [[r.name, number(r.new, 6), f"{r.difference:+.3g}",
           number(1.96 * (r.sigma or 0.0), 2), r.unit, _status(r)] for r in rows[:SHOWN]],
         (1, 2, 3)))

@@ -51,7 +51,7 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     from ppmcal.io.folder import current
 
     result = compensate(model, targets, frame=frame, knowledge=knowledge, approach=approach,
-                        path=path, assume=_assumed(assume), force=current().force)
+                        path=path, assume=_assumed(assume), regardless=current().force)
     written = result.save(out)
     console.say(result.headline())
     for kind, size in result.record.predicted.items():

@@ -8,9 +8,10 @@ from __future__ import annotations
 import logging
 import math
 import os
+import re
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from time import perf_counter
@@ -26,6 +27,12 @@ EVERY = 0.25
 FIRST = 0.5
 """Seconds before the first one: what is over by then needs no line."""
 INDENT = 10
+GLUE = "\ue000"
+"""Stands for a space at which no line ends."""
+BESIDE_UNIT = re.compile(
+    r"(?<=\d) (?=(?:mm|um|m|in|deg|rad|N|kg|s|h|min|K)\b|%|1/|\+-)|(?<=\d N) (?=m\b)"
+    r"|(?<=\b[xyz]) (?=[-+\d])|(?<=\br[xyz]) (?=[-+\d])|(?<=\+-) (?=\d)")
+"""Where no line ends: between a number and its unit, its coordinate or its uncertainty."""
 LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)
 log = logging.getLogger("ppmcal")
 
@@ -100,6 +107,29 @@ def terminal_width() -> int:
     except (OSError, ValueError):
         found = 0
     return min(found or WIDTH, WIDTH)
+
+
+def wrapped(text: str, whole: Iterable[str] = ()) -> str:
+    """Return lines of at most 80 columns; what can be copied, such as a path, stays in one piece.
+
+    Args:
+        text: one or several lines; those that fit stay as they are.
+        whole: what else is never broken, such as paths with spaces in them.
+    """
+    return "\n".join(_wrapped(line, whole) for line in text.split("\n"))
+
+
+def _wrapped(line: str, whole: Iterable[str]) -> str:
+    if len(line) <= WIDTH:
+        return line
+    import textwrap
+
+    for words in sorted(filter(lambda w: " " in w, whole), key=len, reverse=True):
+        line = line.replace(words, words.replace(" ", GLUE))
+    line = BESIDE_UNIT.sub(GLUE, line)
+    lines = textwrap.wrap(line, WIDTH, break_long_words=False, break_on_hyphens=False,
+                          drop_whitespace=True, replace_whitespace=False, expand_tabs=False)
+    return "\n".join(lines).replace(GLUE, " ")
 
 
 def shortened(text: str, width: int) -> str:

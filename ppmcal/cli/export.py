@@ -60,7 +60,7 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
     from ppmcal.api.export import export
     from ppmcal.io.folder import current
 
-    result = export(form, model, old=old, poses=poses, force=current().force)
+    result = export(form, model, old=old, poses=poses, regardless=current().force)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)

@@ -7,7 +7,15 @@ from pathlib import Path
 import click
 
 from ppmcal.cli import completion
-from ppmcal.cli.common import FILE, Console, console_options, examples, plain_table
+from ppmcal.cli.common import (
+    FILE,
+    WIDTH,
+    Console,
+    console_options,
+    examples,
+    plain_table,
+    single_files,
+)
 
 
 @click.command("init", epilog=examples("ppmcal init", "ppmcal init 6-UPS --out my-hexapod.yaml"))
@@ -15,6 +23,7 @@ from ppmcal.cli.common import FILE, Console, console_options, examples, plain_ta
 @click.option("--out", type=FILE, default=None, help="File to write [default: KIND.yaml].")
 @click.option("--force", is_flag=True, help="Overwrite a file that exists.")
 @console_options
+@single_files
 def command(kind: str | None, out: Path | None, force: bool, console: Console) -> None:
     """Write a commented mechanism file for KIND (none: list the kinds)."""
     from ppmcal.errors import BadInput
@@ -40,5 +49,10 @@ def command(kind: str | None, out: Path | None, force: bool, console: Console) -
         output.add(second.name, for_editors(scenario, "scenario"))
     written = [str(place) for place in output.write()]
     console.say(f"Written: {', '.join(written)}")
-    console.say(f"Next: put your numbers into {target}, then: ppmcal check {target}")
+    head, line = f"Next: put your numbers into {target}, then:", ["ppmcal", "check", target]
+    if len(" ".join(map(str, [head, *line]))) <= WIDTH:
+        console.say_command(head, line)
+    else:
+        console.say(head)
+        console.say_command("   ", line)
     console.summary({"written": written})

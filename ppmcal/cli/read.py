@@ -15,6 +15,7 @@ from ppmcal.cli.common import (
     console_options,
     examples,
     leave,
+    single_files,
 )
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ INPUT = click.Path(path_type=Path)
 @click.option("--units", type=click.Choice(["m", "mm", "um", "in"]), default=None,
               help="Length unit of points whose header names none  [default: the sidecar's].")
 @console_options
+@single_files
 def command(files: tuple[Path, ...], mechanism: Path, out: Path, force: bool,
             sidecar: Path | None, join: str | None, tolerance: float, partial: bool,
             interpolate: bool, clock_offset: str | None, names: str | None,

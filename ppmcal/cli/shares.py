@@ -50,15 +50,15 @@ SHARES: Shares = {
     "sensitivity": {"what each error does": 0.3, "writing the results": 1.9},
     "plan": {"drawing candidates": 0.9, "information of each candidate": 0.2, "choosing": 2.6,
              "writing the results": 0.6},
-    "workspace": {"mapping the workspace": 1.5, "assembly modes": 3.0, "writing the results": 1.5},
-    "stiffness": {"mapping the stiffness": 1.0, "writing the results": 1.5},
-    "tolerances": {"allocating tolerances": 0.5, "simulating": 8.0, "writing the results": 0.6},
+    "workspace": {"mapping the workspace": 0.2, "assembly modes": 4.2, "writing the results": 1.0},
+    "stiffness": {"mapping the stiffness": 0.1, "writing the results": 1.5},
+    "tolerances": {"allocating tolerances": 0.6, "simulating": 2.6, "writing the results": 0.4},
     "validate": {
-        "reading the measurements": 0.1, "looking at the noise": 2.5,
-        "predicting with and without each effect": 2.5, "writing the results": 0.3},
+        "reading the measurements": 0.01, "looking at the noise": 2.2,
+        "predicting with and without each effect": 2.9, "writing the results": 1.0},
     "check": {"reading the measurements": 0.4, "checking": 4.0},
     "report": {"reading the results": 1.0, "drawing the page": 2.0, "writing the results": 0.1},
-    "demo": {"check": 0.3, "identify": 0.8, "compensate": 0.3, "diagnose": 13.0, "kinematics": 0.1,
-             "simulate": 0.3, "sensitivity": 2.2, "plan": 4.2, "report": 2.0},
+    "demo": {"check": 0.8, "identify": 0.8, "compensate": 0.2, "diagnose": 17.5, "kinematics": 0.05,
+             "simulate": 0.1, "sensitivity": 1.6, "plan": 2.9, "report": 2.6},
 }
 """By command."""

@@ -7,7 +7,9 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
+from time import monotonic
 from types import FrameType
 from typing import Any, TextIO, cast
 
@@ -15,6 +17,18 @@ CLEAR = "\r\x1b[2K"
 """Takes what is on the terminal's line away."""
 line_shown = False
 """Whether a line of progress is on standard error."""
+STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
+              if hasattr(signal, name))
+"""Signals that ask a process to end: Ctrl-C, a scheduler's or a shutdown's, a closed terminal."""
+MOMENT = 0.02
+"""Seconds after which a signal that has to wait is tried again."""
+PATIENCE = 5.0
+"""Seconds that cleaning up may take before the next signal ends it."""
+WRITING, WRITERS = os.path.join("ppmcal", "io"), frozenset(
+    ("output.py", "folder.py", "exchange.py", "stage.py", "journal.py"))
+"""Where files of results are written and exchanged."""
+_first: float | None = None
+"""When the signal came that ends this run."""
 
 
 class Steady:
@@ -47,6 +61,13 @@ class Steady:
         except OSError as error:
             self._lose(error)
 
+    @property
+    def lost(self) -> str:
+        """Why something was not written, empty where all was, or nobody wanted to read it."""
+        if self.error is None or isinstance(self.error, BrokenPipeError):
+            return ""
+        return self.error.strerror or str(self.error)
+
     def _lose(self, error: OSError) -> None:
         """Lead the stream nowhere, so that Python's own last flush succeeds."""
         self.error = self.error or error
@@ -58,45 +79,137 @@ class Steady:
 
 
 @contextlib.contextmanager
-def steady() -> Iterator[Steady]:
-    """Make standard output and standard error steady; yield the former."""
+def steady() -> Iterator[tuple[Steady, Steady]]:
+    """Make standard output and standard error steady; yield both."""
     kept = sys.stdout, sys.stderr
     out, err = Steady(sys.stdout), Steady(sys.stderr)
     sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, err)
     try:
-        yield out
+        yield out, err
     finally:
         out.flush()
         err.flush()
         sys.stdout, sys.stderr = kept
 
 
-def stop_while_loading(number: int, frame: FrameType | None) -> None:
-    """Handle Ctrl-C: leave at once while a module loads, else raise KeyboardInterrupt.
+class Stopped(BaseException):
+    """A signal asks the process to end; raised wherever the program is, so that it cleans up.
+
+    Attributes:
+        number: of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        """Remember the signal."""
+        super().__init__(number)
+        self.number = number
+
+    @property
+    def exit_code(self) -> int:
+        """As a shell has it."""
+        return 128 + self.number
+
+
+def stop(number: int, frame: FrameType | None) -> None:
+    """Handle a signal: raise :class:`Stopped`, or, while a module loads, leave at once.
 
     Compiled modules print an interrupted import as a failure of their own, or turn it into
-    another error. Nothing is being written while a module loads.
+    another error. Where files are being written or processes work, it waits for the module.
     """
+    global _first
+    if _first is not None:    # cleaning up already
+        if monotonic() - _first > PATIENCE:
+            os._exit(128 + number)
+        return
+    files = []
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
-            with contextlib.suppress(OSError):
-                os.write(2, (CLEAR * line_shown + "Stopped.\n").encode())
-            os._exit(130)
+        files.append(frame.f_code.co_filename)
         frame = frame.f_back
-    raise KeyboardInterrupt
+    if any(name.startswith("<frozen importlib") for name in files):
+        if _at_stake(files):
+            _again(number)
+            return
+        with contextlib.suppress(OSError):
+            os.write(2, (CLEAR * line_shown + "Stopped.\n").encode())
+        os._exit(128 + number)
+    _first = monotonic()
+    raise Stopped(number)
+
+
+def _at_stake(files: list[str]) -> bool:
+    """Whether leaving at once would leave something behind: half a folder, or processes."""
+    processes = sys.modules.get("ppmcal.design.processes")
+    current = getattr(sys.modules.get("ppmcal.io.folder"), "current", None)
+    prepared = current is not None and getattr(current(), "stage", None) is not None
+    return prepared or bool(getattr(processes, "pools", 0)) or any(
+        name.endswith(".py") and os.path.dirname(name).endswith(WRITING)
+        and os.path.basename(name) in WRITERS for name in files)
+
+
+def _again(number: int) -> None:
+    """Send the signal to this process once more, a moment later."""
+    def send() -> None:
+        if hasattr(signal, "pthread_kill"):    # the main thread's own waiting ends too
+            signal.pthread_kill(threading.main_thread().ident or 0, number)
+        else:
+            signal.raise_signal(signal.Signals(number))
+
+    timer = threading.Timer(MOMENT, send)
+    timer.daemon = True
+    timer.start()
+
+
+def loading() -> Callable[[], None]:
+    """Let Ctrl-C end the process quietly while modules load; return what ends that."""
+    if (threading.current_thread() is not threading.main_thread()
+            or signal.getsignal(signal.SIGINT) is not signal.default_int_handler):
+        return lambda: None
+    signal.signal(signal.SIGINT, stop)
+
+    def over() -> None:
+        if signal.getsignal(signal.SIGINT) is stop:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    return over
 
 
 @contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """Take Ctrl-C by :func:`stop_while_loading`, where Python's own handler would."""
-    before = signal.getsignal(signal.SIGINT)
-    ours = before is signal.default_int_handler
+def interruptible(to_the_end: bool = False) -> Iterator[None]:
+    """Take signals that end a process by :func:`stop`, where nobody else takes them.
+
+    Args:
+        to_the_end: the process ends with the block: what comes later is ignored, so that
+            Python's own end is quiet.
+    """
+    global _first
+    _first = None
+    kept = {}
+    hook = sys.unraisablehook
+
+    def lost(what: Any) -> None:    # raised where Python drops exceptions, such as in __del__
+        global _first
+        if isinstance(what.exc_value, Stopped):
+            _first = None
+            _again(what.exc_value.number)
+        else:
+            hook(what)
+
     with contextlib.suppress(ValueError):    # not in the main thread: no signals here
-        if ours:
-            signal.signal(signal.SIGINT, stop_while_loading)
+        for number in STOPS:
+            before = signal.getsignal(number)
+            if before in (signal.SIG_DFL, signal.default_int_handler):
+                signal.signal(number, stop)
+                kept[number] = before
+    sys.unraisablehook = lost
     try:
         yield
     finally:
-        with contextlib.suppress(ValueError):
-            if ours:
-                signal.signal(signal.SIGINT, before)
+        for number, before in kept.items():
+            signal.signal(number, signal.SIG_IGN if to_the_end else before)
+        sys.unraisablehook = hook
+
+
+def is_entry() -> bool:
+    """Whether the caller of this was called by the program's own first lines."""
+    frame = sys._getframe(2)
+    return frame.f_code.co_name == "<module>" and frame.f_globals.get("__name__") == "__main__"

@@ -13,6 +13,7 @@ import yaml
 from ppmcal.controllers.klipper_config import TOWERS, DeltaGeometry
 from ppmcal.controllers.printer import Printer, offsets
 from ppmcal.io import csv_text
+from ppmcal.io.yaml import printable
 from ppmcal.model.limbs.spatial import PUS
 
 HEIGHT_SIGMA = 0.02
@@ -98,7 +99,8 @@ def machine_yaml(printer: Printer, rods: str) -> str:
     """
     nominal = printer.nominal
     origin = ", ".join(f"{what}: {where}" for what, where in nominal.origin.items())
-    name = yaml.safe_dump(f"delta printer of {Path(printer.source).name}", width=1000).strip()
+    name = printable(f"delta printer of {Path(printer.source).name}")
+    name = yaml.safe_dump(name, width=1000).strip()
     angles = ", ".join(f"{t} {a:g}" for t, a in zip(TOWERS, nominal.geometry.angles, strict=True))
     head = f"""\
 # A linear delta printer, as it was meant to be before any calibration. Where its numbers are

@@ -9,10 +9,14 @@ import asyncio
 import importlib
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import active_children, get_context
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context, parent_process
+from multiprocessing.process import BaseProcess
+from time import monotonic
 from typing import Any, TypeVar
 
 from ppmcal import __version__
@@ -27,6 +31,10 @@ PER_CORE = 2
 PIECES = 16
 """Pieces for each worker: one that ends last keeps the others waiting for a part of this."""
 WAIT = "10s"
+PATIENCE = 2.0
+"""Seconds that processes have to clean up when they are ended."""
+pools = 0
+"""How many pools of processes are at work here."""
 
 
 def cores() -> int:
@@ -70,36 +78,89 @@ def shares(items: Sequence[Item], workers: int) -> list[Sequence[Item]]:
 
 def _processes(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence[Item],
                processes: int) -> Iterator[Answer]:
+    global pools
     # spawn: a fork of a process that has threads may hang
     context = get_context("spawn")
     before = set(active_children())
-    pool = ProcessPoolExecutor(processes, context, _remember, (work, shared))
+    pools += 1
+    pool = None
     try:
-        for answers in pool.map(_do, shares(items, processes)):
-            yield from answers
+        pool = ProcessPoolExecutor(processes, context, _remember, (work, shared))
+        with _without_interrupts():
+            answers = pool.map(_do, shares(items, processes))
+        for found in answers:
+            yield from found
     except BrokenProcessPool:
         raise NoResult("a process was ended from outside, or ran out of memory", "",
                        "Run it again with fewer --cores") from None
     except BaseException:
         # nobody waits for answers any more
-        for child in set(active_children()) - before:
-            child.terminate()
+        _end(set(active_children()) - before)
         raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
+        pools -= 1
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Let processes that begin in the block never see Ctrl-C: it is the first process's.
+
+    A terminal sends it to all of them, also while they still load modules. Here it waits.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, kept)
+
+
+def _end(children: Iterable[BaseProcess]) -> None:
+    """End processes: each may clean up for a moment."""
+    for child in children:
+        child.terminate()
+    end = monotonic() + PATIENCE
+    for child in children:
+        child.join(max(end - monotonic(), 0.0))
+        if child.is_alive():
+            child.kill()
 
 
 _MEMORY: dict[str, Any] = {}
 
 
 def _remember(work: object, shared: object) -> None:
-    """Keep in a process what all of its items need; Ctrl-C is the first process's."""
+    """Keep in a process what all of its items need; it ends cleanly, and with the first one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _leave)
+    threading.Thread(target=_follow, daemon=True).start()
     _MEMORY.update(work=work, shared=shared)
 
 
+def _leave(number: int, frame: object) -> None:
+    """End a process from where it is, so that no half-written file is left."""
+    raise SystemExit(128 + number)
+
+
+def _follow() -> None:
+    """End this process when the first one has gone without a word."""
+    first = parent_process()
+    if first is not None:
+        first.join()
+        os._exit(1)
+
+
 def _do(items: Sequence[Any]) -> list[Any]:
-    return _all(_MEMORY["work"], _MEMORY["shared"], items)
+    try:
+        return _all(_MEMORY["work"], _MEMORY["shared"], items)
+    except SystemExit as stop:    # the pool would go on with the next items
+        os._exit(stop.code if isinstance(stop.code, int) else 1)
 
 
 def _all(work: Callable[[Shared, Item], Answer], shared: Shared, items: Sequence[Item]

@@ -12,17 +12,17 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ppmcal.errors import BadInput
+from ppmcal.io.stage import Staging, settle, staged
 
 RECORD = ".ppmcal.json"
 FORM = "ppmcal/folder/1"
-LEFT = ".ppmcal."
-"""How hidden things of ppmcal's own begin: the record, and what a killed run left behind."""
 MEND = "Name another folder in --out, or replace with --force"
 SHOWN = 3
 Identity = tuple[int, int]
@@ -47,6 +47,8 @@ class Run:
         doomed: device and inode -> path of the files that it wrote into ``--out`` before, and
             will write again.
         typed: the command line that does the same  [default: that of the process].
+        stage: where its files are prepared, which keeps other runs out of ``--out``.
+        source: provenance of what it writes, as far as that is known.
     """
 
     command: str = ""
@@ -54,25 +56,47 @@ class Run:
     typed: str = ""
     read: dict[Identity, str] = field(default_factory=dict)
     doomed: dict[Identity, str] = field(default_factory=dict)
+    stage: Staging | None = None
+    source: dict[str, Any] = field(default_factory=dict)
 
 
 _RUN: ContextVar[Run | None] = ContextVar("run", default=None)
 
 
 @contextmanager
-def running(command: str, folder: Path, force: bool = False, typed: str = "") -> Iterator[Run]:
+def running(command: str, folder: Path | None, force: bool = False, typed: str = ""
+            ) -> Iterator[Run]:
     """Begin a run that will write into ``folder``: what is read from now on is its input.
 
+    Nobody else writes there until it ends. Without ``folder`` it writes single files.
+
     Raises:
-        BadInput: without ``force``, the folder is somebody else's, or files that this command
-            wrote there were edited since.
+        BadInput: another run is writing there; nothing can be written there; or, without
+            ``force``, the folder is somebody else's, or files that this command wrote there were
+            edited since.
     """
-    run = Run(command, force, typed)
-    check_folder(folder, run)
-    for name, written in (read_record(folder) or {}).items():
-        if written.command == command and (identity := _identity(folder / name)):
-            run.doomed[identity] = str(folder / name)
-    token = _RUN.set(run)
+    with staged(folder, command) if folder else nullcontext() as stage:
+        run = Run(command, force, typed, stage=stage)
+        if folder:
+            check_folder(folder, run)
+            for name, written in (read_record(folder) or {}).items():
+                if written.command == command and (identity := _identity(folder / name)):
+                    run.doomed[identity] = str(folder / name)
+        token = _RUN.set(run)
+        try:
+            yield run
+        finally:
+            _RUN.reset(token)
+
+
+@contextmanager
+def reading() -> Iterator[Run]:
+    """Note what is read in the block, where no run is under way that does."""
+    run = _RUN.get()
+    if run is not None:
+        yield run
+        return
+    token = _RUN.set(run := Run())
     try:
         yield run
     finally:
@@ -85,11 +109,14 @@ def current() -> Run:
 
 
 def note_read(path: str | os.PathLike[str]) -> None:
-    """Remember a file as an input of the run that is under way, if there is one.
+    """Remember a file that will be read as an input of the run that is under way, if there is one.
+
+    What a killed run was moving into its folder is moved in first.
 
     Raises:
-        BadInput: the run would replace it.
+        BadInput: the run would replace it, or it is one of files that are half old, half new.
     """
+    settle(Path(path).parent)
     run, identity = _RUN.get(), _identity(Path(path))
     if run is None or identity is None:
         return
@@ -132,10 +159,7 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
     Raises:
         BadInput: a file of that name is an input; or, without ``force``, somebody else's.
     """
-    there = [name for name in names if _is_there(folder / name)]
-    for name in there:
-        if _identity(folder / name) in run.read:
-            raise _own_input(str(folder / name))
+    there = refuse_inputs(folder, names, run)
     check_folder(folder, run)
     known = {} if run.force else read_record(folder) or {}
     for name in () if run.force else there:
@@ -146,6 +170,19 @@ def check_files(folder: Path, names: Iterable[str], run: Run) -> None:
         if written.command != run.command:
             raise BadInput(f"was written by another command, {written.command}",
                            str(folder / name), MEND)
+
+
+def refuse_inputs(folder: Path, names: Iterable[str], run: Run) -> list[str]:
+    """Return those of the names that are there.
+
+    Raises:
+        BadInput: one is an input of the run.
+    """
+    there = [name for name in names if _is_there(folder / name)]
+    for name in there:
+        if _identity(folder / name) in run.read:
+            raise _own_input(str(folder / name))
+    return there
 
 
 def stale_files(folder: Path, names: Iterable[str], run: Run) -> list[str]:
@@ -176,9 +213,39 @@ def record_text(folder: Path, digests: Mapping[str, str], run: Run, gone: Iterab
              if _is_there(folder / name) and name not in away}
     known |= {name: Written(run.command, digest) for name, digest in digests.items()}
     owners = dict.fromkeys([*owners_of(folder), run.command])
+    runs = {name: source for name, source in read_runs(folder).items() if name in owners}
+    if run.source:
+        runs[run.command] = {**run.source, "inputs": _all_inputs(run),
+                             "from": _working_folder(folder),
+                             "name": os.path.basename(os.path.abspath(folder))}
     return json.dumps({"format": FORM, "commands": list(owners), "files": {
-        name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())}},
-        indent=1) + "\n"
+        name: {"command": w.command, "sha256": w.digest} for name, w in sorted(known.items())},
+        "runs": runs}, indent=1) + "\n"
+
+
+def _all_inputs(run: Run) -> dict[str, str]:
+    """Return path -> SHA-256 of a run's inputs, with what it read while it made its files."""
+    known = dict(run.source.get("inputs", {}))
+    return known | {p: digest_of(Path(p)) for p in sorted({*run.read.values()} - {*known})}
+
+
+def _working_folder(folder: Path) -> str:
+    """Return the way from a folder of results to the folder that the run's paths begin in."""
+    try:
+        return os.path.relpath(os.getcwd(), folder)
+    except (OSError, ValueError):    # gone, or on another drive
+        return ""
+
+
+def read_runs(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return command -> where its results in a folder come from, as far as that is recorded."""
+    try:
+        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        runs = content.get("runs") if content["format"] == FORM else None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return {}
+    return {str(k): v for k, v in runs.items() if isinstance(v, dict)} if isinstance(
+        runs, dict) else {}
 
 
 def read_record(folder: Path) -> dict[str, Written] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +12,10 @@ from ppmcal.errors import BadInput
 from ppmcal.io.csv import Table
 from ppmcal.io.measurement_columns import row_list
 from ppmcal.io.yaml import number_text
+from ppmcal.linalg import Array
 
 PARTIAL = "or leave out what matches nothing with --partial"
-
-
+NOTHING: Mapping[str, float] = {}
 CARRIED = ("dir_", "pose", "session")
 """Columns that begin so are those of the nearest row, not interpolated."""
 MOVING = 1e-3
@@ -35,7 +36,7 @@ class Join:
 
 
 def join(log: Table, points: Table, by: str | None, tolerance: float, partial: bool,
-         interpolate: bool = False) -> Join:
+         interpolate: bool = False, turns: Mapping[str, float] = NOTHING) -> Join:
     """Return the rows of a joint log that have a point, with its columns.
 
     Args:
@@ -47,6 +48,7 @@ def join(log: Table, points: Table, by: str | None, tolerance: float, partial: b
             before it and from that after it.
         partial: leave out points and named rows that match nothing, and say so.
         interpolate: take joint values between the two rows about a point's time; needs ``time``.
+        turns: column of a rotary joint -> one turn in its unit: from 179 to -179 deg are 2 deg.
 
     Raises:
         BadInput: nothing to join by, what matches nothing or several rows, or a column
@@ -68,12 +70,12 @@ def join(log: Table, points: Table, by: str | None, tolerance: float, partial: b
         if by == "name":
             raise BadInput("joint values are interpolated in time, not by name", "--interpolate",
                            "Give --join time, or leave one of the two out")
-        left, taken, findings, how = _between(log, points, tolerance, partial)
+        left, taken, findings, how = _between(log, points, tolerance, partial, turns)
     else:
         if by == "name":
             rows, taken, findings = _by_name(log, points, partial)
         else:
-            rows, taken, findings, how = _by_time(log, points, tolerance, partial)
+            rows, taken, findings, how = _by_time(log, points, tolerance, partial, turns)
         order = np.lexsort((taken, rows))
         left, taken = rows_of(log, rows[order]), taken[order]
     right = rows_of(points, taken)
@@ -152,8 +154,8 @@ def _in_time(log: Table) -> tuple[np.ndarray, np.ndarray]:
     return order, mine[order]
 
 
-def _by_time(log: Table, points: Table, tolerance: float, partial: bool
-             ) -> tuple[np.ndarray, np.ndarray, list[str], str]:
+def _by_time(log: Table, points: Table, tolerance: float, partial: bool,
+             turns: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, list[str], str]:
     """Return rows of log and points nearest in time, what was left out, and how far apart."""
     theirs = points.numbers["time"]
     order, times = _in_time(log)
@@ -167,7 +169,7 @@ def _by_time(log: Table, points: Table, tolerance: float, partial: bool
     nearest, good = order[near[0]], apart[0] <= tolerance
     with np.errstate(invalid="ignore"):
         even = good & (apart[1] - apart[0] <= 1e-2 * tolerance)
-    step = _joint_steps(log, order[near[0]], order[near[1]])
+    step = _joint_steps(_smooth(log, order, turns), order[near[0]], order[near[1]])
     even &= (step > MOVING) | (times[near[0]] == times[near[1]])
     if even.any():
         i = int(np.flatnonzero(even)[0])
@@ -197,6 +199,40 @@ def _by_time(log: Table, points: Table, tolerance: float, partial: bool
     return *_some(rows, taken, log, points, findings), how
 
 
+def unwrapped(values: Array, turn: float) -> Array:
+    """Return readings of a rotary joint in time (N,) without their jumps of one turn.
+
+    A jump is over half a turn. Readings that go over more than one turn count turns by themselves.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    if not known.size or np.ptp(values[known]) > turn * (1.0 + 1e-9):
+        return values
+    out = values.copy()
+    out[known] = np.unwrap(values[known], period=turn)
+    return out
+
+
+def _smooth(log: Table, order: np.ndarray, turns: Mapping[str, float]) -> Table:
+    """Return the log with rotary joints that do not jump in time."""
+    numbers = dict(log.numbers)
+    for name in set(turns) & set(numbers):
+        values = numbers[name].copy()
+        values[order] = unwrapped(values[order], turns[name])
+        numbers[name] = values
+    return replace(log, numbers=numbers)
+
+
+def _as_logged(name: str, values: Array, log: Table, turns: Mapping[str, float]) -> Array:
+    """Return joint values brought back into the turn that the log keeps to."""
+    turn, theirs = turns.get(name, 0.0), log.numbers[name]
+    if not turn or np.nanmax(theirs) - np.nanmin(theirs) > turn * (1.0 + 1e-9):
+        return values
+    low = -turn / 2.0 if np.nanmin(theirs) < 0.0 else 0.0
+    out: Array = np.where((values < low) | (values > low + turn),
+                          np.mod(values - low, turn) + low, values)
+    return out
+
+
 def _joint_steps(log: Table, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return the largest difference of two rows' joint values, in parts of the joint's range."""
     out = np.zeros(len(one))
@@ -208,8 +244,8 @@ def _joint_steps(log: Table, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return out
 
 
-def _between(log: Table, points: Table, tolerance: float, partial: bool
-             ) -> tuple[Table, np.ndarray, list[str], str]:
+def _between(log: Table, points: Table, tolerance: float, partial: bool,
+             turns: Mapping[str, float]) -> tuple[Table, np.ndarray, list[str], str]:
     """Return the log between its rows at the times of points, those points, and what is left."""
     turned = [h for h in log.header if h.startswith(("cmd_r", "cmd_quat"))]
     if turned:
@@ -231,10 +267,11 @@ def _between(log: Table, points: Table, tolerance: float, partial: bool
     width = times[high] - times[low]
     part = np.where(width > 0.0, (at - times[low]) / np.where(width > 0.0, width, 1.0), 0.0)
     near = rows_of(log, order[np.where(part < 0.5, low, high)])
-    numbers = {h: v if h.startswith(CARRIED) else
-               log.numbers[h][order[low]] * (1.0 - part) + log.numbers[h][order[high]] * part
-               for h, v in near.numbers.items()}
-    step = _joint_steps(log, order[low], order[high])
+    smooth = _smooth(log, order, turns)
+    numbers = {h: v if h.startswith(CARRIED) else _as_logged(
+        h, smooth.numbers[h][order[low]] * (1.0 - part) + smooth.numbers[h][order[high]] * part,
+        log, turns) for h, v in near.numbers.items()}
+    step = _joint_steps(smooth, order[low], order[high])
     how = (f"Joint values are interpolated between rows at most {width.max():.3g} s apart, over "
            f"which joints move by up to {100 * step.max():.2g} % of their range")
     return replace(near, numbers={**numbers, "time": at}), taken, findings, how

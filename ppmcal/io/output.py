@@ -8,8 +8,6 @@ import json
 import math
 import os
 import platform
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +19,19 @@ import numpy as np
 from ppmcal import __version__
 from ppmcal.errors import BadInput
 from ppmcal.io.csv_writer import Content, encoded
-from ppmcal.io.folder import RECORD, Run, check_files, current, note_read, record_text, stale_files
+from ppmcal.io.environment import environment
+from ppmcal.io.exchange import put
+from ppmcal.io.folder import (
+    RECORD,
+    Run,
+    check_files,
+    current,
+    note_read,
+    record_text,
+    refuse_inputs,
+    stale_files,
+)
+from ppmcal.io.stage import Staging, not_written, staged
 from ppmcal.wording.progress import note
 
 
@@ -29,7 +39,8 @@ class Output:
     """Several files that appear together in a folder, or not at all.
 
     They replace neither inputs of the run under way nor, unless it is forced to, what its
-    command did not write: see :mod:`ppmcal.io.folder`.
+    command did not write: see :mod:`ppmcal.io.folder`. How they come into the folder:
+    :mod:`ppmcal.io.exchange`.
 
     Use it as ``with Output("out") as out: out.add("a.csv", text)``: the files are written when
     the block ends without an error. Or call :meth:`write`.
@@ -66,12 +77,14 @@ class Output:
         run = current()
         try:
             self._check()
-            if not self.loose:
-                check_files(self.directory, self.files, run)
-            with self._stage() as stage:
-                self._stage_and_move(stage, run)
+            with self._stage(run) as stage:
+                if self.loose:
+                    refuse_inputs(self.directory, self.files, run)
+                else:
+                    check_files(self.directory, self.files, run)
+                self._put(stage, run)
         except (OSError, ValueError) as error:
-            raise self._refusal(error) from None
+            raise not_written(self.directory, error) from None
         return [self.directory / name for name in self.files]
 
     def _check(self) -> None:
@@ -85,53 +98,29 @@ class Output:
                                str(target / name), "Move it away, or name another folder in --out")
 
     @contextmanager
-    def _stage(self) -> Iterator[Path]:
-        """Make a hidden folder on the target's file system: in it, or beside it if it is new."""
-        home = self.directory
-        if not home.exists():
-            home = home.absolute().parent
-            home.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=".ppmcal.", suffix=".part", dir=home))
-        try:
-            yield stage
-        finally:
-            shutil.rmtree(stage, ignore_errors=True)
-
-    def _stage_and_move(self, stage: Path, run: Run) -> None:
-        new, old = stage / "new", stage / "old"
-        new.mkdir()
-        old.mkdir()
-        digests = {}
-        for name, content in self.files.items():
-            note(name)
-            digests[name] = _written(new / name, content)
-        stale = [] if self.loose else stale_files(self.directory, digests, run)
-        files = [*digests] if self.loose else [*digests, RECORD]
-        if not self.loose:
-            (new / RECORD).write_text(record_text(self.directory, digests, run, stale),
-                                      encoding="utf-8")
-        if not self.directory.exists():
-            new.replace(self.directory)
+    def _stage(self, run: Run) -> Iterator[Staging]:
+        """Take the stage of the run, or lock one for as long as it takes to write."""
+        own = run.stage
+        if own and not self.loose and own.target == Path(os.path.realpath(self.directory)):
+            yield own
             return
-        moved: list[str] = []
-        try:
-            for name in [*files, *stale]:
-                if (self.directory / name).exists():
-                    (self.directory / name).replace(old / name)
-                moved.append(name)
-                if name not in stale:
-                    (new / name).replace(self.directory / name)
-        except BaseException:
-            for name in moved:
-                (self.directory / name).unlink(missing_ok=True)
-                if (old / name).exists():
-                    (old / name).replace(self.directory / name)
-            raise
+        with staged(self.directory, run.command,
+                    next(iter(self.files), "") if self.loose else "") as stage:
+            yield stage
 
-    def _refusal(self, error: OSError | ValueError) -> BadInput:
-        reason = getattr(error, "strerror", None) or error
-        return BadInput(f"cannot be written ({reason})", str(self.directory),
-                        "Check permissions and space, or name another folder in --out")
+    def _put(self, stage: Staging, run: Run) -> None:
+        stale = [] if self.loose else stale_files(self.directory, self.files, run)
+
+        def fill(folder: Path) -> None:
+            digests = {}
+            for name, content in self.files.items():
+                note(name)
+                digests[name] = _written(folder / name, content)
+            if not self.loose:
+                _written(folder / RECORD, record_text(self.directory, digests, run, stale))
+
+        put(stage, fill, [*self.files] if self.loose else [*self.files, RECORD], stale,
+            run.command)
 
     def __enter__(self) -> Self:
         """Begin to collect."""
@@ -145,12 +134,14 @@ class Output:
 
 
 def _written(path: Path, content: Content) -> str:
-    """Write a file piece by piece; return its SHA-256."""
+    """Write a file piece by piece, onto the disk; return its SHA-256."""
     digest = hashlib.sha256()
     with path.open("wb") as stream:
         for part in encoded(content):
             stream.write(part)
             digest.update(part)
+        stream.flush()
+        os.fsync(stream.fileno())
     return digest.hexdigest()
 
 
@@ -182,9 +173,17 @@ def plain(obj: object) -> Any:
     return str(obj)
 
 
-def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int | None
-               ) -> dict[str, Any]:
-    """Return where results come from: version, SHA-256 of each input, command, seed."""
+def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int | None,
+               function: str = "", options: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return where results come from: all that decides what is in them.
+
+    Args:
+        inputs: files that were read.
+        command: as it was typed.
+        seed: of what is drawn at random.
+        function: of ``ppmcal.api`` that made the result, ``module.name``.
+        options: all that it was called with, defaults too.
+    """
     sums = {}
     for path in inputs:
         try:
@@ -195,4 +194,5 @@ def provenance(inputs: Sequence[str | os.PathLike[str]], command: str, seed: int
             raise BadInput(f"cannot be read ({error.strerror})", str(path),
                            "Give the path of a readable file") from None
     return {"version": __version__, "inputs": sums, "command": command, "seed": seed,
+            "function": function, "options": dict(options or {}), "environment": environment(),
             "numpy": np.__version__, "python": platform.python_version()}

@@ -51,6 +51,16 @@ class Split:
         """Return how many cells of a line are numbers."""
         return sum(map(self.is_number, self.cells(line)))
 
+    def separates(self, line: str) -> bool:
+        """Whether a line may be a row: it has three numbers, and no other mark between its cells.
+
+        At its spaces ``Pose;Leg 1 [mm];Leg 2 [mm];Leg 3 [mm]`` has three numbers too.
+        """
+        if self.numbers(line) < 3:
+            return False
+        marked = [c for c in self.cells(line) if (";" in c or "," in c) and not self.is_number(c)]
+        return self.mark != " " or (len(marked) < 2 and line.strip().count("\t") < 3)
+
 
 SPLITS = tuple(map(Split, ("\t", ";", ",", " ")))
 
@@ -72,7 +82,7 @@ def with_header(data: bytes, source: str) -> tuple[bytes, tuple[str, ...]]:
     body = [i for i, line in enumerate(lines) if not _CLUTTER.match(line)]
     if not body:
         raise BadInput("holds nothing but remarks", source, FORM)
-    found = next(((i, s) for i in body[:ABOVE] for s in SPLITS if s.numbers(lines[i]) >= 3), None)
+    found = next(((i, s) for i in body[:ABOVE] for s in SPLITS if s.separates(lines[i])), None)
     if found is None:
         remarks, rows = lines[:body[0]], lines[body[0]:]
         spaced = not any(mark in rows[0] for mark in "\t;,") and len(rows[0].split()) > 3

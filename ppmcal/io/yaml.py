@@ -90,6 +90,7 @@ def read_bytes(path: Path) -> bytes:
     Raises:
         BadInput: it does not exist, is a directory, cannot be read, or would be replaced.
     """
+    note_read(path)
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -102,7 +103,6 @@ def read_bytes(path: Path) -> bytes:
         reason = getattr(error, "strerror", None) or str(error)
         raise BadInput(f"cannot be read ({reason})", str(path),
                        "Give the path of a readable file") from None
-    note_read(path)
     return data
 
 
@@ -216,6 +216,14 @@ def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
 
 
 _Dumper.add_representer(float, _represent_float)
+
+
+def printable(text: str) -> str:
+    r"""Return text as UTF-8 can hold it: a byte of a file's name in another code is ``\udcff``."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+_Dumper.add_representer(str, lambda dumper, text: dumper.represent_str(printable(text)))
 
 
 def dump_yaml(tree: dict[str, Any], comment: str = "") -> str:

@@ -24,6 +24,21 @@ from ppmcal.plotting.style import AFTER, SOFT, plain, tame
 COLOURS = {"before": style.BEFORE, "after": AFTER, "out": style.OUT, "ink": style.INK}
 
 
+@dataclass(frozen=True, eq=False)
+class Undrawn:
+    """All N rows of a thinned layer: a page draws those of them that are chosen elsewhere.
+
+    Attributes:
+        runs: (key without its row number, first row number, how many), one after the other.
+        y: of each row (N,), nan where it has none.
+        x: likewise; None where it is 1 ... N.
+    """
+
+    runs: Sequence[tuple[str, int, int]]
+    y: Array
+    x: Array | None = None
+
+
 @dataclass(frozen=True)
 class Points:
     """What the N points of a layer are; shown where a page is pointed at.
@@ -32,10 +47,12 @@ class Points:
         texts: what each is, in lines.
         keys: row of the data of each (:func:`ppmcal.report.rows.row_key`), by which plots and
             tables of a page are linked; none where points are no rows.
+        undrawn: the other rows, where points are some of them.
     """
 
     texts: Sequence[str] = ()
     keys: Sequence[str] = ()
+    undrawn: Undrawn | None = None
 
 
 NO_POINTS = Points()

@@ -25,6 +25,7 @@ from ppmcal.plotting.layers import (
     Polyline,
     Starts,
     Strokes,
+    Undrawn,
     WordsAt,
     Zero,
     within,
@@ -120,9 +121,21 @@ def _points(pane: Pane, x: ArrayLike, y: ArrayLike, kind: str, points: Points, m
     picked = np.flatnonzero(seen).tolist()
     if points.keys:
         out["customdata"] = [points.keys[i] for i in picked]
+        if points.undrawn is not None:
+            out["undrawn"] = _undrawn(pane, points.undrawn)
     elif points.texts:
         out["text"] = [lines(points.texts[i]) for i in picked]
     return out
+
+
+def _undrawn(pane: Pane, rest: Undrawn) -> Spec:
+    """Return the rows that are drawn when they are chosen, to four digits."""
+    x = np.arange(1.0, rest.y.size + 1.0) if rest.x is None else rest.x
+    at, up, seen = _inside(pane, x, rest.y)
+    short = [[float(f"{v:.4g}") if s else None for v, s in zip(values.tolist(), seen, strict=True)]
+             for values in (at, up)]
+    return {"runs": [list(run) for run in rest.runs], "y": short[1]} | (
+        {} if rest.x is None else {"x": short[0]})
 
 
 def _line(x: Iterable[float | None], y: Iterable[float | None], colour: str, size: float,

@@ -23,7 +23,7 @@ def changes(compared: Sequence[CampaignRecord]) -> Section | None:
             what = typeset(r.message) if r.failed or r.verdict == "changed" else ""
         rows.append([words(r.machine), words(r.date),
                      words(r.verdict, "warn" if r.exit_code else ""), words(what, "wrap")])
-    note = ("The last two identifications of each machine; what `ppmcal compare` says of them is "
+    note = ("The last two identifications of each machine; what compare says of them is "
             "in the folder of the later date.")
     return Section("Geometry since last time",
                    table("", ["machine", "date", "geometry", "likeliest changes"], rows)

@@ -20,6 +20,7 @@ from ppmcal.io.results.record import AnyRecord
 from ppmcal.io.results.record import Record as JsonRecord
 from ppmcal.io.results.simulation import TruthRecord
 from ppmcal.io.results.validation import ValidationRecord
+from ppmcal.io.stage import settle
 from ppmcal.report.design_records import DESIGN_FILES, designed
 from ppmcal.report.measured_rows import is_condition, is_place, with_measured
 from ppmcal.report.records import (
@@ -72,6 +73,7 @@ def collect(dirs: Sequence[Path]) -> ReportData:
                                                    "designed", "compared", "exported", "validated")}
     unique = list({Path(d).absolute(): Path(d) for d in dirs}.values())
     for folder in unique:
+        settle(folder)
         _refuse_strange(folder)
         for key, part in _parts(folder):
             found[key].append(part)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ppmcal.io.results.record import UnitNames
 from ppmcal.linalg import Array
-from ppmcal.plotting.layers import Points
+from ppmcal.plotting.layers import Points, Undrawn
 from ppmcal.report.format import number, sig, with_unit
 from ppmcal.report.records import Columns, MeasuredRows
 from ppmcal.report.rows import row_key, row_numbers
@@ -20,6 +20,8 @@ OWN = ("row", "dataset", "used")
 """Columns of residuals.csv that say which row it is, not what held in it."""
 MOST = 18
 """So many columns of the measurement file are told of a row, three in a line."""
+MOST_HELD, MOST_RUNS = 20_000, 500
+"""So many rows at most are held by each thinned plot, numbered through in so many pieces."""
 STAGES = ("before_", "after_", "sigma_")
 
 
@@ -47,6 +49,22 @@ class DataRows:
         picked = index.tolist()
         return Points([self._said(i) for i in picked],
                       [row_key(self.fit, names[i], int(rows[i])) for i in picked])
+
+    def undrawn(self, y: Array, x: Array | None = None) -> Undrawn | None:
+        """Return all rows at their places, for a layer that draws some; None for too many.
+
+        Args:
+            y: (N,), nan where a row has no place.
+            x: likewise  [default: the number of the row in the table].
+        """
+        names, rows = self.table.words("dataset"), row_numbers(self.table)
+        starts = [i for i in range(rows.size) if i == 0 or names[i] != names[i - 1]
+                  or rows[i] != rows[i - 1] + 1]
+        if rows.size > MOST_HELD or len(starts) > MOST_RUNS:
+            return None
+        runs = [(row_key(self.fit, names[i], int(rows[i])).rpartition(":")[0], int(rows[i]), j - i)
+                for i, j in zip(starts, [*starts[1:], rows.size], strict=True)]
+        return Undrawn(runs, y, x)
 
     def _said(self, i: int) -> str:
         """Return data set, row and what held in it, in lines."""

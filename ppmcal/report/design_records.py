@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ppmcal.errors import BadInput
+from ppmcal.io.folder import note_read
 from ppmcal.io.json import AGAIN
 from ppmcal.io.results.plan import PlanRecord
 from ppmcal.io.results.sensitivity import SensitivityRecord
@@ -103,6 +104,7 @@ def _picture(folder: Path, name: str, caption: str) -> Picture:
             return without("missing")
         if path.stat().st_size > LARGEST_FILE:
             return without(f"left out: larger than {LARGEST_FILE // 1_000_000} MB")
+        note_read(path)
         content = path.read_bytes()
     except OSError as error:
         return without(f"cannot be read ({error.strerror or error})")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from markupsafe import Markup
 
 from ppmcal import __version__
 from ppmcal.errors import BadInput
+from ppmcal.io import Output
 from ppmcal.io.results.scene import Scene
 from ppmcal.report.html import template_text, whole_page
 from ppmcal.report.machine_scene import machine_css, machine_scripts, scene_html
@@ -73,16 +73,9 @@ def write_drawing(path: Path, page: str, inputs: Sequence[str] = ()) -> None:
         BadInput: it cannot be written, or would replace what is no drawing.
     """
     check_target(path, inputs)
-    part = path.with_name(f".ppmcal.{path.name}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(page, encoding="utf-8", errors="backslashreplace")
-        part.replace(path)
-    except (OSError, ValueError) as error:
-        with suppress(OSError, ValueError):
-            part.unlink()
-        raise BadInput(f"cannot be written ({getattr(error, 'strerror', None) or error})",
-                       str(path), "Check the folder and its permissions") from None
+    output = Output(path.parent, loose=True)
+    output.add(path.name, page)
+    output.write()
 
 
 def _lead(scene: Scene) -> str:

@@ -145,9 +145,11 @@ def _look(data: ReportData) -> list[str]:
 
 
 def units_of(rows: ResidualRows, data: ReportData) -> Mapping[str, str]:
-    """Return the units of a CSV: its JSON's, else those on which all identifications agree."""
-    if rows.record.units:
-        return rows.record.units
+    """Return the units of errors: its JSON's, else those on which all identifications agree."""
+    units = rows.record.units
+    if units:
+        return {"length": units.get("error_position_before", ""),
+                "angle": units.get("error_rotation_before", "")}
     found = [i.record.units for i in data.identified]
     return found[0].model_dump() if found and all(f == found[0] for f in found) else {}
 

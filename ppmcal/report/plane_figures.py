@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ppmcal.linalg import Array
@@ -67,8 +69,11 @@ def error_vectors(data: DataRows, places: Array, vector: Array, stage: str, unit
     note = (f" Thinned: the largest of each cell, {rows.size} of {whole(total)} rows."
             if rows.size < total else "")
     return Plot(
-        x, y, ("measured x", "measured y"),
-        [Arrows(at[:, 0], at[:, 1], dx, dy, stage, size[rows], unit, data.points(rows)),
+        x, y, ("measured x (unit of the file)", "measured y (unit of the file)"),
+        [Arrows(at[:, 0], at[:, 1], dx, dy, stage, size[rows], unit, replace(
+            data.points(rows), undrawn=data.undrawn(
+                np.where(np.isfinite(size), places[:, 1], np.nan), places[:, 0])
+            if rows.size < total else None)),
          Arrows(x.high - per * (10.0 + length), np.array([y.high - 10.0 * per]), length,
                 0.0 * length, "ink"),
          WordsAt(14.0 + float(length[0]), 14.0, with_unit(step, unit, 1))], equal=True).drawing(
@@ -90,7 +95,9 @@ def scatter(data: DataRows, vector: Array, unit: str) -> Drawing:
             if rows.size < total else "")
     return Plot(
         x, y, (with_label("x", unit), with_label("y", unit)),
-        [Zero(upright=True), Zero(), Dots(v[:, 0], v[:, 1], "after", points=data.points(rows))],
+        [Zero(upright=True), Zero(), Dots(v[:, 0], v[:, 1], "after", points=replace(
+            data.points(rows), undrawn=data.undrawn(vector[:, 1], vector[:, 0])
+            if rows.size < total else None))],
         (unit, unit), equal=True).drawing(
         "Residuals in the plane, after", f"A round cloud about 0 is what noise gives.{note}",
         f"Residual in y against residual in x of {total} rows.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -154,8 +155,10 @@ def series(values: Array, kind: str, rows: DataRows | None = None, unit: str = "
     Without ``rows`` the points are no rows of data, and called by their number.
     """
     def points(index: NDArray[np.integer[Any]]) -> Points:
-        return (Points([f"target {i + 1}" for i in index.tolist()]) if rows is None else
-                rows.points(index))
+        if rows is None:
+            return Points([f"target {i + 1}" for i in index.tolist()])
+        rest = rows.undrawn(values) if index.size < values.size else None
+        return replace(rows.points(index), undrawn=rest)
 
     every = np.arange(values.size)
     if values.size <= POINTS:

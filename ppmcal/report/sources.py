@@ -34,11 +34,13 @@ _KINEMATICS = re.compile(r"[xyz]|r[xyz]|euler_[123]|quat_[xyzw]|(q|rate)_.+"
                          r"|condition|time")
 
 def digest(path: Path) -> str:
-    """Return the SHA-256 of a file, empty if it cannot be read."""
+    """Return the SHA-256 of a plain file, empty if it cannot be read; a pipe would never end."""
     try:
+        if not path.is_file():
+            return ""
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError:
+    except (OSError, ValueError):
         return ""
 
 

@@ -55,18 +55,24 @@ def _heads(data: ValidatedDataset) -> list[str]:
     size = first.position or first.rotation
     unit = "" if size is None else f", {size.unit}"
     more = [f"rotation, {first.rotation.unit} rms"] if first.position and first.rotation else []
-    return ["machine", f"error{unit} rms", "95 % point", "largest", *more, "better by", "95 %", ""]
+    return ["machine", f"error{unit} rms", "its 95 %", f"95 % point{unit}", f"largest{unit}", *more,
+            f"better by{unit}", "its 95 %", ""]
 
 
 def _row(e: PredictedError) -> list[Cell]:
     """Return a machine's line."""
     size = e.position or e.rotation or ErrorSize()
-    between = "" if not e.verdict or e.low is None or e.high is None else (
-        f"{sig(e.low, 2)} to {sig(e.high, 2)}")
+    between = _between(e.low, e.high, 2) if e.verdict else ""
     more = [amount(e.rotation.rms)] if e.position and e.rotation else []
-    return [words(e.model), amount(size.rms), amount(size.p95), amount(size.max), *more,
+    return [words(e.model), amount(size.rms), amount(size.rms_low, _between(size.rms_low,
+            size.rms_high)), amount(size.p95), amount(size.max), *more,
             amount(e.closer, sig(e.closer, 2) if e.verdict else ""), amount(e.low, between),
             words(e.verdict, "warn" if e.verdict == "worse" else "")]
+
+
+def _between(low: float | None, high: float | None, digits: int = 3) -> str:
+    """Return both ends of an interval, empty where one is open."""
+    return "" if low is None or high is None else f"{sig(low, digits)} to {sig(high, digits)}"
 
 
 def picture(data: ValidatedDataset) -> Drawing | None:

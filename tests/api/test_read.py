@@ -202,3 +202,25 @@ def test_a_file_without_joints_says_how_to_name_them(tmp_path: Path, measured) -
         ppmcal.read(points(tmp_path, measured), MACHINE)
     with pytest.raises(ppmcal.BadInput, match="several files hold joint values"):
         ppmcal.read([log(tmp_path, measured), log(tmp_path, measured, "b.csv")], MACHINE)
+
+
+@pytest.mark.parametrize("mark", [";", "\t", ","])
+def test_headers_with_numbers_in_them_are_no_rows(tmp_path: Path, measured, mark: str) -> None:
+    """``Leg 1 [mm]``: at its spaces the header has as many numbers as legs."""
+    comma = "." if mark == "," else ","
+    header = mark.join(["Pose", *(f"Leg {i} [mm]" for i in range(1, 7)), "Point 1 X [mm]",
+                        "Point 1 Y [mm]", "Point 1 Z [mm]"])
+    lines = [mark.join(row[c].replace(".", comma) for c in ("pose", *LEGS, "x", "y", "z"))
+             for row in measured]
+    (tmp_path / "run.csv").write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
+    columns = {f"q_leg{i}": f"Leg {i} [mm]" for i in range(1, 7)}
+    columns |= {c: f"Point 1 {c.upper()} [mm]" for c in "xyz"}
+    side = {"format": "ppmcal/dataset/1", "units": {"length": "mm", "angle": "deg"},
+            "instrument": {"kind": "position", "sigma": {"position": 0.01}}, "frame": "unknown",
+            "target": "unknown", "read": {"columns": columns}}
+    (tmp_path / "run.yaml").write_text(yaml.safe_dump(side))
+    done = run("read", "run.csv", "--mechanism", MACHINE, "--out", "out.csv", cwd=tmp_path,
+               expect=0)
+    assert f"{COUNT} rows" in done.out
+    for got, row in zip(rows(tmp_path / "out.csv"), measured, strict=True):
+        assert all(float(got[c]) == float(row[c]) for c in (*LEGS, "x", "y", "z"))

@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from helpers.commands import number, rows
+from helpers.commands import ppmcal as command
 
 import ppmcal
 from ppmcal.calibration.frozen_models import FrozenModel, validated, with_and_without
 from ppmcal.calibration.problem import Problem
 from ppmcal.errors import BadInput
+from ppmcal.io.mechanism_writer import write_mechanism
 from ppmcal.io.results.validation import ValidationRecord, effects_sentence
 
 ERRORS = {"leg1.base.point.x": 0.4, "leg2.offset": -0.3, "leg3.offset": 0.2}
@@ -73,6 +76,24 @@ def test_an_effect_that_is_not_there_makes_it_worse(stage, truth):
     clean = ppmcal.simulate(stage, scenario(6)).data
     (found,) = validated(with_and_without(truth), clean)
     assert [e.sure for e in found.errors][1:] == [1, 1, 1]
+
+
+def test_the_command_says_so_and_exits_with_1(stage, truth, tmp_path):
+    """Effects that make the day worse than the geometry alone are a finding; those that help none.
+    """
+    (tmp_path / "truth.yaml").write_text(write_mechanism(truth), encoding="utf-8")
+    for name, effects, code in (("with", EFFECTS, 0), ("clean", (), 1)):
+        made = ppmcal.simulate(stage, scenario(6, effects))
+        made.save(tmp_path / name)
+        run = command("validate", "truth.yaml", f"{name}/measurements.csv", "--out", f"v-{name}",
+                      "--json", cwd=tmp_path, expect=code)
+        worse = [f for f in run.json["findings"] if "makes the prediction worse by" in f
+                 or "make the prediction worse by" in f]
+        assert len(worse) == 3 * code and all("(95 %: " in f for f in worse)
+        for line in rows(tmp_path / f"v-{name}" / "validation.csv"):
+            assert number(line, "position_rms_low") < number(line, "position_rms")
+            assert number(line, "position_rms") < number(line, "position_rms_high")
+            assert number(line, "position_p95_low") < number(line, "position_p95")
 
 
 def test_errors_agree_with_a_fit_of_the_frame_by_other_means(truth, day):

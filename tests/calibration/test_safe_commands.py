@@ -359,6 +359,6 @@ def test_a_model_that_misses_its_own_data_is_refused_as_a_whole(ratio: float, p:
                 lambda **more: ppmcal.export("grid", mechanism, **more)):
         with pytest.raises(NoResult, match=r"misses the measurements.*--force"):
             run()
-        forced = run(force=True)
+        forced = run(regardless=True)
         told = forced.notes if hasattr(forced, "notes") else forced.findings
         assert any("--force" in n for n in told)

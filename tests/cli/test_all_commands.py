@@ -968,7 +968,7 @@ def test_damped(bench):
     write_csv(bench / "d.csv", rows(bench / "r" / "measurements.csv"))
     (bench / "d.yaml").write_text(SIDECAR.replace("frame: unknown", "frame: known"))
     run = ppmcal_process("identify", "m.yaml", "d.csv", "--method", "damped", "--free", "*.offset",
-                         "--out", "o", "--holdout", "0", cwd=bench, timeout=8)
+                         "--out", "o", "--holdout", "0", cwd=bench)
     assert run.code == 0, run.err
     found = json.loads((bench / "o" / "identification.json").read_text())
     assert found["method"] == "damped"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -171,6 +173,65 @@ def test_an_edited_machine_is_not_imported_over(here: Path) -> None:
     before = tree(here)
     run = ppmcal("import", "klipper", "printer.cfg", cwd=here, expect=2)
     assert "machine.yaml was edited" in " ".join(run.err.split())
+    assert tree(here) == before
+
+
+FULL = """
+import resource, sys
+from ppmcal.cli import main
+import ppmcal.api.simulate
+resource.setrlimit(resource.RLIMIT_FSIZE, (700, 700))
+main()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="has no such limit")
+@pytest.mark.parametrize("line", [
+    "init 6-UPS --out new.yaml", "init 6-UPS --out mine.yaml --force",
+    "check mine.yaml --draw machine.html", "import klipper printer.cfg --out o",
+    "simulate mine.yaml mine.scenario.yaml --out may"])
+def test_a_file_that_cannot_be_written_to_its_end_leaves_nothing(line: str, here: Path) -> None:
+    """As on a full disk: `init` left half a file."""
+    before = tree(here)
+    done = subprocess.run([sys.executable, "-c", FULL, *shlex.split(line)], cwd=here, text=True,
+                          capture_output=True, check=False)
+    assert done.returncode == 2 and "cannot be written (File too large)" in " ".join(
+        done.stderr.split()), done.stderr
+    assert tree(here) == before
+    assert not [p for p in here.rglob(".ppmcal.*") if p.name.endswith(".part")]
+
+
+def test_a_machine_that_another_extends_is_an_input(here: Path) -> None:
+    (here / "run.yaml").write_bytes((here / "mine.yaml").read_bytes())
+    (here / "mine.yaml").write_text("extends: run.yaml\n")
+    before = tree(here)
+    run = ppmcal("read", "log.csv", "--mechanism", "mine.yaml", "--sidecar", "run1.yaml", "--out",
+                 "run.csv", "--force", cwd=here, expect=2)
+    assert "run.yaml: is an input of this run" in " ".join(run.err.split())
+    assert tree(here) == before
+
+
+@pytest.mark.parametrize("alias", ["hard link", "symbolic link", "way round"])
+@pytest.mark.parametrize("line", [
+    "read log.csv --mechanism mine.yaml --sidecar run1.yaml --out {} --force",
+    "identify mine.yaml log.csv --out {} --force"])
+def test_an_input_under_another_name_stays(line: str, alias: str, here: Path) -> None:
+    shutil.copy(here / "run1.yaml", here / "log.yaml")
+    other = here / "out" / "residuals.csv"
+    other.parent.mkdir()
+    if alias == "hard link":
+        other.hardlink_to(here / "log.csv")
+    elif alias == "symbolic link":
+        other.symlink_to(here / "log.csv")
+    else:
+        shutil.copy(here / "log.csv", here / "residuals.csv")
+        shutil.copy(here / "log.yaml", here / "residuals.yaml")
+        line = line.replace("log.csv", "residuals.csv")
+        other = here / "identified" / ".." / "residuals.csv"
+    before = tree(here)
+    run = ppmcal(*shlex.split(line.format(other if line.startswith("read") else other.parent)),
+                 cwd=here, expect=2)
+    assert "is an input of this run" in " ".join(run.err.split())
     assert tree(here) == before
 
 

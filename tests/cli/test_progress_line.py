@@ -6,25 +6,23 @@ import json
 import logging
 import os
 import re
-import select
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from helpers.commands import ppmcal, ppmcal_process
+from helpers.terminal import CLEAR, Terminal
 
 from ppmcal.cli import COMMANDS
 from ppmcal.cli.display import duration, shortened
 from ppmcal.cli.shares import INNER, SHARES
 
-pty = pytest.importorskip("pty")
+pytest.importorskip("pty")
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-CLEAR = "\r\x1b[2K"
 WORK = """
 import time
 from ppmcal import api
@@ -43,43 +41,6 @@ def slow(*_, **__):
 face.simulate = slow
 main()
 """
-
-
-class Terminal:
-    """A process at a pseudo-terminal of 80 columns: all that it shows there."""
-
-    def __init__(self, code: str, *args: object) -> None:
-        here, there = pty.openpty()
-        self.fd, self.shown = here, ""
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", code, *map(str, args)], stdin=there, stdout=there,
-            stderr=there, start_new_session=True, env={**os.environ, "TERM": "xterm"})
-        os.close(there)
-
-    def until(self, text: str, seconds: float = 60.0) -> bool:
-        """Read until some text is shown or the process is at its end."""
-        last = time.monotonic() + seconds
-        while text not in self.shown or not text:
-            if not select.select([self.fd], [], [], max(last - time.monotonic(), 0.0))[0]:
-                return False
-            try:
-                self.shown += os.read(self.fd, 4096).decode(errors="replace")
-            except OSError:    # the other end is closed
-                return bool(text) and text in self.shown
-        return True
-
-    def code(self) -> int:
-        """Read to the end; return the exit code."""
-        self.until("")
-        os.close(self.fd)
-        return self.process.wait(60)
-
-    def lines(self) -> list[str]:
-        """Return what stays on the screen, line by line."""
-        out = []
-        for line in self.shown.replace("\r\n", "\n").split("\n"):
-            out.append(line.rpartition(CLEAR)[2].rpartition("\r")[2])
-        return out
 
 
 @pytest.fixture(scope="module")

@@ -81,3 +81,63 @@ def test_an_interrupt_while_modules_load(bench, tmp_path, module, text):
     (tmp_path / f"{module}.py").write_text(text)
     run = process(sys.executable, *START, "check", bench / "m.yaml", path=tmp_path)
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "Stopped.\n")
+
+
+COMMANDS = {
+    "check": "check m.yaml s/measurements.csv", "simulate": "simulate m.yaml m.scenario.yaml",
+    "identify": "identify m.yaml s/measurements.csv", "init": "init 3-RPR",
+    "sensitivity": "sensitivity m.yaml --home-only", "verify": "verify s", "schema": "schema batch",
+    "plan": "plan m.yaml --count 8", "diagnose": "diagnose m.yaml s/measurements.csv --draws 200",
+    "workspace": "workspace m.yaml --grid x=450:550:3,y=240:340:3", "report": "report s",
+    "tolerances": "tolerances m.yaml --accuracy 0.5 --machines 50"}
+NO_FOLDER = ("check", "verify", "schema", "init")
+QUICK = ("check", "schema", "simulate")
+
+
+def words_of(name, tmp_path):
+    """Return the words of a command that writes into a new folder, and the folder."""
+    if name in ("init", "check", "verify", "schema"):
+        more = ["--out", tmp_path / "mine.yaml"] if name == "init" else []
+        return [*COMMANDS[name].split(), *more], tmp_path / "none"
+    return [*COMMANDS[name].split(), "--out", tmp_path / "o"], tmp_path / "o"
+
+
+some = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in COMMANDS]
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("name", some)
+@pytest.mark.parametrize("which", ["stdout", "stderr", "both"])
+def test_full_streams_of_each_command(bench, tmp_path, name, which):
+    """One line where somebody can read it, an exit code that says so, and whole folders."""
+    words, folder = words_of(name, tmp_path)
+    with FULL.open("w") as full:
+        streams = {k: full for k in ("stdout", "stderr") if which in (k, "both")}
+        run = process(*EXECUTABLE, *words, *(["-v"] if which == "stderr" and name in (
+            "simulate", "identify") else []), cwd=bench, **streams)
+    assert run.returncode != 0 or which == "stderr"
+    if which == "stderr" and name in ("simulate", "identify"):
+        assert run.returncode == 2      # what -v says is lost
+    if which == "stdout":
+        assert run.stderr.count("\n") == 1
+        assert run.stderr.startswith("Error: standard output cannot be written")
+    if name not in NO_FOLDER:
+        assert (folder / ".ppmcal.json").is_file()
+    assert not list(tmp_path.rglob(".ppmcal.*.part"))
+
+
+@pytest.mark.parametrize("name", some)
+def test_nobody_reads_to_the_end(bench, tmp_path, name):
+    """As with ``| head -1``."""
+    words, folder = words_of(name, tmp_path)
+    run = subprocess.Popen([*EXECUTABLE, *map(str, words), *(["--json"] if name != "schema" and
+                           name != "init" else [])], cwd=bench, text=True,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    run.stdout.readline()
+    run.stdout.close()
+    err = run.stderr.read()
+    run.stderr.close()
+    assert run.wait(timeout=120) in (0, 1)
+    assert not err
+    if name not in NO_FOLDER:
+        assert (folder / ".ppmcal.json").is_file()

@@ -89,6 +89,26 @@ def test_what_is_commented_out_is_nominal_and_what_is_saved_a_result(tmp_path: P
     assert machine.parameters[place].prior_sigma >= 0.5 * (0.14062 - 0.140)
 
 
+def test_before_is_what_identify_says_of_the_same_files(tmp_path: Path) -> None:
+    """One definition: the nominal machine on the touches, before any fit."""
+    written(tmp_path, config(REAL))
+    told = ppmcal("import", "klipper", "printer.cfg", "--out", "o", "--json", cwd=tmp_path,
+                  expect=0).json["before"]
+    ppmcal("identify", "o/machine.yaml", "o/heights.csv", "--out", "i", cwd=tmp_path)
+    found = json.loads((tmp_path / "i" / "identification.json").read_text())["residual"]
+    assert told["heights"]["rms"] == pytest.approx(found["before"]["position"]["rms"], rel=1e-9)
+    assert told["heights"]["unit"] == "mm" and told["heights"]["rms"] > 0.05
+    assert told["definition"] == found["before_is"]
+    said = import_config("klipper", tmp_path / "printer.cfg").headline()
+    assert f"Before: {told['heights']['rms']:.4g} mm rms on heights (the nominal machine" in said
+
+
+def test_a_printer_without_touches_has_no_before(tmp_path: Path) -> None:
+    text = config(REAL).split("#*# [delta_calibrate]")[0]
+    found = import_config("klipper", written(tmp_path, text))
+    assert found.before == {} and "Before" not in found.headline()
+
+
 def test_numbers_that_were_edited_by_hand_are_named_with_how_much(tmp_path: Path) -> None:
     edited = DeltaGeometry(REAL.radius, REAL.angles, REAL.arms, tuple(
         e + 0.1 for e in REAL.endstops))

@@ -132,6 +132,7 @@ def test_a_claim_takes_nothing_away(tmp_path):
 def test_stale_results_come_back_where_the_new_ones_fail(tmp_path, monkeypatch):
     folder = tmp_path / "out"
     write(folder, a="old", b="old")
+    (folder / "deeper").mkdir()    # so files are moved one by one
     before = tree(folder)
     replace = Path.replace
 
@@ -196,6 +197,7 @@ def test_output_writes_nothing_after_an_error(tmp_path):
 def test_output_rolls_back(tmp_path, monkeypatch):
     target = tmp_path / "out"
     write(target, "", a="old")
+    (target / "deeper").mkdir()    # so files are moved one by one
     before = tree(target)
     out = Output(target)
     out.add("a.csv", "new")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers.mistakes import SAMPLE
+from helpers.paths import ROOT
 from scipy.spatial.transform import Rotation
 
 import ppmcal
@@ -120,6 +123,61 @@ def test_joints_are_interpolated_only_when_asked(tmp_path: Path) -> None:
     assert "interpolated between rows at most 0.2 s apart" in " ".join(result.sentences)
     with pytest.raises(PpmcalError, match=r"on both sides within 0\.05 s"):
         ppmcal.read([one, two], MACHINE, interpolate=True, tolerance=0.05)
+
+
+CRANKS = dataclasses.replace(ppmcal.load(ROOT / "configs/3-RRR-1.yaml"),
+                             limits=np.array([[-np.inf, np.inf]] * 3))
+
+
+def turning(folder: Path, unit: str, angles: np.ndarray) -> ppmcal.api.read.ReadResult:
+    """Read a log at 10 Hz of a crank that turns on, and points between its rows."""
+    names = CRANKS.actuators
+    factor = {"deg": 1.0, "rad": np.pi / 180.0, "counts": 4096.0 / 360.0}[unit]
+    times = 0.1 * np.arange(len(angles))
+    lines = [",".join(["time", *(f"q_{n}" for n in names)])]
+    lines += [",".join(map(repr, [float(t), float(v), 20.0 * factor, 30.0 * factor]))
+              for t, v in zip(times, angles * factor, strict=True)]
+    (folder / "log.csv").write_text("\n".join(lines))
+    (folder / "p.csv").write_text("time,x,y\n" + "\n".join(
+        f"{t + 0.05:.2f},{t:.1f},0.5" for t in times[:-1]))
+    side = {"format": "ppmcal/dataset/1", "units": {"length": "mm", "angle": "deg"},
+            "instrument": {"kind": "position", "sigma": {"position": 0.01}}, "frame": "unknown",
+            "target": "unknown", "read": {"units": {"q_*": unit}} | (
+                {"counts_per_turn": 4096} if unit == "counts" else {})}
+    (folder / "p.yaml").write_text(yaml.safe_dump(side))
+    return ppmcal.read([folder / "log.csv", folder / "p.csv"], CRANKS, interpolate=True,
+                       tolerance=0.1)
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad", "counts"])
+@pytest.mark.parametrize("from_zero", [False, True])
+def test_a_joint_that_turns_over_is_interpolated_the_short_way(tmp_path: Path, unit: str,
+                                                               from_zero: bool) -> None:
+    true = np.linspace(150.0, 400.0, 26)
+    low = 0.0 if from_zero else -180.0
+    result = turning(tmp_path, unit, np.mod(true - low, 360.0) + low)
+    got = result.table.numbers[f"q_{CRANKS.actuators[0]}"]
+    wanted = 0.5 * (true[1:] + true[:-1])
+    np.testing.assert_allclose(np.mod(got - wanted + 180.0, 360.0), 180.0, atol=1e-9)
+    assert got.min() >= low and got.max() <= low + 360.0
+    assert "move by up to" in " ".join(result.sentences)
+    share = float(re.search(r"up to ([\d.]+) % of their range", result.sentences[-1])[1])
+    assert share < 10.0    # 10 deg of 250
+
+
+def test_a_joint_that_counts_turns_or_cannot_turn_over_is_left_alone(tmp_path: Path) -> None:
+    true = np.linspace(-300.0, 300.0, 4)    # 200 deg a row, and more than a turn in all
+    got = turning(tmp_path, "deg", true).table.numbers[f"q_{CRANKS.actuators[0]}"]
+    np.testing.assert_allclose(got, 0.5 * (true[1:] + true[:-1]), atol=1e-9)
+
+
+@pytest.mark.parametrize(("low", "high", "jumps"), [
+    (-np.inf, np.inf, True), (-120.0, 120.0, False), (-200.0, -80.0, True), (-80.0, 40.0, True),
+    (-200.0, 100.0, True), (170.0, 400.0, True), (190.0, 500.0, False), (-180.0, 180.0, True)])
+def test_limits_tell_whether_readings_may_jump(low: float, high: float, jumps: bool) -> None:
+    from ppmcal.api.read_join import _may_jump
+
+    assert _may_jump(np.radians(low), np.radians(high)) == jumps
 
 
 @pytest.mark.parametrize("ahead", [0.0, 7.3, -1e6])

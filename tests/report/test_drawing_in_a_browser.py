@@ -169,3 +169,30 @@ def test_the_errors_switch_between_before_and_after(browser, report):
     assert not page.evaluate(f"{plot}.data.some(t => t.name.startsWith('errors'))")
     assert overflow(page) <= 0 and not page.errors
     page.close()
+
+
+@pytest.mark.parametrize("name", ["6-UPS", "3-RRR-1"])
+def test_a_dark_drawing_is_printed_on_a_light_ground(browser, tmp_path, name):
+    from PIL import Image
+
+    path = tmp_path / "machine.html"
+    machine = read_mechanism(ROOT / "configs" / f"{name}.yaml")
+    path.write_text(drawing_page(Scene.of(machine)), encoding="utf-8")
+    page = browser.open(path, dark=True)
+    drawn(page)
+
+    def ground():
+        page.pause(0.3)
+        page.middle(".m-drawing")
+        left, top = page.evaluate("(() => { const b = document.querySelector('.m-drawing')"
+                                  ".getBoundingClientRect(); return [b.x, b.y] })()")
+        page.screenshot(tmp_path / "seen.png")
+        with Image.open(tmp_path / "seen.png") as image:
+            return min(image.convert("RGB").getpixel((int(left) + 8, int(top) + 120)))
+
+    assert ground() < 60
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert ground() > 225
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert ground() < 60
+    page.close()

@@ -230,3 +230,54 @@ def test_a_plot_follows_the_width_of_the_window(browser, html):
         drawn(page, one)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     page.close()
+
+
+@pytest.fixture(scope="module")
+def long_html(tmp_path_factory):
+    """Return a page of so many rows that its plots are thinned."""
+    folder = tmp_path_factory.mktemp("long")
+    page = folder / "report.html"
+    page.write_text(to_html(collect([write_fit(folder / "fit", identification(), 1500)])),
+                    encoding="utf-8")
+    return page
+
+
+def test_a_row_that_is_thinned_away_is_drawn_when_it_is_chosen(browser, long_html):
+    title = "Residual of x by row, after"
+    drawn_keys = set(keys_of(long_html, title))
+    assert len(drawn_keys) < 100
+    some = next(k for k in drawn_keys)
+    owner = some.rpartition(":")[0]
+    number = next(n for n in range(700, 1500) if f"{owner}:{n}" not in drawn_keys)
+    key = f"{owner}:{number}"
+    page = opened(browser, long_html)
+    drawn(page, X)
+    page.evaluate(PICK.format(json.dumps([key])))
+    page.wait_for(f"document.querySelector({X!r}).dataset.lit === '1'")
+    table = (long_html.parent / "fit/residuals.csv").read_text().splitlines()
+    column = table[0].split(",").index("after_x")
+    value = float(table[number].split(",")[column])
+    x, y, label = page.evaluate(
+        f"(() => {{ const t = document.querySelector({X!r}).data.at(-2);"
+        "return [t.x[0], t.y[0], t.text[0]] })()")
+    assert x == number and y == pytest.approx(value, rel=1e-3) and f"row {number}" in label
+    assert lit(page, X)[1] == 1, "it has its ring"
+    page.key("Escape")
+    page.wait_for(f"document.querySelector({X!r}).dataset.lit === '0'")
+    assert page.evaluate(f"document.querySelector({X!r}).data.at(-2).customdata[0]") != key
+    assert not page.errors
+    page.close()
+
+
+def test_a_chosen_row_without_a_point_is_said_to_have_none(browser, long_html):
+    page = opened(browser, long_html)
+    drawn(page, X)
+    owner = keys_of(long_html)[0].rpartition(":")[0]
+    page.evaluate(PICK.format(json.dumps([f"{owner}:99999"])))
+    note = f"document.querySelector({X!r}).parentElement.querySelector('.undrawn')"
+    page.wait_for(f"!{note}.hidden")
+    words = page.evaluate(f"{note}.textContent")
+    assert "Not drawn here: run, row 99999." in words and words.endswith(" rows are.")
+    page.key("Escape")
+    page.wait_for(f"{note}.hidden")
+    page.close()

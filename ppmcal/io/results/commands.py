@@ -19,7 +19,7 @@ from ppmcal.io.results.record import (
     Whole,
     table_text,
 )
-from ppmcal.io.results.tables import filled_columns, joint_columns, pose_columns, unit_map
+from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.wording import counted, number
@@ -75,7 +75,7 @@ class CommandsRecord(Record):
         return cls(format=cls.FORMAT, rows=len(result.status), frame=frame or "base",
                    predicted=_predicted(mechanism, result),
                    refused=sum(s != "ok" for s in result.status), notes=tuple(notes),
-                   units=unit_map(mechanism, names),
+                   units=column_units(mechanism, names),
                    provenance=Provenance.model_validate(provenance))
 
     def summary(self) -> dict[str, Any]:

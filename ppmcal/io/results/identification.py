@@ -35,6 +35,7 @@ from ppmcal.io.results.identification_tables import (
     missing_csv,
     parameters_csv,
     residuals_csv,
+    table_units,
 )
 from ppmcal.io.results.record import Finite, Flag, Provenance, Record, Text, UnitNames, Whole
 from ppmcal.io.results.units import Numbers
@@ -55,7 +56,8 @@ class IdentificationRecord(Record):
     left out that the model misses; ``campaign``: poses too weak for what was fitted, with those
     that are missing in next.csv; ``freedoms``: which optional ones were kept;
     ``measured_volume``: coordinate -> (low, high); ``earlier``: content hash -> name of the
-    tables behind a calibration carried on.
+    tables behind a calibration carried on; ``column_units``: of the CSV files beside it, by file,
+    empty for bare numbers.
     """
 
     FILE: ClassVar[str] = "identification.json"
@@ -84,6 +86,7 @@ class IdentificationRecord(Record):
     findings: tuple[Text, ...] = ()
     datasets: tuple[FittedDataset, ...] = ()
     units: UnitNames = UnitNames()
+    column_units: Mapping[Text, Mapping[Text, Text]] = Field(default_factory=dict)
     doubtful: tuple[DoubtfulPart, ...] = ()
     campaign: CampaignSummary | None = None
     freedoms: FreedomChoiceEntry | None = None
@@ -120,7 +123,8 @@ class IdentificationRecord(Record):
             doubtful=tuple(DoubtfulPart.of(d, mechanism) for d in result.doubtful),
             campaign=CampaignSummary.of(result.campaign, units),
             freedoms=None if freedoms is None else FreedomChoiceEntry.of(freedoms),
-            units=UnitNames.of(units), measured_volume=_volume(result),
+            units=UnitNames.of(units), column_units=table_units(fit.problem),
+            measured_volume=_volume(result),
             provenance=Provenance.model_validate(provenance), **carried,
             covariance=CovarianceEntry.of(result))
 

@@ -62,7 +62,8 @@ class ParameterEstimate(Part):
         low, high = e.interval or (None, None)
         share = None if e.sigma is None or not e.tolerance or not np.isfinite(e.tolerance) else (
             e.sigma / e.tolerance)
-        return cls(name=e.name, nominal=e.nominal / f, value=e.value / f, error=e.error / f,
+        return cls(name=e.name, nominal=_over(e.nominal, f), value=e.value / f,
+                   error=_over(e.error, f),
                    sigma=_over(e.sigma, f), sigma_data=_over(e.sigma_data, f), low=_over(low, f),
                    high=_over(high, f), tolerance=_over(e.tolerance, f),
                    unit=units.name(e.quantity) + "/unit" * e.per_unit, status=e.status,

@@ -13,7 +13,7 @@ from ppmcal.calibration.problem import Problem
 from ppmcal.calibration.validation import Residuals
 from ppmcal.io.csv_writer import LongText, csv_text
 from ppmcal.io.results.record import Column, table_lines, table_text
-from ppmcal.io.results.tables import joint_columns
+from ppmcal.io.results.tables import ENVIRONMENT, STAGES, column_units, joint_columns
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
@@ -37,6 +37,20 @@ def parameters_csv(entries: Sequence[object]) -> str:
 
 def _cell(value: object) -> object:
     return int(value) if isinstance(value, bool) else value
+
+
+def table_units(problem: Problem) -> dict[str, dict[str, str]]:
+    """Return the units of residuals.csv and next.csv by column, empty for bare numbers.
+
+    parameters.csv states its own, row by row.
+    """
+    mechanism = problem.mechanism
+    measured = {c for d in problem.datasets for c in labels(d, mechanism.motion)}
+    residual = [f"{stage}{c}" for c in COORDINATES if c in measured for stage in STAGES]
+    wanted = [*(f"q_{a}" for a in mechanism.actuators), *mechanism.coordinates, "temperature",
+              *ENVIRONMENT, *(f"dir_{a}" for a in mechanism.actuators)]
+    return {"residuals.csv": column_units(mechanism, ["row", *residual, "used"]),
+            "next.csv": column_units(mechanism, wanted)}
 
 
 def missing_csv(mechanism: Mechanism, missing: MissingPoses) -> str:

@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import Field
 
 from ppmcal.io import csv_text
+from ppmcal.io.results.kinematics_uncertainty import KinematicsUncertainty, ModelSigma
 from ppmcal.io.results.record import Finite, Flag, Part, Provenance, Record, Shown, Text, Whole
-from ppmcal.io.results.tables import filled_columns, joint_columns, pose_columns, unit_map
+from ppmcal.io.results.tables import column_units, filled_columns, joint_columns, pose_columns
 from ppmcal.io.rotations import EULER, columns_of
 from ppmcal.kinematics.rotations import euler_like, to_quaternion
 from ppmcal.kinematics.tables import SINGULAR, KinematicsTable, home_singular_value
@@ -130,12 +131,14 @@ class KinematicsRecord(Record):
     limits: Mapping[Text, tuple[Finite | None, Finite | None]] = Field(default_factory=dict)
     conditioning: Conditioning = Conditioning()
     modes: AssemblyModes | None = None
+    uncertainty: KinematicsUncertainty = KinematicsUncertainty()
     provenance: Provenance = Provenance()
 
     @classmethod
     def of(cls, mechanism: Mechanism, table: KinematicsTable, which: str, form: PoseFormat,
            names: Sequence[str], provenance: Mapping[str, Any],
-           modes: ModeColumns | None = None) -> KinematicsRecord:
+           modes: ModeColumns | None = None,
+           uncertainty: KinematicsUncertainty | None = None) -> KinematicsRecord:
         """Return the record of a table whose columns are ``names``."""
         home = home_singular_value(mechanism)[0]
         chosen: dict[str, Any] = {"rotation": form.rotation}
@@ -149,7 +152,8 @@ class KinematicsRecord(Record):
                                             counts=modes.counts)
         return cls(format=cls.FORMAT, which=which, rows=len(table.status),
                    status={s: table.status.count(s) for s in sorted(set(table.status))},
-                   units=unit_map(mechanism, names), **chosen, limits=_limits(mechanism),
+                   units=column_units(mechanism, names), **chosen, limits=_limits(mechanism),
+                   uncertainty=uncertainty or KinematicsUncertainty(),
                    conditioning=Conditioning(home=home, singular=SINGULAR * home),
                    provenance=Provenance.model_validate(provenance))
 
@@ -181,8 +185,8 @@ class KinematicsFiles:
 
 def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Sequence[str],
                      columns: Sequence[Any], which: str, provenance: Mapping[str, Any],
-                     form: PoseFormat | None = None, modes: ModeColumns | None = None
-                     ) -> KinematicsFiles:
+                     form: PoseFormat | None = None, modes: ModeColumns | None = None,
+                     sure: ModelSigma | None = None) -> KinematicsFiles:
     """Return what is written of a table.
 
     Args:
@@ -194,6 +198,7 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
         provenance: of kinematics.json.
         form: tool point and convention of rotations.
         modes: which assembly mode each row is, where all of them are wanted.
+        sure: how well the model itself is known.
     """
     form = form or PoseFormat()
     own = dict(zip(header, columns, strict=True))
@@ -210,11 +215,14 @@ def kinematics_files(mechanism: Mechanism, table: KinematicsTable, header: Seque
         added |= {k: v for k, v in pose.items() if k not in header}
     if which == "velocity":
         added |= joint_columns(mechanism, table.rate, "rate_{}")
+    if sure is not None:
+        added |= sure.columns
     added |= {"condition": table.singular_value, "status": list(table.status), "reason": [
         LOCKED if lock and not r else r for r, lock in zip(table.reason, locked, strict=True)]}
     # what was computed stands in place of input columns of the same name
     together = {**own, **added}
-    record = KinematicsRecord.of(mechanism, table, which, form, list(together), provenance, modes)
+    record = KinematicsRecord.of(mechanism, table, which, form, list(together), provenance, modes,
+                                 None if sure is None else sure.entry)
     return KinematicsFiles(together, record, int(locked.sum()))
 
 

@@ -95,12 +95,15 @@ def _parts(value: Any) -> Any:
 
 
 class Provenance(Part):
-    """Where results come from: version, SHA-256 of each input, command, seed."""
+    """Where results come from: version, SHA-256 of each input, command, options, arithmetic."""
 
     version: Text = ""
     inputs: Mapping[Text, Text] = Field(default_factory=dict)
     command: Text = ""
     seed: Whole | None = None
+    function: Text = ""
+    options: Mapping[Text, Any] = Field(default_factory=dict)
+    environment: Mapping[Text, Any] = Field(default_factory=dict)
     numpy: Text = ""
     python: Text = ""
 

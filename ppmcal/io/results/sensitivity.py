@@ -34,7 +34,7 @@ from ppmcal.io.results.sensitivity_tables import (
     size_unit,
 )
 from ppmcal.io.results.sensitivity_wording import LINEAR_WITHIN, findings, linear_limit, sentences
-from ppmcal.io.results.tables import map_table
+from ppmcal.io.results.tables import map_table, unit_map
 from ppmcal.kinematics.region import Grid
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 
@@ -193,6 +193,10 @@ def _units(found: Sensitivity, grid: Grid | None) -> dict[str, str]:
     units, held = found.mechanism.units, in_units(ranking(found), found.mechanism.units)
     per = {"d" + c: f"{units.length if i < 3 else units.angle} per unit of the error"
            for i, c in enumerate(POSE_COORDINATES)}
-    return {**{m.name: m.unit for m in maps(found, grid)},
+    parts = (("", units.length), ("rotation_", units.angle))
+    curve = {f"{start}{what}": unit for start, unit in parts
+             for what in ("linear", "exact", "difference")}
+    return {**unit_map(found.mechanism, found.mechanism.coordinates), **curve,
+            **{m.name: m.unit for m in maps(found, grid)},
             **{k: v for k, v in per.items() if k in held}, "rss_position": units.length,
             "rss_rotation": units.angle, "size": size_unit(found)}

@@ -22,6 +22,9 @@ from ppmcal.plotting.map_data import Map
 LISTED = 15
 LINEARITY = "Linear against nonlinear model at home"
 
+EQUAL = 9
+"""Digits of a share that are told apart: equal legs stay in the file's order on any processor."""
+
 
 def rotates(found: Sensitivity) -> bool:
     """Whether the platform rotates at all."""
@@ -53,7 +56,7 @@ def ranking(found: Sensitivity) -> list[Column]:
     of the tool's variance.
     """
     share = found.share()
-    order = np.argsort(-share, kind="stable")
+    order = np.argsort(-np.round(share, EQUAL), kind="stable")
     picked = [found.sources[i] for i in order]
     unit = np.array([parameter_unit(found, s)[0] for s in picked])
     sigma = found.sigma[order]
@@ -90,7 +93,7 @@ def shares(found: Sensitivity, by: str) -> list[tuple[str, float, float]]:
     for name in dict.fromkeys(names):
         mine = both[:, [n == name for n in names]].sum(axis=1)
         out.append((name, float(mine[0]), float(mine[1])))
-    return sorted(out, key=lambda g: -g[1])
+    return sorted(out, key=lambda g: -round(g[1], EQUAL))
 
 
 def maps(found: Sensitivity, grid: Grid | None) -> list[Map]:

@@ -14,6 +14,7 @@ from ppmcal.io.csv_writer import Content, csv_lines
 from ppmcal.io.effects import effects_tree
 from ppmcal.io.results.record import Provenance, Record, Shown, Text, UnitNames, Whole
 from ppmcal.io.results.tables import joint_columns
+from ppmcal.io.yaml import printable
 from ppmcal.model.dataset import ZERO_CELSIUS
 from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.simulation.scenario import Scenario
@@ -107,7 +108,7 @@ def sidecar(mechanism: Mechanism, scenario: Scenario, name: str) -> str:
         shown = joint_columns(mechanism, scenario.sigma_actuator[None], "{}")
         sigma["actuator"] = {k: float(v[0]) for k, v in shown.items()}
     content: dict[str, Any] = {
-        "format": "ppmcal/dataset/1", "name": name,
+        "format": "ppmcal/dataset/1", "name": printable(name),
         "units": {"length": units.length, "angle": units.angle},
         "instrument": {"kind": scenario.kind, "sigma": sigma} | _point(scenario, length),
         "frame": "known" if scenario.frame_known or scenario.pairs else "unknown",

@@ -157,6 +157,8 @@ def _assumptions(mechanism: Mechanism) -> list[str]:
     if kinds:
         left += f", the file's effects ({', '.join(kinds)})"
     out.append(f"What the file gives no stiffness is rigid. Left out: {left}.")
+    out.append("The file's stiffnesses carry no uncertainty, so neither do these figures: a "
+               "compliance scales as the spring that makes it.")
     return out
 
 

@@ -38,14 +38,44 @@ def unit_map(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
             out[name] = angle if bare.startswith("r") else length
         elif name in EULER:
             out[name] = angle
-        elif name.startswith(("q_", "rate_")):
-            unit = joints.get(name.removeprefix("q_").removeprefix("rate_")
+        elif bare.removeprefix("sigma_").startswith(("q_", "rate_")):
+            bare = bare.removeprefix("sigma_")
+            unit = joints.get(bare.removeprefix("q_").removeprefix("rate_")
                               .removesuffix("_nominal"), "")
-            out[name] = f"{unit or 'unit'}/s" if name.startswith("rate_") else unit
+            out[name] = f"{unit or 'unit'}/s" if bare.startswith("rate_") else unit
         elif "_position" in name:
             out[name] = length
         elif "_rotation" in name:
             out[name] = angle
+    return out
+
+
+ENVIRONMENT = {"time": "s", "payload": "kg", "fx": "N", "fy": "N", "fz": "N", "mx": "N.m",
+               "my": "N.m", "mz": "N.m", "pressure": "Pa"}
+"""Columns that effects depend on, in units that no file chooses."""
+STAGES = ("before_", "after_", "sigma_", "geometry_")
+"""What residuals.csv says of each measured coordinate."""
+
+
+def column_units(mechanism: Mechanism, header: Sequence[str]) -> dict[str, str]:
+    """Return the unit of every column of a table, empty for bare numbers and words."""
+    units, out = mechanism.units, dict.fromkeys(header, "") | unit_map(mechanism, header)
+    joints = dict(zip(mechanism.actuators, (u for _, u in mechanism.joint_units), strict=True))
+    for name in header:
+        if name in ENVIRONMENT:
+            out[name] = ENVIRONMENT[name]
+        elif name.startswith("temperature"):
+            out[name] = "deg C"
+        elif name in ("vx", "vy", "vz", "wx", "wy", "wz"):
+            out[name] = f"{units.length if name[0] == 'v' else units.angle}/s"
+        elif name.removeprefix("vel_") in joints:
+            out[name] = f"{joints[name.removeprefix('vel_')] or 'unit'}/s"
+        elif name.startswith("to_q_"):
+            out[name] = joints.get(name.removeprefix("to_q_"), "")
+        for stage in STAGES:
+            bare = name.removeprefix(stage)
+            if bare != name and bare in (*POSE_COORDINATES, "height", "distance"):
+                out[name] = units.angle if bare.startswith("r") else units.length
     return out
 
 

@@ -9,6 +9,7 @@ from pydantic import ConfigDict, Field
 
 from ppmcal.io.results.design import ShownTable, geometry_note
 from ppmcal.io.results.record import Part, Provenance, Record, Shown, Text, Whole, table_text
+from ppmcal.io.results.tables import unit_map
 from ppmcal.io.results.tolerance_tables import (
     StageYield,
     ToleranceResult,
@@ -74,11 +75,14 @@ class TolerancesRecord(Record):
         """Return the record of tolerances found for ``mechanism``."""
         units, d = r.machine.units, r.demand
         length, angle = units.factor("length"), units.factor("angle")
+        stated = {c.name: units.name(c.quantity)
+                  for c in (*tolerance_table(r), *errors_table(r)) if c.quantity}
         stages = tuple(StageYield.of(r, *stage) for stage in r.stages())
         return cls(
             format=cls.FORMAT, name=r.machine.name,
             said=(*sentences(r, stages), *geometry_note(mechanism)),
-            units={"position": units.length, "rotation": units.angle,
+            units={**unit_map(r.machine, r.machine.coordinates), **stated,
+                   "position": units.length, "rotation": units.angle,
                    "position_rms": units.length, "rotation_rms": units.angle},
             findings=tuple(findings(r, mechanism)),
             demand=DemandedAccuracy(

@@ -16,11 +16,23 @@ OPENED = {"frame": "the frame", "target": "the target", "rotation": "the body's 
           "homing": "the joints' zeros"}
 
 
+SIZES = ("rms", "rms_low", "rms_high", "p95", "p95_low", "p95_high", "max")
+"""Figures of an error, and the ends of their 95 % intervals."""
+
+
 class ErrorSize(Part):
-    """Root mean square, 95 % point and largest of an error, in ``unit``."""
+    """Root mean square, 95 % point and largest of an error, in ``unit``.
+
+    ``rms_low`` ... ``p95_high``: 95 % intervals of what more poses of the kind would give; None is
+    an open end.
+    """
 
     rms: Finite | None = None
+    rms_low: Finite | None = None
+    rms_high: Finite | None = None
     p95: Finite | None = None
+    p95_low: Finite | None = None
+    p95_high: Finite | None = None
     max: Finite | None = None
     unit: Text = ""
 
@@ -29,7 +41,7 @@ class ErrorSize(Part):
         """Return a size in file units, None where nothing of the kind was measured."""
         if not found:
             return None
-        return cls(**{k: found[k] / factor for k in ("rms", "p95", "max")}, unit=unit)
+        return cls(**{k: found[k] / factor for k in SIZES}, unit=unit)
 
 
 class PredictedError(Part):
@@ -104,13 +116,14 @@ class ValidatedDataset(Part):
 
 
 class ValidationRecord(Record):
-    """validation.json, in ``units``."""
+    """validation.json, in ``units``; ``column_units``: of validation.csv, empty for bare ones."""
 
     FILE: ClassVar[str] = "validation.json"
     FORMAT: ClassVar[str] = "ppmcal/validation/1"
 
     name: Text = ""
     units: UnitNames = UnitNames()
+    column_units: Mapping[Text, Text] = {}
     datasets: tuple[ValidatedDataset, ...] = ()
     findings: tuple[Text, ...] = ()
     provenance: Provenance = Provenance()
@@ -119,21 +132,22 @@ class ValidationRecord(Record):
     def of_validation(cls, found: Sequence[Validated], noise: Sequence[DayNoise], name: str,
                       units: Units, provenance: Mapping[str, Any], findings: Sequence[str]
                       ) -> ValidationRecord:
-        """Return the record of a validation."""
+        """Return the record of a validation; what misleads is among its findings."""
+        datasets = tuple(ValidatedDataset.of(v, units, n)
+                         for v, n in zip(found, noise, strict=True))
         return cls(
-            format=cls.FORMAT, name=name, units=UnitNames.of(units),
-            datasets=tuple(ValidatedDataset.of(v, units, n)
-                           for v, n in zip(found, noise, strict=True)),
-            findings=tuple(findings), provenance=Provenance.model_validate(provenance))
+            format=cls.FORMAT, name=name, units=UnitNames.of(units), datasets=datasets,
+            column_units=_column_units(units, datasets),
+            findings=(*findings, *misled(datasets)),
+            provenance=Provenance.model_validate(provenance))
 
     def files(self) -> dict[str, str]:
         """Return file name -> text of everything that validate writes."""
         return {"validation.csv": _table(self), self.FILE: self.text()}
 
 
-HEADER = ("dataset", "model", "rows", "position_rms", "position_p95", "position_max",
-          "rotation_rms", "rotation_p95", "rotation_max", "noise", "closer", "low", "high",
-          "verdict")
+HEADER = ("dataset", "model", "rows", *(f"position_{k}" for k in SIZES),
+          *(f"rotation_{k}" for k in SIZES), "noise", "closer", "low", "high", "verdict")
 
 
 def _table(record: ValidationRecord) -> str:
@@ -141,10 +155,19 @@ def _table(record: ValidationRecord) -> str:
     for data in record.datasets:
         for e in data.errors:
             sizes = [getattr(size, k) if size else None for size in (e.position, e.rotation)
-                     for k in ("rms", "p95", "max")]
+                     for k in SIZES]
             rows.append([data.name, e.model, data.rows, *sizes, e.noise, e.closer, e.low, e.high,
                          e.verdict])
     return csv_text(list(HEADER), [[r[i] for r in rows] for i in range(len(HEADER))])
+
+
+def _column_units(units: Units, datasets: Sequence[ValidatedDataset]) -> dict[str, str]:
+    """Return the unit of every column of validation.csv."""
+    compared = {e.unit for d in datasets for e in d.errors}
+    own = compared.pop() if len(compared) == 1 else f"{units.length}, of rotations {units.angle}"
+    return {name: own if name in ("closer", "low", "high") else
+            units.length if name.startswith("position") else
+            units.angle if name.startswith("rotation") else "" for name in HEADER}
 
 
 def registered_sentence(data: ValidatedDataset) -> str:
@@ -174,11 +197,18 @@ def noise_sentence(data: ValidatedDataset) -> str:
 def model_sentence(data: ValidatedDataset) -> str:
     """Return how well the model predicts a data set."""
     first = data.errors[0] if data.errors else PredictedError()
-    sizes = [f"{number(s.rms)} {s.unit}" for s in (first.position, first.rotation)
+    sizes = [_with_interval(s) for s in (first.position, first.rotation)
              if s and s.rms is not None]
     times = "" if first.noise is None or data.noise is None else (
         f", {number(first.noise, 2)} times the noise")
-    return f"{data.name}: the model misses by {' and '.join(sizes)} rms{times}."
+    return f"{data.name}: the model misses by {' and '.join(sizes)}{times}."
+
+
+def _with_interval(size: ErrorSize) -> str:
+    """Return ``0.0071 mm rms (95 %: 0.0066 to 0.0078)``."""
+    between = "" if size.rms_low is None or size.rms_high is None else (
+        f" (95 %: {number(size.rms_low)} to {number(size.rms_high)})")
+    return f"{number(size.rms)} {size.unit} rms{between}"
 
 
 def effects_sentence(data: ValidatedDataset) -> str:
@@ -200,9 +230,13 @@ def misled(datasets: Sequence[ValidatedDataset]) -> list[str]:
     for data in datasets:
         for e in data.errors:
             if e.verdict == "better" and e.closer is not None:
-                size = f"by {number(abs(e.closer), 2)} {e.unit} rms"
-                out.append(f"{data.name}: {e.model.removeprefix('without ')} makes the prediction "
-                           f"worse {size}" if e.model.startswith("without ") else
+                ends = "" if e.low is None or e.high is None else (
+                    f" (95 %: {number(e.low, 2)} to {number(e.high, 2)})")
+                size = f"by {number(abs(e.closer), 2)} {e.unit} rms{ends}"
+                what = e.model.removeprefix("without ")
+                verb = "make" if what == "all effects" else "makes"
+                out.append(f"{data.name}: {what} {verb} the prediction worse {size}"
+                           if e.model.startswith("without ") else
                            f"{data.name}: {e.model} predicts better than the model {size}")
     return out
 

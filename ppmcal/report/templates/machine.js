@@ -226,8 +226,11 @@
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
   new MutationObserver(again).observe(document.documentElement, { attributes: true });
   const paper = (on) => () => all.forEach((view) => {
-    // a drawing in 3D comes a moment later than paper waits: it stays as it is on the screen
+    // a drawing in 3D comes a moment later than paper waits: a dark one is printed as its negative
+    const ground = view.box.style.backgroundColor.match(/[\d.]+/g) || [255, 255, 255];
+    const dark = ground.slice(0, 3).map(Number).reduce((s, v) => s + v, 0) < 384;
     if (view.scene.flat) view.root.classList.toggle("m-paper", on);
+    else view.root.classList.toggle("m-negative", on && dark);
     if (on) view.start();
     if (view.scene.flat) view.draw();
   });

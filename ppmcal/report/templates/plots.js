@@ -80,21 +80,52 @@
     return { annotations, domain: spec.beside ? [left / full, Math.max(right / full, left / full + 0.1)] : null };
   }
 
+  // where a row stands that is drawn only when it is chosen; null where it has no place
+  function placed(rest, key) {
+    const cut = key.lastIndexOf(":"), owner = key.slice(0, cut), row = +key.slice(cut + 1);
+    let before = 0;
+    for (const [name, first, count] of rest.runs) {
+      const i = before + row - first;
+      if (name === owner && row >= first && row < first + count && rest.y[i] !== null)
+        return { x: rest.x ? rest.x[i] : i + 1, y: rest.y[i] };
+      before += count;
+    }
+    return null;
+  }
+  const called = (key) => `${key.slice(key.indexOf(":") + 1, key.lastIndexOf(":"))}, row ${key.slice(key.lastIndexOf(":") + 1)}`;
+  const owner = (key) => key.slice(0, key.lastIndexOf(":"));
+
   // --- one figure --------------------------------------------------------------------------------
   class Figure {
     constructor(element) {
       this.element = element;
       this.box = element.querySelector(".drawing");
       this.spec = null;
+      this.note = Object.assign(document.createElement("p"), { className: "undrawn", hidden: true });
+      this.box.after(this.note);
       this.near = this.stale = false;
     }
     get drawn() { return this.spec !== null; }
     get linked() { return this.spec.data.some((t) => t.customdata); }
 
     traces() {
-      const ring = { x: [], y: [] };
-      const own = this.spec.data.some((t) => t.customdata && t.customdata.some((k) => chosen.has(k)));
-      const out = this.spec.data.map((trace) => {
+      const ring = { x: [], y: [] }, late = [];
+      const shown = new Set(this.spec.data.flatMap((t) => (t.customdata || []).filter((k) => chosen.has(k))));
+      for (const trace of this.spec.data)
+        if (trace.undrawn) for (const key of chosen) {
+          const at = trace.customdata.includes(key) ? null : placed(trace.undrawn, key);
+          if (!at) continue;
+          shown.add(key);
+          ring.x.push(at.x);
+          ring.y.push(at.y);
+          late.push({ type: "scatter", mode: "markers", x: [at.x], y: [at.y], customdata: [key], cliponaxis: false,
+            text: [about(key) || safe(called(key))], name: trace.name, showlegend: false,
+            hovertemplate: typeof trace.hovertemplate === "string" ? trace.hovertemplate : "%{text}<extra></extra>",
+            marker: { ...painted(trace.marker, "") } });
+        }
+      this.say(shown);
+      const own = shown.size > 0;
+      const out = this.spec.data.map(({ undrawn, ...trace }) => {
         const made = { showlegend: false, ...painted(trace, "") };
         if (!trace.customdata) return made;
         made.text = trace.customdata.map(about);
@@ -107,11 +138,22 @@
         made.unselected = { marker: { opacity: 0.25 } };
         return made;
       });
+      out.push(...late);
       out.push({ type: "scatter", mode: "markers", ...ring, hoverinfo: "skip", showlegend: false,
         cliponaxis: false, name: "selected", marker: { symbol: "circle-open", size: 13,
           color: colour("--ink"), line: { width: 2 } } });
       this.lit = ring.x.length;
       return out;
+    }
+
+    // of chosen rows that have no point here, how many rows have one
+    say(shown) {
+      const drawn = new Set(this.spec.data.flatMap((t) => t.customdata || []));
+      const owners = new Set([...drawn].map(owner));
+      const gone = [...chosen].filter((k) => !shown.has(k) && owners.has(owner(k)));
+      this.note.hidden = !gone.length;
+      const which = gone.slice(0, 3).map(called).join("; ") + (gone.length > 3 ? `; and ${gone.length - 3} more` : "");
+      this.note.textContent = gone.length ? `Not drawn here: ${which}. ${drawn.size} rows are.` : "";
     }
 
     layout() {

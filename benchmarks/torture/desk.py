@@ -1,0 +1,228 @@
+"""The commands that are tortured, the files they read, and what their folders may look like."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import os
+import shlex
+import shutil
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from ppmcal.io.folder import RECORD
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+COMMANDS = {
+    "import": "klipper {desk}/printer.cfg",
+    "kinematics": "inverse {desk}/mine.yaml {desk}/poses.csv",
+    "simulate": "{desk}/mine.yaml {desk}/mine.scenario.yaml",
+    "identify": "{desk}/mine.yaml {desk}/run1.csv",
+    "validate": "{desk}/identified {desk}/run1.csv",
+    "compare": "{desk}/identified {desk}/identified-may",
+    "diagnose": "{desk}/mine.yaml {desk}/run2.csv --draws 200",
+    "compensate": "{desk}/identified {desk}/targets.csv",
+    "sensitivity": "{desk}/mine.yaml --home-only",
+    "tolerances": "{desk}/mine.yaml --accuracy 0.2 --machines 20 --cores 1",
+    "stiffness": "{desk}/stiff.yaml --grid x=-20:20:2,y=-20:20:2",
+    "workspace": "{desk}/mine.yaml --grid x=-20:20:2,y=-20:20:2",
+    "plan": "{desk}/mine.yaml --count 12",
+    "export": "grid {desk}/identified --poses {desk}/poses.csv",
+    "report": "{desk}/identified {desk}/compensated",
+    "batch": "{desk}/fleet.yaml --cores 1",
+    "demo": "",
+}
+"""Commands that write into a folder, and their words before --out."""
+FILES = {
+    "init": "3-RPR --out mine.yaml --force",
+    "read": "{desk}/log.csv --mechanism {desk}/mine.yaml --sidecar {desk}/run1.yaml "
+            "--out run.csv --force",
+    "check": "{desk}/mine.yaml --draw machine.html",
+}
+"""Those that write single files among others."""
+FULLY = ("identify", "simulate", "import", "report")
+"""Those that everything is done to in the working folder too, where files are moved one by one."""
+REMEMBERED = {
+    "ppmcal.api.import_": "import_config", "ppmcal.api.kinematics": "kinematics",
+    "ppmcal.api.simulate": "simulate", "ppmcal.api.identify": "identify",
+    "ppmcal.api.validate": "validate", "ppmcal.api.compare": "compare",
+    "ppmcal.api.diagnose": "diagnose", "ppmcal.api.compensate": "compensate",
+    "ppmcal.api.sensitivity": "sensitivity", "ppmcal.api.tolerances": "tolerances",
+    "ppmcal.api.stiffness": "stiffness", "ppmcal.api.workspace": "workspace",
+    "ppmcal.api.plan": "plan", "ppmcal.api.export": "export",
+    "ppmcal.api.report": "make_report", "ppmcal.api.read": "read", "ppmcal.api.check": "check",
+    "ppmcal.api.campaign": "_call", "ppmcal.report.batch": "batch_page",
+    "ppmcal.report.drawing": "drawing_page"}
+"""Functions whose results are computed once: module -> name."""
+State = Mapping[str, str]
+"""The files of a folder: name -> SHA-256."""
+
+
+def remember() -> None:
+    """Let each function of :data:`REMEMBERED` compute only once for the same words."""
+    for module, name in REMEMBERED.items():
+        home = importlib.import_module(module)
+        setattr(home, name, _once(getattr(home, name)))
+
+
+def _once(function: Callable[..., Any]) -> Callable[..., Any]:
+    known: dict[str, Any] = {}
+
+    def called(*args: Any, **options: Any) -> Any:
+        key = repr((args, sorted(options.items())))
+        if key not in known:
+            result = function(*args, **options)
+            if hasattr(result, "save"):
+                files = dict(result.files())
+                object.__setattr__(result, "files", lambda: files)
+            known[key] = result
+        return known[key]
+
+    return called
+
+
+def run(words: list[str], cwd: Path) -> int:
+    """Run a command in this process; return its exit code."""
+    from ppmcal.cli import main
+
+    os.chdir(cwd)
+    for name in ("PWD", "PPMCAL_DEBUG"):
+        os.environ.pop(name, None)
+    with mock.patch.object(sys, "argv", ["ppmcal", *words]):
+        try:
+            main()
+        except SystemExit as stop:
+            return stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+    return 0
+
+
+def make_desk(folder: Path) -> None:
+    """Put everything that the commands read into a folder."""
+    folder.mkdir(parents=True)
+    for source, name in {
+            "hexapod.yaml": "mine.yaml", "scenario.yaml": "mine.scenario.yaml",
+            "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
+            "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
+            "targets.csv": "targets.csv", "poses.csv": "poses.csv",
+            "printer/printer.cfg": "printer.cfg"}.items():
+        shutil.copy(SAMPLES / source, folder / name)
+    shutil.copy(folder / "run1.csv", folder / "log.csv")
+    (folder / "stiff.yaml").write_text("extends: mine.yaml\nstiffness: {bar: 50, drive: 50}\n")
+    (folder / "fleet.yaml").write_text(
+        "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n"
+        "  - {machine: hexapod-07, date: 2026-03-14, data: run1.csv}\n", encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One command in one place.
+
+    Attributes:
+        name: of the command.
+        words: its arguments, without --out.
+        work: the folder that it is run in; only the command's folders are in it.
+        out: of its results, from ``work``; "." for results among others in the working folder.
+        single: whether it writes single files.
+        brief: whether kills will do.
+    """
+
+    name: str
+    words: tuple[str, ...]
+    work: Path
+    out: str
+    single: bool = False
+    brief: bool = False
+    kept: dict[str, Path] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> Path:
+        return self.work / self.out
+
+    @property
+    def argv(self) -> list[str]:
+        return [self.name, *self.words, *(() if self.single else ("--out", self.out))]
+
+    def child(self) -> int:
+        """Run the command, in a child: it changes the process."""
+        return run(self.argv, self.work)
+
+    def keep(self, name: str) -> None:
+        """Keep the folder as it is now, under a name."""
+        self.kept[name] = self.work.parent / f"{self.work.name}.{name}"
+        shutil.rmtree(self.kept[name], ignore_errors=True)
+        shutil.copytree(self.work, self.kept[name], symlinks=True)
+
+    def restore(self, name: str) -> None:
+        """Have the folder as it was kept, or empty."""
+        self.work.mkdir(parents=True, exist_ok=True)
+        for entry in os.scandir(self.work):
+            if entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry.path)
+            else:
+                os.unlink(entry.path)
+        if name in self.kept:
+            shutil.copytree(self.kept[name], self.work, symlinks=True, dirs_exist_ok=True)
+
+
+def cases(desk: Path, place: Path, names: list[str]) -> list[Case]:
+    """Return the commands of these names in each of the places that they are tried in."""
+    def words(text: str) -> tuple[str, ...]:
+        return tuple(shlex.split(text.format(desk=desk)))
+
+    found = [Case(n, words(t), place / n, "o") for n, t in COMMANDS.items() if n in names]
+    found += [Case(n, words(t), place / f"{n}-here", ".", brief=n not in FULLY)
+              for n, t in COMMANDS.items() if n in names and n not in ("demo", "batch")]
+    return found + [Case(n, words(t), place / n, ".", True) for n, t in FILES.items()
+                    if n in names]
+
+
+def state(folder: Path) -> State:
+    """Return the files of a folder and their SHA-256, the record among them; not its folders."""
+    if not folder.is_dir():
+        return {}
+    return {e.name: hashlib.sha256(Path(e.path).read_bytes()).hexdigest()
+            for e in os.scandir(folder)
+            if e.is_file() and (e.name == RECORD or not e.name.startswith("."))}
+
+
+def states(work: Path) -> dict[str, State]:
+    """Return the state of each folder below one, hidden ones left out."""
+    found = {}
+    for path, folders, _ in os.walk(work):
+        folders[:] = [f for f in folders if not f.startswith(".")]
+        found[os.path.relpath(path, work)] = state(Path(path))
+    return {k: v for k, v in found.items() if v}
+
+
+def leftovers(work: Path) -> list[str]:
+    """Return stages that are there below a folder, and beside it."""
+    own = [os.path.relpath(Path(p) / f, work) for p, folders, files in os.walk(work)
+           for f in (*folders, *files) if f.startswith(".ppmcal.") and f.endswith(".part")]
+    beside = [n for n in os.listdir(work.parent) if n == f".ppmcal.{work.name}.part"]
+    return own + beside
+
+
+def age(case: Case) -> None:
+    """Make results those of an earlier run: other content, one file more; notes of the user's."""
+    folders = [path.parent for path in case.work.rglob(RECORD)]
+    for folder in folders:
+        record = json.loads((folder / RECORD).read_text())
+        if record["files"]:
+            command = next(iter(record["files"].values()))["command"]
+            record["files"]["stale.csv"] = {"command": command, "sha256": ""}
+            for name, entry in record["files"].items():
+                text = f"old {name}\n".encode()
+                (folder / name).write_bytes(text)
+                entry["sha256"] = hashlib.sha256(text).hexdigest()
+            (folder / RECORD).write_text(json.dumps(record))
+    if case.single:
+        for path in case.work.iterdir():
+            path.write_text(path.read_text() + "\nold\n")
+    for folder in folders or [case.work]:
+        (folder / "notes.txt").write_text("the user's\n")
+        (folder / "link").symlink_to("notes.txt")

@@ -1,0 +1,225 @@
+"""What is done to a command, and what its folders must look like afterwards."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ppmcal.io.folder import RECORD
+from ppmcal.io.stage import settle
+from torture.desk import Case, State, age, leftovers, states
+from torture.trace import TAKING, End, forked, traced
+
+DONE = (0, 1)
+SOME = 5
+
+
+@dataclass
+class Tally:
+    """What came of many attempts: how often each outcome was seen, and what was wrong."""
+
+    seen: Counter[str] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(self.seen + other.seen, self.wrong + other.wrong)
+
+
+@dataclass(frozen=True)
+class Start:
+    """A folder before a command, and as the command leaves it when nothing happens.
+
+    Attributes:
+        name: ``old``: results of an earlier run are there; empty: nothing is.
+        before: states of the folders before.
+        after: states of the folders after.
+        calls: system calls that change files, in their order.
+        code: exit code.
+    """
+
+    name: str
+    before: dict[str, State]
+    after: dict[str, State]
+    calls: tuple[str, ...]
+    code: int
+
+
+def starts(case: Case) -> Iterator[Start]:
+    """Yield where a command starts from: nothing, and results of before with notes beside."""
+    case.restore("")
+    code = forked(case.child)
+    if code not in DONE:
+        said = case.work.parent / "said"
+        forked(case.child, said)
+        raise RuntimeError(f"{' '.join(case.argv)}: exit code {code}\n{said.read_text()}")
+    for name in ("", "old"):
+        if name:
+            age(case)
+            case.keep(name)
+        case.restore(name)
+        before = states(case.work)
+        end = traced(case.child, lambda *_: None)
+        yield Start(name, before, states(case.work), end.calls, end.code)
+
+
+def kills(case: Case, every: int = 1) -> Tally:
+    """Kill a command before each (or every so many) of its calls, and run it again."""
+    tally = Tally()
+    for start in starts(case):
+        for number in range(1, len(start.calls) + 1, every):
+            case.restore(start.name)
+            notes = _notes(case)
+            end = traced(case.child, lambda n, _, child, at=number: _kill(child) if n == at
+                         else None)
+            where = f"{case.work.name} {start.name}, call {number} {start.calls[number - 1]}"
+            if not end.killed:
+                tally.wrong.append(f"{where}: not killed, exit code {end.code}")
+            tally.seen["kills"] += 1
+            _judge(case, start, where, tally)
+            _again(case, start, where, tally)
+            if _notes(case) != notes:
+                tally.wrong.append(f"{where}: the user's notes are others")
+    return tally
+
+
+def full_disks(case: Case, every: int = 1, code: int = errno.ENOSPC) -> Tally:
+    """Refuse a command each of its calls, alone and with all that need space after it."""
+    tally = Tally()
+    said = case.work.parent / "said"
+    for start in starts(case):
+        for number in range(1, len(start.calls) + 1, every):
+            for lasting in (False, True):
+                case.restore(start.name)
+                end = traced(case.child, lambda n, name, _, at=number, on=lasting:
+                             code if n == at or (on and n > at and name in TAKING) else None, said)
+                where = (f"{case.work.name} {start.name}, {errno.errorcode[code]} at call "
+                         f"{number} {start.calls[number - 1]}{' and after' if lasting else ''}")
+                tally.seen["disks"] += 1
+                _refused(case, start, end, where, said.read_text(errors="replace"), tally)
+                _judge(case, start, where, tally)
+                _again(case, start, where, tally, number)
+    return tally
+
+
+def signals(case: Case, every: int = 1) -> Tally:
+    """Send Ctrl-C and SIGTERM before each call."""
+    tally = Tally()
+    said = case.work.parent / "said"
+    for start in starts(case):
+        for number in range(1, len(start.calls) + 1, every):
+            for kind in (signal.SIGINT, signal.SIGTERM):
+                case.restore(start.name)
+                end = traced(case.child, lambda n, _, child, at=number, k=kind:
+                             os.kill(child, k) if n == at else None, said)
+                where = (f"{case.work.name} {start.name}, {kind.name} at call {number} "
+                         f"{start.calls[number - 1]}")
+                tally.seen["signals"] += 1
+                if end.code not in (*DONE, 2, 130, 143, -kind):
+                    tally.wrong.append(f"{where}: exit code {end.code}")
+                _silent(said.read_text(errors="replace"), where, tally)
+                _judge(case, start, where, tally)
+                _again(case, start, where, tally, number)
+    return tally
+
+
+def crowds(case: Case, every: int = 1) -> Tally:
+    """Run a command while another of its kind is held before each of its calls."""
+    tally = Tally()
+    said = case.work.parent / "said"
+    for start in starts(case):
+        for number in range(1, len(start.calls) + 1, every):
+            case.restore(start.name)
+            found = list[int]()
+
+            def meet(n: int, name: str, child: int, at: int = number,
+                     found: list[int] = found) -> None:
+                if n == at:
+                    found.append(forked(case.child, said))
+
+            end = traced(case.child, meet)
+            where = f"{case.work.name} {start.name}, second run at call {number}"
+            text = " ".join(said.read_text(errors="replace").split())
+            busy = found == [2] and "another run is writing there" in text
+            tally.seen["two at once"] += 1
+            tally.seen["second refused"] += busy
+            if not (busy or found[0] == start.code):
+                tally.wrong.append(f"{where}: the second left with {found}: {text[-300:]}")
+            if end.code != start.code and not (end.code == 2 and found[0] in DONE):
+                tally.wrong.append(f"{where}: the first left with {end.code}")
+            _silent(text, where, tally)
+            if states(case.work) != start.after or leftovers(case.work):
+                tally.wrong.append(f"{where}: {leftovers(case.work)}, "
+                                   f"{_other(states(case.work), start)}")
+    return tally
+
+
+def _kill(child: int) -> None:
+    os.kill(child, signal.SIGKILL)
+
+
+def _notes(case: Case) -> list[int]:
+    """Return the inodes of what is the user's."""
+    return [(Path(p) / "notes.txt").stat().st_ino for p, _, files in sorted(os.walk(case.work))
+            if "notes.txt" in files and ".part" not in p]
+
+
+def _judge(case: Case, start: Start, where: str, tally: Tally) -> None:
+    """Tell whether each folder is the old or the new one; finish what can be, as a reader does."""
+    now = states(case.work)
+    mixed = _other(now, start)
+    if mixed:
+        tally.seen["finished when read"] += 1
+        forked(lambda: [settle(case.work / f) for f in mixed] and 0)
+        now = states(case.work)
+        if any(now.get(f, {}) != start.after.get(f, {}) for f in mixed):
+            tally.wrong.append(f"{where}: mixed: {mixed}")
+    elif now == start.after:
+        tally.seen["new"] += 1
+    else:
+        tally.seen["old" if start.name else "nothing"] += 1
+
+
+def _other(now: dict[str, State], start: Start) -> list[str]:
+    """Return folders that are neither the old nor the new one, whole."""
+    def sound(folder: str) -> bool:
+        held, old = now.get(folder, {}), start.before.get(folder, {})
+        claimed = set(held) == {RECORD} and not old    # by a command that fills folders in it
+        return claimed or held in (old, start.after.get(folder, {}))
+
+    return [f for f in {*now, *start.before, *start.after} if not sound(f)]
+
+
+def _again(case: Case, start: Start, where: str, tally: Tally, number: int = 0) -> None:
+    """Run the command once more: it must succeed and leave nothing but its results.
+
+    Where nothing was left behind, one ``number`` in so many will do.
+    """
+    if number % SOME and not leftovers(case.work):
+        return
+    code = forked(case.child)
+    now = states(case.work)
+    if code != start.code or now != start.after or leftovers(case.work):
+        tally.wrong.append(f"{where}: run again: exit code {code}, {_other(now, start)}, "
+                           f"{leftovers(case.work)}")
+
+
+def _refused(case: Case, start: Start, end: End, where: str, said: str, tally: Tally) -> None:
+    """Check exit code and words of a command that was refused a call."""
+    _silent(said, where, tally)
+    now = states(case.work)
+    many = case.name in ("batch", "demo")
+    if end.code not in (*DONE, 2) or (end.code in DONE and now != start.after and not many):
+        tally.wrong.append(f"{where}: exit code {end.code}, {_other(now, start)}")
+    if end.code == 2 and now != start.before and not many:
+        tally.wrong.append(f"{where}: refused, yet changed {_other(now, start)}: {said[-200:]}")
+
+
+def _silent(said: str, where: str, tally: Tally) -> None:
+    """Check that nothing broke."""
+    if "fault of ppmcal" in " ".join(said.split()) or "Traceback" in said:
+        tally.wrong.append(f"{where}: {said[-400:]}")

@@ -1,0 +1,225 @@
+"""Results made again from what was recorded of them, and compared value by value."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import inspect
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ppmcal.api.diagnose import save_misread
+from ppmcal.api.inputs import IN_MEMORY, Path_
+from ppmcal.api.result import Progress, Result
+from ppmcal.calibration.misread import Misread
+from ppmcal.errors import BadInput, PpmcalError
+from ppmcal.io.folder import RECORD, read_record, running
+from ppmcal.io.results.differences import BOUNDS, compared
+from ppmcal.io.results.recorded_runs import (
+    FoundInputs,
+    RecordedRun,
+    folders_within,
+    plain_digest,
+    recorded_runs,
+    runs_of,
+)
+from ppmcal.io.results.verification import (
+    DIFFERS,
+    FAILED,
+    INPUT,
+    UNKNOWN,
+    FileCheck,
+    InputCheck,
+    RunCheck,
+    ValueDifference,
+    VerificationRecord,
+    environment_words,
+    status_of,
+)
+from ppmcal.io.sandbox import RESULTS, Sandbox, sandbox
+from ppmcal.wording.progress import heard, silent, stage
+
+_NAME = re.compile(r"[a-z_]+\.[a-z_]+")
+
+@dataclass(frozen=True)
+class VerificationResult:
+    """What came of running results again.
+
+    Attributes:
+        record: each run with its files, as ``ppmcal verify --json`` prints it.
+    """
+
+    record: VerificationRecord
+
+    @property
+    def exit_code(self) -> int:
+        """0 same, 1 differs, 2 an input is missing or has changed, 3 a run failed."""
+        return self.record.exit_code
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Return a sentence for each run that does not come out as it was."""
+        return tuple(r.sentence() for r in self.record.runs if r.exit_code)
+
+
+@heard
+def verify(*folders: Path_, inputs: Path_ | None = None, progress: Progress = silent
+           ) -> VerificationResult:
+    """Make results again from the same inputs and options, and compare them value by value.
+
+    Nothing is written but into a temporary folder. Where version, libraries and processor are as
+    they were, every byte must be the same; elsewhere numbers may be off by a little, and
+    everything else not at all: see :mod:`ppmcal.io.results.differences`.
+
+    Args:
+        *folders: folders that commands, or ``save`` of their results, wrote; also those within.
+        inputs: folder to look for the inputs in, by name and content, where they are not any more
+            where they were.
+        progress: called with a line of text now and then.
+
+    Raises:
+        BadInput: a folder is not there, or holds no results.
+    """
+    checks: list[RunCheck] = []
+    for folder in folders:
+        found = list(recorded_runs(Path(folder)))
+        if not found:
+            raise BadInput("holds no results that ppmcal has recorded", str(folder),
+                           "Give a folder that a command wrote")
+        with stage(str(folder), len(found)) as work:
+            for run in found:
+                checks += _checked(run, None if inputs is None else Path(inputs))
+                work.done()
+    code = max((c.exit_code for c in checks), default=0)
+    return VerificationResult(VerificationRecord(
+        format=VerificationRecord.FORMAT, bounds=BOUNDS, runs=tuple(checks), exit_code=code))
+
+
+def _checked(run: RecordedRun, inputs: Path | None) -> list[RunCheck]:
+    """Do a run again and compare; its own check first, then those of the folders within."""
+    function = _function(run.source.function)
+    if function is None or _in_memory(run.source.options):
+        why = ("a machine or data were given to Python in memory" if function else
+               "it is not recorded how it was written, or by another version")
+        return [_ended(run, UNKNOWN, f"cannot be run again, {why}.")]
+    found = FoundInputs(run, inputs)
+    if found.wrong:
+        return [_ended(run, INPUT, inputs=found.wrong)]
+    with sandbox(run.working_folder) as box:
+        try:
+            source = _run_again(run, function, box, found.places)
+        except (MemoryError, RecursionError):
+            return [_ended(run, FAILED, "the run itself needs more memory than there is.")]
+        except Exception as error:    # whatever a record that was made up leads to
+            own = "" if isinstance(error, PpmcalError) else f"{type(error).__name__}: "
+            return [_ended(run, FAILED, f"the run itself fails: {own}{error}")]
+        return list(_compared(run, source, box))
+
+
+def _run_again(run: RecordedRun, function: Callable[..., Any], box: Sandbox,
+               inputs: Mapping[str, Path]) -> Mapping[str, Any]:
+    """Write the results into the sandbox; return where they come from."""
+    box.lay_out(inputs)
+    args, options = _arguments(function, {k: box.inside(v) for k, v in run.source.options.items()})
+    out = Path(options["out"]) if run.whole else _results(run, box)
+    with contextlib.chdir(box.cwd), running(run.command, out, typed=run.source.command) as own:
+        try:
+            result: Result = function(*args, **options)
+        except Misread as refused:
+            save_misread(refused, options["mechanism"], options["data"], out, options["seed"])
+        else:
+            result.save(out)
+    return own.source
+
+
+def _results(run: RecordedRun, box: Sandbox) -> Path:
+    """Return where results go within, in a folder of the name that they had."""
+    return box.root / RESULTS / run.name
+
+
+def _compared(run: RecordedRun, source: Mapping[str, Any], box: Sandbox) -> Iterator[RunCheck]:
+    """Yield what came out, folder by folder."""
+    apart = environment_words({"version": run.source.version, **run.source.environment},
+                              {"version": source["version"], **source["environment"]})
+    out = box.place(run.source.options["out"]) if run.whole else _results(run, box)
+    yield _files(run, out, apart, box)
+    for within in folders_within(run.folder) if run.whole else ():
+        other = out / within.relative_to(run.folder)
+        for one in runs_of(within):
+            yield _files(one, other, apart, box) if (other / RECORD).is_file() else _ended(
+                one, DIFFERS, "is not written any more.")
+
+
+def _files(run: RecordedRun, other: Path, apart: tuple[str, ...], box: Sandbox) -> RunCheck:
+    """Compare the files of a run with those of ``other``."""
+    files = [_file(name, run.folder / name, other / name, run.digests.get(name, ""), not apart,
+                   box) for name in dict.fromkeys([*run.digests, *(read_record(other) or {})])]
+    return RunCheck(folder=str(run.folder), command=run.command, status=status_of(files),
+                    environment=apart, files=tuple(files))
+
+
+def _ended(run: RecordedRun, status: str, message: str = "", inputs: Sequence[InputCheck] = ()
+           ) -> RunCheck:
+    return RunCheck(folder=str(run.folder), command=run.command, status=status, message=message,
+                    inputs=tuple(inputs))
+
+
+def _file(name: str, there: Path, again: Path, digest: str, exact: bool, box: Sandbox
+          ) -> FileCheck:
+    """Compare one file with what came out.
+
+    Args:
+        name: of the file.
+        there: where it is.
+        again: where it was written again.
+        digest: its SHA-256 when it was written, empty where that is not recorded.
+        exact: whether bytes must be the same.
+        box: whose own paths are taken out.
+    """
+    now, then = plain_digest(again), plain_digest(there)
+    if not (now and then):
+        gone = "is not there" if now else "is not written any more"
+        return FileCheck(file=name, status=DIFFERS, count=1, worst=ValueDifference(place=gone))
+    if now == then:
+        return FileCheck(file=name)
+    found = compared(name, there.read_bytes(), again.read_bytes(), exact, os.fsencode(box.root))
+    if digest and then != digest:
+        return found.model_copy(update={"edited": True, "status": DIFFERS})
+    return found
+
+
+def _function(name: str) -> Callable[..., Any] | None:
+    """Return a function of ``ppmcal.api`` that is recorded, None for any other name."""
+    if not _NAME.fullmatch(name):
+        return None
+    module, _, own = name.partition(".")
+    try:
+        found = getattr(importlib.import_module(f"ppmcal.api.{module}"), own, None)
+    except ImportError:
+        return None
+    return found if callable(found) and hasattr(found, "recorded") else None
+
+
+def _arguments(function: Callable[..., Any], options: dict[str, Any]
+               ) -> tuple[list[Any], dict[str, Any]]:
+    """Return the arguments of a call; those without a name apart.
+
+    Raises:
+        BadInput: the function has no such argument.
+    """
+    known = inspect.signature(function).parameters
+    if strange := [k for k in options if k not in known]:
+        raise BadInput(f"the option '{strange[0]}' is of another version of ppmcal", "",
+                       "Run it again with the version that is recorded")
+    many = [k for k, p in known.items() if p.kind is p.VAR_POSITIONAL]
+    return [v for k in many for v in options.pop(k, [])], options
+
+
+def _in_memory(options: Mapping[str, Any]) -> bool:
+    """Whether an argument was an object of Python, which no file holds."""
+    return any(isinstance(v, Mapping) and IN_MEMORY in v for value in options.values()
+               for v in (value if isinstance(value, list | tuple) else [value]))

@@ -1,0 +1,97 @@
+"""95 % intervals of the figures that errors are told by: rms, 95 % point, differences of rms.
+
+Rows at one commanded pose share what the model misses there, so poses are drawn, not rows. What a
+registration to the same rows took of the errors is given back by its degrees of freedom.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ndtr, stdtrit
+from scipy.stats import binom
+
+from ppmcal.linalg import Array, Ints
+
+SURE = 0.95
+FEWEST = 3
+"""Poses below which no interval is told."""
+DRAWS = 2000
+
+
+def rms_interval(squares: Array, groups: Ints, kept: float = 1.0) -> tuple[float, float]:
+    """Return the 95 % interval of the rms that more poses of the kind would have; nan: unknown.
+
+    The logarithm of the mean square is taken as Student's t with as many degrees as poses less
+    one, as far as they are left; its standard error is the scatter of the poses' own sums.
+
+    Args:
+        squares: squared errors of rows (R,).
+        groups: commanded pose of each row (R,).
+        kept: part of the degrees of freedom that fits to these rows left, 0 to 1.
+    """
+    sums, counts = _by_pose(squares, groups)
+    poses, mean = counts.size, float(squares.mean()) if squares.size else 0.0
+    if poses < FEWEST or kept <= 0.0:
+        return np.nan, np.nan
+    if mean <= 0.0:
+        return 0.0, 0.0
+    # of a ratio of sums over poses that have different numbers of rows
+    away = (sums - mean * counts) / (mean * counts.mean())
+    error = float(np.sqrt(np.sum(away**2) / (poses * (poses - 1.0))))
+    kept = min(kept, 1.0)
+    reach = np.exp(0.5 * error * stdtrit(kept * (poses - 1.0), 0.5 + 0.5 * SURE))
+    middle = np.sqrt(mean / kept)
+    return float(middle / reach), float(middle * reach)
+
+
+def quantile_interval(values: Array, groups: Ints, share: float) -> tuple[float, float]:
+    """Return the 95 % interval of a quantile, by order alone; an end that is open is nan.
+
+    Ranks are those of as many independent values as there are poses: of the 95 % point fewer than
+    72 give no upper end.
+    """
+    poses = np.unique(groups).size
+    tail = 0.5 * (1.0 - SURE)
+    low, high = (float(binom.ppf(t, poses, share)) / poses for t in (tail, 1.0 - tail))
+    high += 1.0 / poses
+    ordered = np.sort(values)
+    below = int(np.floor(low * ordered.size)) - 1
+    above = int(np.ceil(high * ordered.size)) - 1
+    return (float(ordered[below]) if below >= 0 else np.nan,
+            float(ordered[above]) if high <= 1.0 else np.nan)
+
+
+class RmsDraws:
+    """Draws of poses with replacement, the same for all machines that are held side by side."""
+
+    def __init__(self, groups: Ints, seed: int) -> None:
+        """Draw the poses of rows (R,)."""
+        self.groups = groups
+        self.poses = np.unique(groups).size
+        self._drawn = np.random.default_rng(seed).integers(self.poses, size=(DRAWS, self.poses))
+
+    def rms(self, squares: Array) -> Array:
+        """Return the rms of squared errors (R,) in every draw (D,)."""
+        sums, counts = _by_pose(squares, self.groups)
+        return np.asarray(np.sqrt(sums[self._drawn].sum(axis=1) / counts[self._drawn].sum(axis=1)))
+
+    def interval(self, values: Array) -> tuple[float, float]:
+        """Return the 95 % interval of draws (D,), widened as few poses scatter less than they are.
+
+        Percentiles at the levels of Student's t in place of the normal distribution's, with the
+        variance's n / (n - 1): T. Hesterberg, The American Statistician 69 (2015), section 4.2.
+        """
+        n = self.poses
+        if n < FEWEST:
+            return -np.inf, np.inf
+        tail = float(ndtr(-np.sqrt(n / (n - 1.0)) * stdtrit(n - 1.0, 0.5 + 0.5 * SURE)))
+        low, high = np.quantile(values, [tail, 1.0 - tail])
+        return float(low), float(high)
+
+
+def _by_pose(squares: Array, groups: Ints) -> tuple[Array, Array]:
+    """Return the sums of rows' values (R,) and their number, by pose (G,)."""
+    _, place = np.unique(groups, return_inverse=True)
+    place = place.reshape(-1)
+    return (np.asarray(np.bincount(place, weights=squares), dtype=float),
+            np.asarray(np.bincount(place), dtype=float))

@@ -1,0 +1,131 @@
+"""What ``ppmcal verify`` found: of each run inputs, arithmetic and, file by file, differences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+from ppmcal.io.results.record import Flag, Part, Record, Shown, Text, Whole
+from ppmcal.wording import counted, number
+
+SAME, WITHIN, DIFFERS, OPEN = "same", "within bounds", "differs", "not compared"
+INPUT, FAILED, UNKNOWN = "input", "failed", "no record"
+CODES = {SAME: 0, WITHIN: 0, OPEN: 0, DIFFERS: 1, INPUT: 2, UNKNOWN: 2, FAILED: 3}
+SHORT = 12
+"""Characters of a SHA-256 that people are shown."""
+
+
+class ValueDifference(Part):
+    """A value that is not as it was: where, both as text, and how far apart, in ``unit``."""
+
+    place: Text = ""
+    then: Text = ""
+    now: Text = ""
+    size: Shown | None = None
+    unit: Text = ""
+
+    def words(self) -> str:
+        """Return it in words."""
+        if not (self.then or self.now):
+            return self.place
+        apart = f", apart by {number(self.size, 3)} {self.unit}".rstrip() if self.size else ""
+        return f"{self.place}: {_short(self.then)} there, {_short(self.now)} now{apart}"
+
+
+class FileCheck(Part):
+    """A file against the one that comes out today.
+
+    ``count``: values that differ; ``worst``: the one that is farthest from what is allowed.
+    """
+
+    file: Text = ""
+    status: Text = SAME
+    edited: Flag = False
+    count: Whole = 0
+    worst: ValueDifference | None = None
+
+    def words(self) -> str:
+        """Return what is to say of it besides its status."""
+        edited = "edited since ppmcal wrote it" * self.edited
+        worst = self.worst.words() if self.worst else ""
+        if worst and self.count > 1:
+            worst = f"farthest apart at {worst}"
+        return "; ".join(t for t in (edited, worst) if t)
+
+
+class InputCheck(Part):
+    """An input that is not there, or not as it was."""
+
+    file: Text = ""
+    then: Text = ""
+    now: Text = ""
+
+    def words(self) -> str:
+        """Return what is wrong with it."""
+        if not self.now:
+            return f"{self.file} is not there (SHA-256 {self.then[:SHORT]}...)"
+        return (f"{self.file} has changed: SHA-256 {self.then[:SHORT]}... then, "
+                f"{self.now[:SHORT]}... now")
+
+
+class RunCheck(Part):
+    """One run of a command, done again.
+
+    ``environment``: what is not as it was then, in words; empty where every byte must be the same.
+    """
+
+    folder: Text = ""
+    command: Text = ""
+    status: Text = SAME
+    message: Text = ""
+    environment: tuple[Text, ...] = ()
+    inputs: tuple[InputCheck, ...] = ()
+    files: tuple[FileCheck, ...] = ()
+
+    @property
+    def exit_code(self) -> int:
+        """0 same or within bounds, 1 differs, 2 an input, or no record; 3 the run failed."""
+        return CODES.get(self.status, 3)
+
+    def sentence(self) -> str:
+        """Return how it ended."""
+        head = f"{self.folder}: {self.command or 'no command'}"
+        if self.status in (SAME, WITHIN):
+            bytes_ = "" if self.environment else ", byte by byte"
+            return f"{head}, run again: {self.status}{bytes_ if self.status == SAME else ''}."
+        if self.status == DIFFERS:
+            wrong = sum(f.status == DIFFERS for f in self.files)
+            return f"{head}, run again: {counted(wrong, 'file')} of {len(self.files)} differ" + (
+                "s." if wrong == 1 else ".")
+        if self.status == INPUT:
+            return f"{head} cannot be run again: " + "; ".join(i.words() for i in self.inputs) + "."
+        return f"{head}: {self.message}"
+
+
+class VerificationRecord(Record):
+    """What ``ppmcal verify --json`` prints."""
+
+    FILE: ClassVar[str] = "verification.json"
+    FORMAT: ClassVar[str] = "ppmcal/verification/1"
+
+    bounds: Mapping[Text, Shown] = {}
+    runs: tuple[RunCheck, ...] = ()
+    exit_code: Whole = 0
+
+
+def environment_words(then: Mapping[str, object], now: Mapping[str, object]) -> tuple[str, ...]:
+    """Return what is not as it was, each with both values."""
+    return tuple(f"{key.replace('_', ' ')} {_short(then.get(key) or 'unknown')} then, "
+                 f"{_short(now.get(key) or 'unknown')} now"
+                 for key in dict.fromkeys([*then, *now]) if then.get(key) != now.get(key))
+
+
+def status_of(files: Sequence[FileCheck]) -> str:
+    """Return the status of a run: the worst of its files'."""
+    found = {f.status for f in files}
+    return next((s for s in (DIFFERS, WITHIN) if s in found), SAME)
+
+
+def _short(value: object) -> str:
+    text = str(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."

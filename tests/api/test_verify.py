@@ -1,0 +1,361 @@
+"""Results made again: the same byte by byte, or told where not; nothing else is run or written."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.commands import ppmcal, ppmcal_process, tree
+
+import ppmcal as face
+from ppmcal.cli import COMMANDS
+from ppmcal.errors import BadInput
+from ppmcal.io.folder import RECORD, read_runs
+from ppmcal.io.yaml import dump_yaml
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+WRITING = {
+    "may": "simulate mine.yaml scenario.yaml --seed 5",
+    "identified": "identify stiff.yaml run1.csv",
+    "identified-may": "identify mine.yaml may/measurements.csv",
+    "compensated": "compensate identified targets.csv",
+    "kin": "kinematics inverse mine.yaml poses.csv --pictures",
+    "imported": "import klipper printer.cfg",
+    "sens": "sensitivity mine.yaml --home-only",
+    "validated": "validate identified run2.csv --against identified-may",
+    "compared": "compare identified identified-may",
+    "diagnosed": "diagnose mine.yaml run2.csv --draws 200",
+    "tol": "tolerances mine.yaml --accuracy 0.2 --machines 50",
+    "stiffness": "stiffness stiff.yaml",
+    "ws": "workspace mine.yaml --grid x=-20:20:3,y=-20:20:3",
+    "plan": "plan mine.yaml --count 12",
+    "exported": "export grid identified --poses poses.csv",
+    "batch": "batch fleet.yaml --cores 1",
+    "reported": "report identified compensated compared validated diagnosed kin may plan tol ws",
+}
+"""Folder -> the command that writes it; later ones read what earlier ones wrote."""
+QUICK = ("may", "identified", "compensated", "kin", "imported", "sens")
+SILENT = {"init", "schema", "check", "read", "verify", "demo"}
+"""Commands that leave no folder with results of their own."""
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with what the quick commands read, and what they wrote."""
+    folder = tmp_path_factory.mktemp("desk")
+    for source, name in {
+            "hexapod.yaml": "mine.yaml", "scenario.yaml": "scenario.yaml",
+            "measurements.csv": "run1.csv", "measurements.yaml": "run1.yaml",
+            "hidden/measurements.csv": "run2.csv", "hidden/measurements.yaml": "run2.yaml",
+            "targets.csv": "targets.csv", "poses.csv": "poses.csv",
+            "printer/printer.cfg": "printer.cfg"}.items():
+        shutil.copy(SAMPLES / source, folder / name)
+    (folder / "stiff.yaml").write_text("extends: mine.yaml\nstiffness: {bar: 50, drive: 50}\n")
+    (folder / "fleet.yaml").write_text(
+        "format: ppmcal/batch/1\nmodel: mine.yaml\ncampaigns:\n"
+        "  - {machine: hexapod-07, date: 2026-03-14, data: run1.csv}\n")
+    for name in QUICK:
+        write(folder, name)
+    return folder
+
+
+def write(folder: Path, name: str) -> None:
+    if not (folder / name).exists():
+        run = ppmcal(*WRITING[name].split(), "--out", name, "-q", cwd=folder)
+        assert run.code in (0, 1), run
+
+
+def copied(desk: Path, folder: Path, *names: str) -> Path:
+    """Return a copy of the desk's own files and of some folders of results."""
+    shutil.copytree(desk, folder / "desk", ignore=lambda top, held: [
+        n for n in held if Path(top, n).is_dir() and n not in names and Path(top) == desk])
+    return folder / "desk"
+
+
+def checked(desk: Path, *words: object, code: int, cwd: Path | None = None):
+    """Run ``verify --json``, and see that it writes nothing."""
+    before = tree(desk)
+    found = ppmcal("verify", *words, "--json", cwd=cwd or desk, expect=code).json
+    assert tree(desk) == before
+    assert found["exit_code"] == code
+    return found["runs"]
+
+
+def test_every_command_is_here() -> None:
+    assert {line.split()[0] for line in WRITING.values()} | SILENT == set(COMMANDS)
+
+
+@pytest.mark.parametrize("name", [
+    n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in WRITING])
+def test_what_a_command_wrote_is_made_again_byte_by_byte(desk: Path, name: str) -> None:
+    for earlier in WRITING:
+        if earlier in WRITING[name].replace("/", " ").split():
+            write(desk, earlier)
+    write(desk, name)
+    runs = checked(desk, name, code=0)
+    assert [r["status"] for r in runs] == ["same"] * len(runs)
+    there = {f for f in os.listdir(desk / name) if not f.startswith(".") and f != "hexapod-07"}
+    assert {f["file"] for f in runs[0]["files"]} == there
+    assert not runs[0]["environment"]
+    assert len(runs) == (2 if name == "batch" else 1)
+
+
+@pytest.mark.slow
+def test_the_folders_of_the_demo(tmp_path: Path) -> None:
+    ppmcal("demo", "-q", cwd=tmp_path)
+    runs = checked(tmp_path, "demo-results", code=0)
+    assert {r["command"] for r in runs} == {"identify", "compensate", "diagnose", "kinematics",
+                                            "simulate", "sensitivity", "plan", "report"}
+
+
+def test_the_record_names_all_that_decides_a_result(desk: Path) -> None:
+    source = json.loads((desk / "identified" / "identification.json").read_text())["provenance"]
+    assert set(source["inputs"]) == {"stiff.yaml", "mine.yaml", "run1.csv", "run1.yaml"}
+    assert all(len(s) == 64 for s in source["inputs"].values())
+    assert source["function"] == "identify.identify"
+    assert source["options"] == {
+        "mechanism": "stiff.yaml", "data": ["run1.csv"], "method": "prior", "prior": "tolerances",
+        "damping": 0.9, "iterations": None, "free": [], "holdout": 0.2, "leave_out": "",
+        "sigma": "stated", "start": None, "keep": False, "keep_outliers": False, "seed": 0}
+    assert {"python", "numpy", "scipy", "numba", "system", "machine", "cpu", "blas"} <= set(
+        source["environment"])
+    text = json.dumps(source)
+    assert os.uname().nodename not in text or len(os.uname().nodename) < 5
+    assert str(desk) not in text
+
+
+def test_an_edited_number_is_told_with_its_place(desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path, "identified")
+    path = own / "identified" / "parameters.csv"
+    lines = path.read_text().split("\n")
+    column = lines[0].split(",").index("value")
+    cells = lines[3].split(",")
+    was, cells[column] = cells[column], repr(float(cells[column]) + 0.01)
+    path.write_text("\n".join([*lines[:3], ",".join(cells), *lines[4:]]))
+    run, = checked(own, "identified", code=1)
+    assert run["status"] == "differs"
+    wrong, = (f for f in run["files"] if f["status"] != "same")
+    assert (wrong["file"], wrong["edited"], wrong["count"]) == ("parameters.csv", True, 1)
+    assert wrong["worst"]["place"] == "row 3, value"
+    assert (wrong["worst"]["then"], wrong["worst"]["now"]) == (cells[column], was)
+    assert wrong["worst"]["size"] == pytest.approx(0.01)
+    assert wrong["worst"]["unit"] in ("mm", "deg")
+    said = ppmcal("verify", "identified", cwd=own, expect=1).out
+    assert "edited since ppmcal wrote it" in said and "row 3, value" in said
+
+
+def test_an_edited_record_hides_nothing(desk: Path, tmp_path: Path) -> None:
+    """Whoever forges the sum too is found by the values."""
+    own = copied(desk, tmp_path, "identified")
+    path, record = own / "identified" / "identified.yaml", own / "identified" / RECORD
+    from ppmcal.io.folder import digest_of
+
+    before = digest_of(path)
+    path.write_text(path.read_text().replace("name:", "name: x", 1))
+    record.write_text(record.read_text().replace(before, digest_of(path)))
+    run, = checked(own, "identified", code=1)
+    wrong, = (f for f in run["files"] if f["status"] != "same")
+    assert (wrong["file"], wrong["edited"]) == ("identified.yaml", False)
+
+
+def test_a_missing_file_is_told(desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path, "identified")
+    (own / "identified" / "residuals.csv").unlink()
+    run, = checked(own, "identified", code=1)
+    wrong, = (f for f in run["files"] if f["status"] != "same")
+    assert (wrong["file"], wrong["worst"]["place"]) == ("residuals.csv", "is not there")
+
+
+def test_inputs_that_have_changed_or_gone_are_named_with_both_sums(desk: Path, tmp_path: Path
+                                                                   ) -> None:
+    own = copied(desk, tmp_path, "identified")
+    (own / "run1.csv").write_text((own / "run1.csv").read_text() + "\n")
+    (own / "mine.yaml").unlink()
+    run, = checked(own, "identified", code=2)
+    assert run["status"] == "input"
+    wrong = {i["file"]: i for i in run["inputs"]}
+    assert set(wrong) == {"run1.csv", "mine.yaml"}
+    assert not wrong["mine.yaml"]["now"]
+    assert len(wrong["run1.csv"]["now"]) == 64 != wrong["run1.csv"]["then"]
+    said = ppmcal("verify", "identified", cwd=own, expect=2).out
+    assert "run1.csv has changed" in said and "mine.yaml is not there" in said
+    # found again, under another name too
+    archive = tmp_path / "archive" / "deep"
+    archive.mkdir(parents=True)
+    shutil.copy(desk / "mine.yaml", archive / "renamed.yaml")
+    shutil.copy(desk / "run1.csv", archive)
+    run, = checked(own, "identified", "--inputs", tmp_path / "archive", code=0)
+    assert run["status"] == "same"
+
+
+def test_from_another_folder_and_after_a_move(desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path, "identified", "may")
+    checked(own, own / "identified", own / "may", code=0, cwd=tmp_path)
+    shutil.move(own / "may", tmp_path / "archived")
+    checked(own, tmp_path / "archived", "--inputs", own, code=0, cwd=tmp_path)
+
+
+def test_absolute_paths_that_are_gone(desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path)
+    ppmcal("kinematics", "inverse", own / "mine.yaml", own / "poses.csv", "--out", own / "k", "-q",
+           expect=0)
+    shutil.move(own, tmp_path / "elsewhere")
+    checked(tmp_path, tmp_path / "elsewhere" / "k", code=2)
+    run, = checked(tmp_path, tmp_path / "elsewhere" / "k", "--inputs", tmp_path, code=0)
+    assert run["status"] == "same"
+
+
+def test_without_the_hidden_record(desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path, "identified")
+    (own / "identified" / RECORD).unlink()
+    run, = checked(own, "identified", code=0)
+    assert len(run["files"]) == 4
+
+
+def test_results_of_python(desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = copied(desk, tmp_path)
+    monkeypatch.chdir(own)
+    face.inverse("mine.yaml", "poses.csv").save("k")
+    assert face.verify("k").exit_code == 0
+    face.inverse(face.load("mine.yaml"), "poses.csv").save("m")
+    found = face.verify("m")
+    assert found.exit_code == 2
+    assert "in memory" in found.findings[0]
+
+
+def test_a_refused_diagnosis(desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path)
+    text = (own / "run1.csv").read_text().splitlines()
+    header = text[0].split(",")
+    x = header.index("x")
+    lines = [line.split(",") for line in text[1:]]
+    for cells in lines:
+        cells[x] = repr(-float(cells[x]))
+    (own / "run1.csv").write_text("\n".join([text[0], *map(",".join, lines)]) + "\n")
+    run = ppmcal("diagnose", "mine.yaml", "run1.csv", "--out", "d", "-q", cwd=own)
+    assert run.code == 3, run
+    assert (own / "d" / "diagnosis.json").exists()
+    found, = checked(own, "d", code=0)
+    assert found["status"] == "same"
+
+
+@pytest.mark.parametrize(("name", "text"), [
+    ("nothing", ""), ("words", "no results"), ("old", '{"format": "ppmcal/folder/1", "files": '
+     '{"a.csv": {"command": "identify", "sha256": "00"}}}')])
+def test_folders_without_a_run(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).mkdir()
+    (tmp_path / name / RECORD).write_text(text)
+    run = ppmcal("verify", name, cwd=tmp_path, expect=2)
+    assert name in run.out + run.err
+    assert "Traceback" not in run.err
+    ppmcal("verify", "absent", cwd=tmp_path, expect=2)
+    with pytest.raises(BadInput, match="no folder"):
+        face.verify(tmp_path / "absent")
+
+
+# ---- records that somebody made up
+
+
+def forged(folder: Path, **changes: object) -> Path:
+    """Change what is recorded of a folder's run."""
+    path = folder / RECORD
+    content = json.loads(path.read_text())
+    (command, run), = content["runs"].items()
+    content["runs"] = {command: {**run, **changes}}
+    path.write_text(json.dumps(content))
+    return folder
+
+
+@pytest.mark.parametrize("function", [
+    "os.system", "subprocess.run", "inputs.load", "result.Result", "verify.verify", "identify", "",
+    "identify.identify.__wrapped__", "../cli.main", "campaign.run_campaign", "identify.Path"])
+def test_only_ppmcal_s_own_commands_are_run(desk: Path, tmp_path: Path, function: str) -> None:
+    own = copied(desk, tmp_path, "kin")
+    forged(own / "kin", function=function)
+    run, = checked(own, "kin", code=2)
+    assert run["status"] == "no record"
+
+
+@pytest.mark.parametrize(("changes", "status", "code"), [
+    ({"options": {"mechanism": "mine.yaml", "shell": "rm -rf ."}}, "failed", 3),
+    ({"options": {"which": "inverse", "mechanism": ["a"], "table": {"b": 1}}}, "failed", 3),
+    ({"options": {"which": 5, "mechanism": "mine.yaml", "table": "poses.csv"}}, "failed", 3),
+    ({"options": [1]}, "no record", 2), ({"inputs": {"mine.yaml": 5}}, "no record", 2),
+    ({"inputs": {"/dev/zero": "0" * 64}}, "input", 2),
+    ({"inputs": {"\0": "0" * 64}}, "input", 2),
+    ({"options": {"which": "inverse", "mechanism": "../" * 40 + "etc/passwd",
+                  "table": "poses.csv"}}, "failed", 3)])
+def test_made_up_options_end_in_a_sentence(desk: Path, tmp_path: Path, changes: dict[str, object],
+                                           status: str, code: int) -> None:
+    own = copied(desk, tmp_path, "kin")
+    forged(own / "kin", **changes)
+    run, = checked(own, "kin", code=code)
+    assert run["status"] == status
+    said = ppmcal("verify", "kin", cwd=own, expect=code)
+    assert "Traceback" not in said.err + said.out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("out", ["{outside}", "../outside", "../" * 40 + "outside", "mine.yaml"])
+def test_a_made_up_out_writes_nowhere(desk: Path, tmp_path: Path, out: str) -> None:
+    write(desk, "batch")
+    own = copied(desk, tmp_path, "batch")
+    outside = tmp_path / "outside"
+    run = read_runs(own / "batch")["batch"]
+    forged(own / "batch", options={**run["options"], "out": out.format(outside=outside)})
+    before = tree(tmp_path)
+    ppmcal("verify", "batch", cwd=own)
+    assert tree(tmp_path) == before
+    assert not outside.exists()
+
+
+def test_names_of_files_in_a_record_stay_in_the_folder(desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path, "kin")
+    path = own / "kin" / RECORD
+    content = json.loads(path.read_text())
+    content["files"]["../mine.yaml"] = content["files"]["kinematics.csv"]
+    path.write_text(json.dumps(content))
+    run, = checked(own, "kin", code=0)
+    assert "../mine.yaml" not in [f["file"] for f in run["files"]]
+
+
+def test_nothing_is_left_in_the_temporary_folder(desk: Path, tmp_path: Path,
+                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "temporary").mkdir()
+    run = ppmcal_process
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    run("verify", "kin", cwd=desk, expect=0)
+    assert not list((tmp_path / "temporary").iterdir())
+
+
+# ---- another machine's arithmetic
+
+
+@pytest.mark.slow
+def test_another_processor_is_within_bounds(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one without AVX: OpenBLAS and NumPy take other kernels."""
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")
+    monkeypatch.setenv("NPY_DISABLE_CPU_FEATURES", "X86_V4 AVX512_ICL AVX512F AVX2 FMA3")
+    for name in QUICK:
+        run = ppmcal_process("verify", name, "--json", cwd=desk)
+        if "blas_kernel" not in read_runs(desk / name)[WRITING[name].split()[0]]["environment"]:
+            pytest.skip("another BLAS")
+        assert run.code == 0, run
+        found, = run.json["runs"]
+        assert found["environment"], "the processor is another one"
+        assert {f["status"] for f in found["files"]} <= {"same", "within bounds", "not compared"}
+
+
+def test_an_environment_that_is_recorded_otherwise_allows_round_off_alone(
+        desk: Path, tmp_path: Path) -> None:
+    own = copied(desk, tmp_path, "identified")
+    run = read_runs(own / "identified")["identify"]
+    forged(own / "identified", environment={**run["environment"], "blas_kernel": "other"})
+    found, = checked(own, "identified", code=0)
+    assert found["environment"] == [f"blas kernel other then, "
+                                    f"{run['environment']['blas_kernel']} now"]
+    (own / "fleet.yaml").write_text(dump_yaml({}))    # nobody's input
+    checked(own, "identified", code=0)

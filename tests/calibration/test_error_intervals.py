@@ -1,0 +1,85 @@
+"""Intervals of figures of errors hold what they promise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ppmcal.calibration.error_intervals import RmsDraws, quantile_interval, rms_interval
+
+POSES = (6, 12, 40)
+
+
+def errors(rng, poses, shared=1.0, per=2, axes=2):
+    """Squared errors (R,) of poses measured twice, which share an error, and the groups (R,)."""
+    both = shared * rng.standard_normal((poses, 1, axes)) + rng.standard_normal((poses, per, axes))
+    return np.sum(both**2, axis=-1).ravel(), np.repeat(np.arange(poses), per)
+
+
+@pytest.mark.parametrize("poses", POSES)
+@pytest.mark.parametrize("shared", [0.0, 2.0])
+def test_the_interval_of_an_rms_holds_what_it_promises(poses, shared):
+    """2000 days of a known error: 95 % of the intervals hold it, within what chance allows."""
+    rng, truth = np.random.default_rng(poses), np.sqrt(2.0 * (shared**2 + 1.0))
+    held = 0
+    for _ in range(2000):
+        low, high = rms_interval(*errors(rng, poses, shared))
+        held += low < truth < high
+    assert 0.91 <= held / 2000 <= 0.975    # an interval by rows alone holds 0.82 at shared 2
+
+
+def test_rows_that_share_an_error_do_not_count_twice():
+    rng = np.random.default_rng(0)
+    squares, groups = errors(rng, 30, shared=3.0, per=8)
+    width = [np.diff(rms_interval(squares, g))[0] for g in (groups, np.arange(squares.size))]
+    assert width[0] > 1.5 * width[1]
+
+
+def test_what_a_registration_took_is_given_back():
+    """A mean over the poses is fitted per axis: of 6 poses 5/6 of the degrees are left."""
+    rng, held = np.random.default_rng(1), 0
+    for _ in range(2000):
+        e = rng.standard_normal((6, 2))
+        squares = np.sum((e - e.mean(axis=0)) ** 2, axis=1)
+        low, high = rms_interval(squares, np.arange(6), kept=5.0 / 6.0)
+        held += low < np.sqrt(2.0) < high
+    assert 0.91 <= held / 2000 <= 0.975
+
+
+@pytest.mark.parametrize("poses", [20, 80, 200])
+def test_the_interval_of_a_95_percent_point_holds_it(poses):
+    rng, truth = np.random.default_rng(poses), np.sqrt(-2.0 * np.log(0.05))    # of a Rayleigh
+    held = 0
+    for _ in range(1000):
+        values = rng.rayleigh(size=poses)
+        low, high = quantile_interval(values, np.arange(poses), 0.95)
+        held += (np.isnan(low) or low <= truth) and (np.isnan(high) or truth <= high)
+    assert 0.94 <= held / 1000 <= 1.0
+
+
+def test_few_poses_leave_the_95_percent_point_open_above():
+    values = np.linspace(1.0, 2.0, 71)
+    assert np.isnan(quantile_interval(values, np.arange(71), 0.95)[1])
+    assert np.isfinite(quantile_interval(np.linspace(1.0, 2.0, 72), np.arange(72), 0.95)[1])
+
+
+@pytest.mark.parametrize("poses", POSES)
+def test_two_machines_that_are_alike_are_surely_apart_one_day_in_twenty(poses):
+    rng, apart, days = np.random.default_rng(7 * poses), 0, 300
+    for day in range(days):
+        one, groups = errors(rng, poses)
+        other, _ = errors(rng, poses)
+        draws = RmsDraws(groups, day)
+        low, high = draws.interval(draws.rms(one) - draws.rms(other))
+        apart += low > 0.0 or high < 0.0
+    assert apart <= 27    # of 300; more has a chance of 0.1 % where the rate is 5 %
+
+
+def test_nothing_is_told_of_two_poses():
+    assert np.isnan(rms_interval(np.ones(4), np.array([0, 0, 1, 1]))).all()
+    draws = RmsDraws(np.array([0, 0, 1, 1]), 0)
+    assert draws.interval(draws.rms(np.ones(4))) == (-np.inf, np.inf)
+
+
+def test_no_error_at_all_is_sure():
+    assert rms_interval(np.zeros(5), np.arange(5)) == (0.0, 0.0)
