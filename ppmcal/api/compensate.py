@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,20 +20,32 @@ from ppmcal.api.inputs import (
     refuse_unrecorded,
     source_of,
 )
+from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import CalibratedMachine, Result
 from ppmcal.calibration.compensation import Compensation, Knowledge
 from ppmcal.calibration.compensation import compensate as compensated
+from ppmcal.calibration.extrapolation import extrapolated, measured_ranges
 from ppmcal.calibration.model_averaging import Readings, Targets, averaged
+from ppmcal.calibration.safe_commands import (
+    own_steps,
+    refused,
+    sent,
+    unsafe_ways,
+    worse_rows,
+)
 from ppmcal.errors import BadInput, NoResult, unknown
 from ppmcal.io import read_poses
 from ppmcal.io.poses import PoseTable
 from ppmcal.io.results.commands import CommandsRecord, accepted_sentence, command_files
 from ppmcal.io.results.knowledge import read_knowledge
 from ppmcal.io.results.other_models import read_other_models
-from ppmcal.model.dataset import environment
+from ppmcal.linalg import finite_rows
+from ppmcal.model.dataset import WRENCH, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording import counted
+
+OR_ASSUME = ", or give one value for all rows with --assume, such as --assume temperature=22"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +117,9 @@ class CompensationResult(Result):
 
 @recorded
 def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str | None = None,
-               knowledge: Path_ | None = None, approach: str = "columns") -> CompensationResult:
+               knowledge: Path_ | None = None, approach: str = "columns", path: bool = True,
+               assume: Mapping[str, float] | None = None, regardless: bool = False
+               ) -> CompensationResult:
     """Turn wanted poses into corrected commands of an identified machine.
 
     Args:
@@ -118,14 +132,20 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
         knowledge: identification.json of the model  [default: beside its file].
         approach: directions of approach: from dir_ ``columns``, or from the order of the
             targets: ``sequence``.
+        path: the targets are visited in their order, so that the ways between them are judged
+            too; else each is judged alone.
+        assume: conditions that all targets have, by the name of the column that they stand for.
+        regardless: take a model too that misses the measurements that it was made from.
 
     Raises:
         BadInput: anything wrong in the files, or a frame that the model does not know.
-        NoResult: commands that are predicted to be worse than none.
+        NoResult: commands that are predicted to be worse than none, or a model whose residuals
+            are far beyond the noise of its own measurements.
     """
     machine, known, files, notes = _known(model, knowledge)
+    notes += refuse_missed(machine, None if knowledge is None else Path(knowledge), regardless)
     registration, name = _frame(machine, frame)
-    poses = read_poses(targets, machine)
+    poses = read_poses(targets, machine, assume=assume or {})
     sequence = approach == "sequence"
     _refuse_short(machine, poses, place_of(targets, "poses"), sequence)
     found = compensated(machine, poses.poses, registration, known, name, poses.environment,
@@ -133,12 +153,41 @@ def compensate(model: Machine | CalibratedMachine, targets: Any, *, frame: str |
     readings, more = _readings(model, machine)
     found, told = averaged(machine, found, readings, known,
                            Targets(poses.poses, name, poses.environment, sequence))
-    notes += [*told, *_doubts(found, machine, known)]
     inputs = [*machine.inputs, *files_of(targets), *files, *more]
     result = CompensationResult(source_of("compensate", inputs, None), (), machine, found, name,
-                                known, tuple(notes), poses.given)
+                                known, (), poses.given)
     _refuse_worse(result, machine.source)
-    return result
+    found = _safe(machine, found, path)
+    notes += [*told, *_doubts(found, machine, known), *_beyond(found, machine, known, poses, path)]
+    return replace(result, compensation=found, notes=tuple(notes))
+
+
+def _safe(machine: Mechanism, found: Compensation, path: bool) -> Compensation:
+    """Return the commands without those that are worse than none or not come to safely."""
+    found = refused(found, worse_rows(machine, found))
+    return refused(found, unsafe_ways(machine, found)) if path else found
+
+
+def _beyond(found: Compensation, machine: Mechanism, knowledge: Knowledge | None,
+            poses: PoseTable, path: bool) -> Iterator[str]:
+    """Yield where commands go beyond what was measured, or step beyond what the targets do."""
+    good = sent(found)
+    ranges = measured_ranges(machine, None if knowledge is None else knowledge.volume)
+    yield from extrapolated(machine, found.pose, good, ranges, poses.environment)
+    lost = int(np.sum(good & ~finite_rows(found.command)))
+    if lost:
+        yield (f"{counted(lost, 'row')} without a corrected pose command (cmd_): the nominal "
+               "geometry has none; send the joint values there")
+    steps = own_steps(machine, found) if path else None
+    if steps is not None and steps.beyond.any():
+        worst = int(steps.beyond.argmax())
+        joint = int(steps.joint[worst])
+        quantity = machine.actuator_quantity[joint]
+        factor, unit = machine.units.factor(quantity), machine.units.name(quantity)
+        yield (f"{counted(int(np.sum(steps.beyond > 0.0)), 'row')} step beyond their targets' own "
+               f"steps, by {steps.beyond[worst] / factor:.3g} {unit} at most "
+               f"({machine.actuators[joint]}, row {steps.rows[worst] + 1}): what the model's "
+               "effects do there is another than in the row before")
 
 
 def _doubts(found: Compensation, machine: Mechanism, knowledge: Knowledge | None) -> list[str]:
@@ -176,8 +225,9 @@ def _known(model: Machine | CalibratedMachine, knowledge: Path_ | None
         "identification.json")
     if knowledge is not None or path.exists():
         return machine, read_knowledge(path, machine), [str(path)], notes
-    notes.append(f"{path} is not there: uncertainties and the measured volume are unknown, so "
-                 "poses far outside it are not refused")
+    ranges = machine.measured is not None and machine.measured.ranges
+    notes.append(f"{path} is not there: uncertainties are unknown" + ("" if ranges else (
+        " and so is the measured volume: poses far outside it are not refused")))
     return machine, None, [], notes
 
 
@@ -206,7 +256,15 @@ def _refuse_short(mechanism: Mechanism, poses: PoseTable, source: str, sequence:
     rows = environment(poses.environment, mechanism.actuators, mechanism.gravity, joints, sequence)
     if rows.history is not None:    # whether joints went straight is seen once they are known
         rows = replace(rows, history=replace(rows.history, direct=np.ones(joints.shape[1], bool)))
-    refuse_unrecorded(mechanism, rows, "the model's effects", source)
+    refuse_unrecorded(mechanism, rows, "the model's effects", source, OR_ASSUME)
+    # a load that the measurements had is none of 0 where only another one is given
+    seen = mechanism.measured.ranges if mechanism.measured else {}
+    needs = {need for effect in mechanism.effects for need in effect.kind.needs}
+    lacking = [c for c in ("payload", *WRENCH) if any(seen.get(c, ())) and c not in
+               poses.environment and needs & {"load", "wrench"}]
+    if lacking:
+        raise BadInput(f"the model was identified with {', '.join(lacking)}, which is not there",
+                       f"{source}: header", f"Add the column {lacking[0]}{OR_ASSUME}")
 
 
 def _frame(mechanism: Mechanism, frame: str | None) -> tuple[Registration, str]:

@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import ClassVar
 
 from ppmcal.api.inputs import Machine, Path_, files_of, load, recorded, source_of
+from ppmcal.api.own_data import refuse_missed
 from ppmcal.api.result import Result
 from ppmcal.controllers.export import Exported, exporter, record_of
 from ppmcal.controllers.model_uncertainty import KNOWLEDGE, pose_uncertainty
+from ppmcal.controllers.pose_errors import MM
+from ppmcal.errors import NoResult
 from ppmcal.io.csv_writer import Content, csv_text
-from ppmcal.io.results.export import ExportRecord
+from ppmcal.io.results.export import NO_GAIN, ExportRecord
 from ppmcal.model.mechanism import Mechanism
 
 
@@ -52,8 +55,8 @@ class ExportResult(Result):
 
 
 @recorded
-def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ | None = None
-           ) -> ExportResult:
+def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ | None = None,
+           regardless: bool = False) -> ExportResult:
     """Write a machine as a controller's configuration takes it.
 
     The file is read back, and the machine is driven through the controller's own arithmetic
@@ -65,17 +68,46 @@ def export(form: str, model: Machine, *, old: Path_ | None = None, poses: Path_ 
         old: the controller's file in use, to predict the gain against  [default: the nominal
             values].
         poses: CSV of wanted poses, for formats that are tables of them.
+        regardless: take a model too that misses the measurements that it was made from, and
+            numbers with which the machine is predicted to be worse than with the old ones.
 
     Raises:
         BadInput: a machine that this controller does not drive, or an option without use.
-        NoResult: the file does not read back as what it was written from.
+        NoResult: the file does not read back as what it was written from, or it is not safe to
+            use it.
     """
     writer, machine = exporter(form), load(model)
+    warned = refuse_missed(machine, regardless=regardless)
     source_file = Path(machine.source)
     made = writer.export(machine, None if old is None else Path(old),
                          None if poses is None else Path(poses))
     made = replace(made, uncertainty=pose_uncertainty(machine, made.poses, source_file))
+    warned += _refuse_worse(made, machine.source, regardless)
     known = source_file.with_name(KNOWLEDGE) if made.uncertainty.frame else None
     source = source_of("export", [*machine.inputs, *files_of(old, poses, known)], None)
     record = record_of(made, machine.name, source)
-    return ExportResult(source, tuple(record.attention()), machine, made, record)
+    return ExportResult(source, (*warned, *record.attention()), machine, made, record)
+
+
+def _refuse_worse(made: Exported, source: str, regardless: bool) -> list[str]:
+    """Refuse numbers with which the machine misses more than with the old ones.
+
+    Returns:
+        That they are no better, as far as the model is known.
+
+    Raises:
+        NoResult: with both errors, if the model is exact.
+    """
+    before, after, predicted = made.before.rms, made.after.rms, made.predicted
+    if after > before + NO_GAIN * MM:
+        if regardless:
+            return []     # the record says it
+        raise NoResult(
+            f"the new {made.title} numbers are worse than the old ones: {after / MM:.3g} mm rms "
+            f"with them, {before / MM:.3g} mm without", source,
+            "Keep the old ones; --force writes the new ones all the same")
+    if predicted is not None and predicted.rms > before + NO_GAIN * MM:
+        return [f"the new {made.title} numbers are not known to be better than the old ones: "
+                f"{predicted.rms / MM:.3g} mm rms expected, {before / MM:.3g} mm with the old "
+                "ones if the model is exact; measure more, or keep the old ones"]
+    return []

@@ -93,6 +93,8 @@ def _option(value: Any, default: Any = None) -> Any:
         return os.fspath(value)
     if isinstance(value, list | tuple):
         return [_option(v) for v in value]
+    if isinstance(value, Mapping) and all(isinstance(v, int | float) for v in value.values()):
+        return dict(value)
     return {IN_MEMORY: type(value).__name__}
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ppmcal import algebra as cga
+from ppmcal.calibration.extrapolation import measured_ranges, refuse_far
 from ppmcal.calibration.left_out_rows import DoubtfulStretch
 from ppmcal.calibration.problem import Problem, State
 from ppmcal.calibration.summary import Identification
@@ -34,9 +35,6 @@ from ppmcal.model.dataset import Dataset, Environment, environment
 from ppmcal.model.mechanism import Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
-
-FAR_OUTSIDE = 0.5
-"""Refused: farther outside the measured range than this part of its width."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +83,15 @@ class Compensation:
     """Commands for N wanted poses, SI; nan where refused.
 
     ``command`` is the pose to ask of a controller that uses the nominal geometry; ``seen``
-    (N, 6) the wanted pose as measured, open coordinates solved for.
+    (N, 6) the wanted pose as measured, open coordinates solved for; ``pose`` (N, 6) that of the
+    platform in the base frame.
     """
 
     q: Array
     q_nominal: Array
     command: Array
     seen: Array
+    pose: Array
     position_before: Array
     position_after: Array
     rotation_before: Array
@@ -131,15 +131,19 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     ordered = sequence or "time" in columns
     rough = inverse_table(nominal, full).q if ordered else np.full((len(full), k), np.nan)
     rows = environment(columns, mechanism.actuators, mechanism.gravity, rough, sequence)
-    table = inverse_table(model, full, rows)
+    asked = _asked(mechanism, registration, wanted, full)
+    table = inverse_table(model, asked, rows)
     if rows.history is not None and remembers(mechanism):
         # what remembers the way follows the joints that are sent, not the nominal ones
         sent = np.where(finite_rows(table.q)[:, None], table.q, rough)
         rows = environment(columns, mechanism.actuators, mechanism.gravity, sent, sequence)
-        table = inverse_table(model, full, rows)
+        table = inverse_table(model, asked, rows)
+    solved = np.isnan(asked).any(axis=1) & finite_rows(table.pose)
+    full = np.where(solved[:, None], table.pose, full)
     status = ["refused" if s != "ok" else "ok" for s in table.status]
     reason = [f or r for f, r in zip(failed, table.reason, strict=True)]
-    _outside_volume(mechanism, full, knowledge, status, reason)
+    volume = None if knowledge is None else knowledge.volume
+    refuse_far(mechanism, full, measured_ranges(mechanism, volume), status, reason)
     believed = registration
     if knowledge is not None and dataset in knowledge.before:
         believed = knowledge.before[dataset]
@@ -149,26 +153,21 @@ def compensate(mechanism: Mechanism, wanted: Array, registration: Registration,
     sigma = pose_sigma(model, before_events, full, table.q, good, knowledge, dataset, rows)
     q = np.where(good[:, None], table.q, np.nan)
     seen = measured_pose(registration, pose_motor(full))
-    return Compensation(q, q_nominal, result[0], seen, before[0], result[1], before[1], result[2],
-                        sigma[0], sigma[1], tuple(status), tuple(reason))
+    return Compensation(q, q_nominal, result[0], seen, full, before[0], result[1], before[1],
+                        result[2], sigma[0], sigma[1], tuple(status), tuple(reason))
 
 
-def _outside_volume(mechanism: Mechanism, full: Array, knowledge: Knowledge | None,
-                    status: list[str], reason: list[str]) -> None:
-    if knowledge is None:
-        return
-    for c, name in zip(mechanism.dof, mechanism.coordinates, strict=True):
-        if name not in knowledge.volume:
-            continue
-        low, high = knowledge.volume[name]
-        margin = FAR_OUTSIDE * (high - low)
-        quantity = "length" if c < 3 else "angle"
-        factor, unit = mechanism.units.factor(quantity), mechanism.units.name(quantity)
-        for n in np.flatnonzero((full[:, c] < low - margin) | (full[:, c] > high + margin)):
-            if status[n] == "ok":
-                status[n] = "refused"
-                reason[n] = (f"far outside the measured volume: {name} = {full[n, c] / factor:.6g} "
-                             f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
+def _asked(mechanism: Mechanism, registration: Registration, wanted: Array, full: Array) -> Array:
+    """Return the poses (N, 6) to ask the machine with its effects for.
+
+    Effects move the surface of a machine with fewer actuators than coordinates: in the base
+    frame what was left open stays open, or the pose would be off it.
+    """
+    still = (np.array_equal(registration.frame, cga.identity_motor())
+             and not registration.target.any() and not registration.target_rotation.any())
+    if not (mechanism.effects and still):
+        return full
+    return np.where(np.isnan(wanted), np.nan, full)
 
 
 @stage("predicting errors without correction")
@@ -223,9 +222,8 @@ def pose_sigma(model: Model, registration: Registration, full: Array, q: Array, 
         return position, rotation
     jacobian = prediction_jacobian(model, registration, full[good], q[good], knowledge, dataset,
                                    rows.take(good))
-    covariance = jacobian @ knowledge.covariance @ np.swapaxes(jacobian, -1, -2)
-    variance = np.diagonal(covariance, axis1=-2, axis2=-1) + own_variance(
-        model, registration, full[good], q[good], dataset, rows.take(good))
+    variance = np.einsum("nmc,nmc->nm", jacobian @ knowledge.covariance, jacobian)
+    variance += own_variance(model, registration, full[good], q[good], dataset, rows.take(good))
     places = sum(1 for c in model.mechanism.dof if c < 3)
     left = knowledge.missed(q[good], model.mechanism.actuators) ** 2
     position[good] = np.sqrt(np.maximum(variance[:, :places].sum(axis=1), 0.0) + left[:, 0])

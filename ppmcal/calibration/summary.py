@@ -36,6 +36,7 @@ from ppmcal.calibration.left_out_rows import (
     doubtful_stretches,
     left_out,
 )
+from ppmcal.calibration.measured_ranges import measured_by
 from ppmcal.calibration.noise import LEAST, Noise, noise_check, with_noise
 from ppmcal.calibration.outliers import GrossErrors, find_gross_errors
 from ppmcal.calibration.posterior import BENT, Posterior
@@ -293,7 +294,7 @@ def report(fit: Fit, options: FitOptions, holdout: float, seed: int,
             "stated noise", mend="State the sigma that the instrument has") from error
     wider = sessions or blocks
     found = estimates(fit, rank, wider)
-    mechanism = with_estimates(fit, found)
+    mechanism = replace(with_estimates(fit, found), measured=measured_by(fit, noise))
     was = before(fit.problem, fit.keep)
     stood = {**registered(fit.problem, fit.state), **was.registrations}
     if leave_out:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
@@ -31,17 +32,26 @@ from ppmcal.cli.common import (
 @click.option("--approach", type=click.Choice(["columns", "sequence"]), default="columns",
               show_default=True, help="Directions of approach: from dir_ columns, or from the "
               "order of the targets.")
+@click.option("--path/--no-path", default=True, show_default=True,
+              help="Targets are visited in their order: judge the straight ways between them too, "
+              "or each target alone.")
+@click.option("--assume", metavar="NAME=VALUE", multiple=True,
+              help="A condition of all targets that has no column, such as temperature=22.")
 @console_options
 def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge: Path | None,
-            approach: str, console: Console) -> None:
+            approach: str, path: bool, assume: tuple[str, ...], console: Console) -> None:
     """Turn the wanted poses TARGETS into corrected commands of the identified MODEL.
 
-    Rows outside limits, across singularities or far outside the measured volume are refused,
-    each with its reason. Writes commands.csv and commands.json.
+    Rows outside limits, across singularities, far outside the measured volume, worse off with
+    the correction than without, or not to be come to safely from the row before are refused, each
+    with its reason. A model whose residuals are far beyond the noise of its own measurements is
+    refused as a whole, unless --force says so. Writes commands.csv and commands.json.
     """
     from ppmcal.api.compensate import compensate
+    from ppmcal.io.folder import current
 
-    result = compensate(model, targets, frame=frame, knowledge=knowledge, approach=approach)
+    result = compensate(model, targets, frame=frame, knowledge=knowledge, approach=approach,
+                        path=path, assume=_assumed(assume), regardless=current().force)
     written = result.save(out)
     console.say(result.headline())
     for kind, size in result.record.predicted.items():
@@ -56,3 +66,24 @@ def command(model: Path, targets: Path, out: Path, frame: str | None, knowledge:
     finish(out, [p.name for p in written], console)
     console.summary(result.record.summary())
     leave(result.needs_a_look)
+
+
+def _assumed(given: tuple[str, ...]) -> dict[str, float]:
+    """Return name -> value of what is assumed.
+
+    Raises:
+        click.UsageError: not of the form NAME=VALUE, or named twice.
+    """
+    out: dict[str, float] = {}
+    for one in given:
+        name, _, text = one.partition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not name or not math.isfinite(value):
+            raise click.UsageError(f"--assume {one}: write NAME=VALUE, such as temperature=22.")
+        if name in out:
+            raise click.UsageError(f"--assume {one}: {name} has a value already.")
+        out[name] = value
+    return out

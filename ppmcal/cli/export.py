@@ -53,11 +53,14 @@ def command(form: str, model: Path, out: Path, old: Path | None, poses: Path | N
 
     The file is read back, and the machine is driven through the controller's own arithmetic
     with the old and the new numbers; what the controller cannot express is listed with what
-    that costs. Writes the controller's file and export.json.
+    that costs. Refused, unless --force says so: a model whose residuals are far beyond the noise of
+    its own measurements, and numbers that are predicted to be worse than the old ones. Writes the
+    controller's file and export.json.
     """
     from ppmcal.api.export import export
+    from ppmcal.io.folder import current
 
-    result = export(form, model, old=old, poses=poses)
+    result = export(form, model, old=old, poses=poses, regardless=current().force)
     written = result.save(out)
     _show(result.record, console)
     console.warn(result.findings)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ppmcal import linalg
+from ppmcal.calibration.extrapolation import OUTSIDE
 from ppmcal.controllers.joint_tables_file import DIGITS, MOST, Triplets, correction
 from ppmcal.controllers.pose_grid import at_rest, refuse_open
 from ppmcal.errors import NoResult
@@ -23,6 +24,7 @@ from ppmcal.kinematics.closure import Model
 from ppmcal.kinematics.effect_response import setting, shifted
 from ppmcal.kinematics.inverse import home_state
 from ppmcal.linalg import Array, Ints
+from ppmcal.model.measured import Measured
 from ppmcal.model.mechanism import Effect, Mechanism
 from ppmcal.units import LENGTHS
 
@@ -218,9 +220,12 @@ def joint_tables(mechanism: Mechanism) -> tuple[CorrectionTable, ...]:
 
 
 def known_commands(mechanism: Mechanism) -> Array:
-    """Return the joint values (k, 2) between which all effects of the joints are known."""
+    """Return the joint values (k, 2) between which all effects of the joints are known.
+
+    An effect is not known much beyond the joint values that were measured.
+    """
     k = len(mechanism.actuators)
-    out = np.tile([-np.inf, np.inf], (k, 1))
+    out, seen = np.tile([-np.inf, np.inf], (k, 1)), mechanism.measured or Measured()
     ones = np.ones((1, k))
     ratio = setting(Model(mechanism), at_rest(mechanism, 1), ones, np.full((1, 8), np.nan)).travel
     for effect in joint_effects(mechanism):
@@ -229,6 +234,10 @@ def known_commands(mechanism: Mechanism) -> Array:
             # a little inside, so that rounding stays there
             ends += np.array([1.0, -1.0]) * INSIDE * float(np.ptp(ends))
             out[a] = max(out[a, 0], ends[0]), min(out[a, 1], ends[1])
+        for a in np.flatnonzero(effect.on):
+            low, high = seen.ranges.get(f"q_{mechanism.actuators[a]}", (-np.inf, np.inf))
+            margin = OUTSIDE * (high - low)
+            out[a] = max(out[a, 0], low - margin), min(out[a, 1], high + margin)
     return out
 
 

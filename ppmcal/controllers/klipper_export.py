@@ -36,6 +36,7 @@ def export(mechanism: Mechanism, old: Path | None, poses: Path | None) -> Export
     if read_geometry(parse_config(text, CONFIG)) != found.new:
         raise NoResult("the lines read back as another geometry", CONFIG,
                        "This is a fault of ppmcal; do not use them")
+    refuse_endstops(found.new.endstops, mechanism.source)
     before, after = keys(found.old), keys(found.new)
     held = [] if present is None else _autosaved(present, after)
     advice = [f"Change these in the #*# lines of {old}, which win over all others: "
@@ -61,6 +62,20 @@ def _comment(found: Export[DeltaGeometry], name: str) -> str:
              "win over all others."]
     return "\n".join([*lines, *(f"Cannot be expressed: {one.what}." for one in found.not_expressed),
                       *(f"Note: {note}." for note in found.notes)])
+
+
+def refuse_endstops(endstops: tuple[float, float, float], source: str) -> None:
+    """Refuse endstops that the firmware would not take: it counts them up from the bed, mm.
+
+    Raises:
+        NoResult: one of them is at the bed or below it.
+    """
+    for tower, end in zip(TOWERS, endstops, strict=True):
+        if end <= 0.0:
+            raise NoResult(f"position_endstop of stepper_{tower} would be {end:.6g} mm, which is "
+                           "not above the bed: Klipper refuses it", source,
+                           "Check `home`, `limits` and the height of the towers' points: the bed "
+                           "is z = 0")
 
 
 def keys(geometry: DeltaGeometry) -> dict[str, float]:

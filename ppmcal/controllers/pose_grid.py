@@ -26,7 +26,8 @@ from ppmcal.kinematics.partial_pose import inverse_partial, pose_motor, wanted_p
 from ppmcal.kinematics.region import Grid, largest_box, named, placed
 from ppmcal.linalg import Array, Bools, finite_rows
 from ppmcal.model.dataset import REFERENCE_TEMPERATURE, Environment, environment
-from ppmcal.model.mechanism import Mechanism
+from ppmcal.model.measured import Measured
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
 from ppmcal.model.registration import Registration
 from ppmcal.wording.progress import stage
 
@@ -37,6 +38,8 @@ MARGIN = 0.98
 BETWEEN = 500
 """Poses in between at which the interpolation is tried."""
 ENOUGH = 20
+STILL = 0.01
+"""A coordinate was measured at one value where that is less than this part of its range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,8 @@ def at_rest(mechanism: Mechanism, rows: int) -> Environment:
 def default_grid(mechanism: Mechanism) -> Grid:
     """Return the largest box about home inside all limits (:func:`largest_box`) as a grid.
 
+    Of a machine that was measured it ends where the measurements end.
+
     Raises:
         BadInput: an actuator has no limits. NoResult: next to nothing is inside them.
     """
@@ -82,9 +87,23 @@ def default_grid(mechanism: Mechanism) -> Grid:
     n = len(chosen)
     low, high = largest_box(mechanism, chosen, 5 if n <= 3 else 3)
     home = mechanism.home_pose[list(chosen)]
-    return Grid(chosen, tuple(
-        np.linspace(h + MARGIN * (a - h), h + MARGIN * (b - h), PLACES[n] if c < 3 else TURNS[n])
-        for c, h, a, b in zip(chosen, home, low, high, strict=True)))
+    low, high = home + MARGIN * (low - home), home + MARGIN * (high - home)
+    ends = [measured_part(mechanism, c, float(a), float(b))
+            for c, a, b in zip(chosen, low, high, strict=True)]
+    return Grid(chosen, tuple(np.linspace(a, b, PLACES[n] if c < 3 else TURNS[n])
+                              for c, (a, b) in zip(chosen, ends, strict=True)))
+
+
+def measured_part(mechanism: Mechanism, coordinate: int, low: float, high: float
+                  ) -> tuple[float, float]:
+    """Return what of a range of a coordinate was measured; all of it where that is not known.
+
+    Also where it was measured at one value only: what is far from that is left out row by row.
+    """
+    seen = mechanism.measured or Measured()
+    ends = seen.ranges.get(POSE_COORDINATES[coordinate], (low, high))
+    inside = max(low, ends[0]), min(high, ends[1])
+    return inside if inside[1] - inside[0] > STILL * (high - low) else (low, high)
 
 
 def refuse_open(mechanism: Mechanism, what: str, mend: str = "") -> None:

@@ -105,6 +105,11 @@ def _notes(mechanism: Mechanism, grid: Grid | None, found: Corrected, further: l
     if missing and grid is not None:
         yield (f"{missing} of {len(found.good)} poses have no command and are left out: "
                f"{_reasons(found)}")
+    ends = {} if mechanism.measured is None else mechanism.measured.ranges
+    cut = [] if grid is None else [name for name, level in zip(grid.names, grid.levels, strict=True)
+                                   if {level[0], level[-1]} & {*ends.get(name, ())}]
+    if cut:
+        yield f"the grid ends where the measurements of {', '.join(cut)} do, not at the limits"
     if grid is None:
         yield "between the poses of a list nothing is predicted: the figures are at the poses"
     open_ = [POSE_COORDINATES[c] for c in mechanism.dof if c not in named(mechanism)]

@@ -14,10 +14,11 @@ from ppmcal.io import parameter_reader as assemble
 from ppmcal.io.directions import rotation, square
 from ppmcal.io.effects import with_effects
 from ppmcal.io.limb_reader import LimbReader, limb_kind
+from ppmcal.io.measurement_block import read_measured, read_registrations
 from ppmcal.io.mechanism_schema import MechanismFile, TolerancesFile, word
 from ppmcal.io.noise_limits import refuse_tolerances
 from ppmcal.io.parameter_reader import Draft
-from ppmcal.io.pose_fields import COORDINATES, OF_FRAME, OF_MOTION, pose_from_map, quantity
+from ppmcal.io.pose_fields import COORDINATES, OF_MOTION, pose_from_map, quantity
 from ppmcal.io.remarks import remark_machine
 from ppmcal.io.schema import check, dotted
 from ppmcal.io.stiffness import read_stiffness
@@ -26,7 +27,6 @@ from ppmcal.io.yaml_merge import IN_MEMORY, read_merged
 from ppmcal.linalg import Array
 from ppmcal.model.mechanism import MOTIONS, Limb, Mechanism
 from ppmcal.model.parameters import NO_TOLERANCE, Parameter, free_indices, unmatched
-from ppmcal.model.registration import Registration
 from ppmcal.units import Units
 
 
@@ -66,7 +66,8 @@ def read_mechanism(path: str | os.PathLike[str] | Mapping[str, Any]) -> Mechanis
         home_q=_home_q(file, actuators, factors, source),
         limits=_limits(file, actuators, factors, source), gravity=_gravity(file, source),
         units=units, free_patterns=patterns, optional=optional,
-        registrations=_registrations(file, units, source),
+        registrations=read_registrations(file, units, source),
+        measured=read_measured(file.measurement, units, actuators, factors, source),
         digits=_digits(file, drafts, units), findings=tuple(findings), source=source,
         inputs=inputs, stiffness=read_stiffness(file.stiffness, file.limbs, limbs, units, source),
         tolerances=tolerances, cost=_cost(file, source))
@@ -247,20 +248,6 @@ def _cost(file: MechanismFile, source: str) -> dict[str, tuple[float, float]]:
         if name not in TolerancesFile.model_fields:
             raise unknown("class of slots", name, TolerancesFile.model_fields, f"{source}: cost")
     return {name: (c.weight, c.exponent) for name, c in (file.cost or {}).items()}
-
-
-def _registrations(file: MechanismFile, units: Units, source: str) -> dict[str, Registration]:
-    out: dict[str, Registration] = {}
-    if file.measurement is None:
-        return out
-    for name, entry in file.measurement.datasets.items():
-        where = f"measurement.datasets.{name}.frame"
-        frame = np.zeros(6) if entry.frame is None else pose_from_map(
-            entry.frame, OF_FRAME[file.motion], units, source, where)
-        target = np.array([*(entry.target or [0.0, 0.0, 0.0]), 0.0][:3]) * units.factor("length")
-        turn = np.array(entry.target_rotation or [0.0, 0.0, 0.0]) * units.factor("angle")
-        out[name] = Registration.of_pose(frame, target, turn, entry.scale)
-    return out
 
 
 def _digits(file: MechanismFile, drafts: Sequence[Draft], units: Units) -> dict[str, float]:

@@ -37,6 +37,13 @@ def _range(value: list[float]) -> list[float]:
     return value
 
 
+def _ends(value: list[float]) -> list[float]:
+    if value[0] > value[1]:
+        raise refuse(f"the lowest value {value[0]:g} is above the highest {value[1]:g}",
+                     "Write [lowest, highest]")
+    return value
+
+
 def _extended(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
         raise refuse(f"{show(value)} is not a number", "Write a number, .inf or -.inf")
@@ -153,11 +160,26 @@ class RegistrationFile(Strict):
     """Lengths that the instrument shows over true ones."""
 
 
+class NoiseCheckFile(Strict):
+    """What the residuals of the calibration were against the stated noise."""
+
+    examples: ClassVar[Mapping[str, str]] = {"sigma_ratio": "sigma_ratio: 1.02"}
+    sigma_ratio: Sigma
+    """Residuals over the stated noise, root mean square."""
+    chi2_p: Number | None = None
+    """Chance of residuals as large, if the model and the stated noise are right."""
+
+
 class MeasurementFile(Strict):
     """``measurement: {datasets: {name: ...}}``, written by identify."""
 
     datasets: dict[Label, RegistrationFile] = Field(default_factory=dict)
     """Registration of each data set by its name."""
+    noise: NoiseCheckFile | None = None
+    """Residuals against the stated noise: what misses its own data is not commanded."""
+    ranges: dict[Label, Annotated[list[float], vector(2), AfterValidator(_ends)]] = Field(
+        default_factory=dict)
+    """Lowest and highest measured value by column: pose in the base frame, joints, conditions."""
 
 
 class MechanismFile(Strict):

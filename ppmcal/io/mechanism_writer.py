@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from ppmcal.io.directions import rotation
 from ppmcal.io.effects import effects_tree
+from ppmcal.io.measurement_block import measurement_tree
 from ppmcal.io.mechanism_schema import FORMAT, groups
-from ppmcal.io.pose_fields import OF_FRAME, OF_MOTION, pose_to_map
+from ppmcal.io.pose_fields import OF_MOTION, pose_to_map
 from ppmcal.io.stiffness import stiffness_trees
 from ppmcal.io.yaml import dump_yaml, to_file
 from ppmcal.model.limbs.chain import SlotSpec
@@ -208,8 +209,9 @@ def write_mechanism(mechanism: Mechanism, comment: str = "") -> str:
         tree["free"] = free
     if mechanism.optional:
         tree["optional"] = [list(level) for level in mechanism.optional]
-    if mechanism.registrations:
-        tree["measurement"] = {"datasets": _registrations(mechanism)}
+    measurement = measurement_tree(mechanism)
+    if measurement:
+        tree["measurement"] = measurement
     return dump_yaml(tree, comment)
 
 
@@ -236,13 +238,3 @@ def _free(mechanism: Mechanism) -> list[str] | None:
     if tuple(free_indices(mechanism.parameters, patterns)) == tuple(mechanism.free):
         return None if patterns is None else list(patterns)
     return [mechanism.parameters[i].name for i in mechanism.free]
-
-
-def _registrations(mechanism: Mechanism) -> Mapping[str, Any]:
-    units = mechanism.units
-    return {name: {
-        "frame": pose_to_map(r.frame_pose, OF_FRAME[mechanism.motion], units),
-        "target": [to_file(float(v), units.factor("length")) for v in r.target],
-        "target_rotation": [to_file(float(v), units.factor("angle")) for v in r.target_rotation],
-        **({} if r.scale == 1.0 else {"scale": r.scale}),
-    } for name, r in mechanism.registrations.items()}

@@ -6,12 +6,13 @@ A column whose header names another unit (``x [m]``) is converted.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ppmcal.errors import BadInput
+from ppmcal.errors import BadInput, unknown
 from ppmcal.io import measurement_columns as cols
 from ppmcal.io.csv import Table
 from ppmcal.io.frames import Tabular, as_table, is_path
@@ -66,27 +67,30 @@ class JointTable(NamedTuple):
 
 
 @stage("reading the table")
-def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") -> PoseTable:
+def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec",
+               assume: Mapping[str, float] | None = None) -> PoseTable:
     """Return the poses of a table: ``x, y, rz``, ``x, y, z``, with rx, ry, rz or a quaternion.
 
     ``source`` is the path of a CSV, a data frame, a mapping of columns, or an array (N, d) of
     the machine's coordinates; all in the mechanism file's units.
 
     ``rotation`` is one of :data:`rotations.CONVENTIONS`; Euler angles stand in the places of
-    the rotation vector, rad.
+    the rotation vector, rad. ``assume``: further columns that are one number throughout, in the
+    units of such a column of the table.
 
     Coordinates of the machine may be left empty or out (nan): as many must be given as there
     are actuators, row by row; that is the solver's to refuse.
 
     Raises:
-        BadInput: no pose column at all, a coordinate that the machine does not have, or any
-            fault of the CSV.
+        BadInput: no pose column at all, a coordinate that the machine does not have, a condition
+            that is assumed but there, or that nothing depends on, or any fault of the CSV.
     """
     def loose(name: str) -> bool:
         return _may_be_text(name) and not (name in EULER and rotation.startswith("euler"))
 
     table = _table(source, mechanism, mechanism.coordinates, "poses", loose)
     remark_table(table)
+    table = _with_assumed(table, mechanism, assume or {})
     given = _as_given(table)
     if mechanism.motion == "spatial":
         table = under_vector_names(table, rotation)
@@ -101,6 +105,21 @@ def read_poses(source: Tabular, mechanism: Mechanism, rotation: str = "rotvec") 
     _enough_columns(table, own, mechanism)
     return PoseTable(_rows(table), poses, _extra(table, own), table.header,
                      _environment(table, mechanism), given)
+
+
+def _with_assumed(table: Table, mechanism: Mechanism, assume: Mapping[str, float]) -> Table:
+    """Return the table with further columns of one number each."""
+    known = [c for c in cols.known_columns(mechanism) if c in (
+        *cols.ENVIRONMENT, *(f"{w}_{a}" for w in ("dir", "vel") for a in mechanism.actuators))]
+    for name, value in assume.items():
+        if name in table.header:
+            raise BadInput(f"the column {name} is there already", f"{table.source}: header",
+                           f"Leave out --assume {name}={value:g}, or the column")
+        if name not in known:
+            raise unknown("condition", name, known, "--assume")
+        table = replace(table, header=(*table.header, name), numbers={
+            **table.numbers, name: np.full(len(table), value)})
+    return table
 
 
 def _enough_columns(table: Table, own: list[str], mechanism: Mechanism) -> None:

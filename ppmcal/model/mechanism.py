@@ -12,6 +12,7 @@ from ppmcal import algebra as cga
 from ppmcal.linalg import Array
 from ppmcal.model.effects import EffectKind
 from ppmcal.model.limbs import LimbKind
+from ppmcal.model.measured import Measured
 from ppmcal.model.parameters import Parameter, SlotMap, free_indices, with_values
 from ppmcal.model.registration import Registration
 from ppmcal.units import Units
@@ -69,6 +70,7 @@ class Mechanism:
         free_patterns: the file's ``free`` list, or None.
         optional: patterns of freedoms to take, or leave, by what predicts left-out rows, in order.
         registrations: frame and target of data sets that were identified, by name.
+        measured: what the calibration saw; None: not calibrated, or by an older version.
         digits: half the last printed digit of the file's numbers by quantity, SI.
         findings: warnings that reading the file gave.
         stiffness: of each limb's parts, ``bar``, ``drive``, ``joint1.x``, ... -> N/m or N m/rad;
@@ -95,6 +97,7 @@ class Mechanism:
     free_patterns: tuple[str, ...] | None = None
     optional: tuple[tuple[str, ...], ...] = ()
     registrations: Mapping[str, Registration] = field(default_factory=dict)
+    measured: Measured | None = None
     digits: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     source: str = ""

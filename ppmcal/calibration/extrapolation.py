@@ -1,0 +1,93 @@
+"""Targets beyond what the calibration measured: refused far outside, told a little outside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ppmcal.linalg import Array, Bools
+from ppmcal.model.dataset import WRENCH, ZERO_CELSIUS
+from ppmcal.model.measured import Measured
+from ppmcal.model.mechanism import POSE_COORDINATES, Mechanism
+from ppmcal.wording import counted
+
+FAR_OUTSIDE = 0.5
+"""Refused: farther outside the measured range than this part of its width."""
+OUTSIDE = 0.1
+"""Told: farther outside than this part of it."""
+STILL = 1e-3
+"""Of the reach, and of a radian: what was measured at one value holds this far around it."""
+Ranges = Mapping[str, tuple[float, float]]
+CONDITIONS = {"temperature": (1.0, "C", ZERO_CELSIUS), "payload": (1.0, "kg", 0.0),
+              "time": (1.0, "s", 0.0), **dict.fromkeys(WRENCH[:3], (1.0, "N", 0.0)),
+              **dict.fromkeys(WRENCH[3:], (1.0, "N.m", 0.0))}
+"""SI value of the unit in which it is shown, the unit, and what is 0 there."""
+
+
+def refuse_far(mechanism: Mechanism, full: Array, ranges: Ranges, status: list[str],
+               reason: list[str]) -> None:
+    """Refuse platform poses (N, 6) far outside the measured ``ranges``, m and rad."""
+    for c, name in zip(mechanism.dof, mechanism.coordinates, strict=True):
+        if name not in ranges:
+            continue
+        low, high = ranges[name]
+        margin = FAR_OUTSIDE * (high - low) + _still(mechanism, name)
+        factor, unit = _shown(mechanism, name)
+        with np.errstate(invalid="ignore"):
+            far = (full[:, c] < low - margin) | (full[:, c] > high + margin)
+        for n in np.flatnonzero(far):
+            if status[n] == "ok":
+                status[n] = "refused"
+                reason[n] = (f"far outside the measured volume: {name} = {full[n, c] / factor:.6g} "
+                             f"{unit}, measured {low / factor:.6g} to {high / factor:.6g}")
+
+
+def extrapolated(mechanism: Mechanism, full: Array, good: Bools, ranges: Ranges,
+                 columns: Mapping[str, Array]) -> Iterator[str]:
+    """Yield by how much commands go beyond what was measured, column by column.
+
+    Args:
+        mechanism: the machine.
+        full: platform poses (N, 6) in the base frame.
+        good: rows that have a command (N,).
+        ranges: what was measured, by column, SI.
+        columns: conditions of the rows, SI; they count where the machine has effects.
+    """
+    asked = {POSE_COORDINATES[c]: full[:, c] for c in mechanism.dof}
+    if mechanism.effects:
+        asked |= {name: columns[name] for name in CONDITIONS if name in columns}
+    for name, values in asked.items():
+        if name not in ranges or not good.any():
+            continue
+        low, high = ranges[name]
+        beyond = np.where(good, np.fmax(low - values, values - high), np.nan)
+        with np.errstate(invalid="ignore"):
+            rows = int(np.sum(beyond > OUTSIDE * (high - low) + _still(mechanism, name)))
+        if rows:
+            factor, unit = _shown(mechanism, name)
+            zero = CONDITIONS[name][2] if name in CONDITIONS else 0.0
+            yield (f"{counted(rows, 'row')} outside of what was measured: {name} up to "
+                   f"{float(np.nanmax(beyond)) / factor:.4g} {unit} beyond "
+                   f"{(low - zero) / factor:.6g} to {(high - zero) / factor:.6g}; there only the "
+                   "tolerances and the model's form hold it, as its uncertainty says")
+
+
+def measured_ranges(mechanism: Mechanism, volume: Ranges | None) -> Ranges:
+    """Return what was measured: as the machine's file says, else the ``volume`` beside it."""
+    seen = mechanism.measured or Measured()
+    return {**(volume or {}), **seen.ranges}
+
+
+def _still(mechanism: Mechanism, name: str) -> float:
+    if name in CONDITIONS:
+        return 1.0
+    return STILL * (1.0 if name.startswith("r") else mechanism.reach)
+
+
+def _shown(mechanism: Mechanism, name: str) -> tuple[float, str]:
+    """Return SI value and name of the unit of a column."""
+    if name in CONDITIONS:
+        return CONDITIONS[name][:2]
+    quantity = "angle" if name.startswith("r") else "length"
+    return mechanism.units.factor(quantity), mechanism.units.name(quantity)

@@ -1,0 +1,147 @@
+"""compensate and export on the command line: refused as a whole, or row by row, with exit codes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+from helpers.commands import number, ppmcal, rows
+from helpers.paths import ROOT
+
+SAMPLE = ROOT / "sample_data"
+SCENARIO = """
+format: ppmcal/scenario/1
+units: {length: mm, angle: deg}
+poses: {random: {center: {x: 500, y: 290, rz: 30}, half_range: {x: 60, y: 60, rz: 8}, count: 40}}
+errors: {random: {scale: 1.0}}
+effects: [EFFECT]
+instrument: {kind: pose, sigma: {position: 0.005, rotation: 0.001}}
+approach: both
+seed: 5
+"""
+TARGETS = "x,y,rz\n480,280,28\n490,285,29\n505,290,30\n520,300,32\n"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A 3-RPR machine: calibrated well, and by data of which it misses a lot (backlash)."""
+    folder = tmp_path_factory.mktemp("bench")
+    shutil.copy(ROOT / "configs" / "3-RPR.yaml", folder / "m.yaml")
+    (folder / "targets.csv").write_text(TARGETS)
+    for name, effect in (("good", ""), ("bad", "{kind: backlash, parameters: {width: 0.3}}")):
+        (folder / f"{name}.yaml").write_text(SCENARIO.replace("EFFECT", effect))
+        ppmcal("simulate", "m.yaml", f"{name}.yaml", "--out", f"s_{name}", cwd=folder, expect=0)
+        run = ppmcal("identify", "m.yaml", f"s_{name}/measurements.csv", "--out", name, cwd=folder)
+        assert run.code in (0, 1), run.err
+    return folder
+
+
+def block(path: Path) -> dict[str, object]:
+    found: dict[str, object] = yaml.safe_load(path.read_text())["measurement"]
+    return found
+
+
+def test_a_model_file_says_how_well_it_fits_and_what_was_measured(bench: Path) -> None:
+    good, bad = (block(bench / n / "identified.yaml") for n in ("good", "bad"))
+    noise = json.loads((bench / "bad/identification.json").read_text())["noise"]
+    assert bad["noise"] == {"sigma_ratio": noise["sigma_ratio"], "chi2_p": noise["chi2_p"]}
+    assert 0.5 < good["noise"]["sigma_ratio"] < 1.5     # type: ignore[index]
+    assert noise["sigma_ratio"] > 5.0
+    volume = json.loads((bench / "good/identification.json").read_text())["measured_volume"]
+    ranges = good["ranges"]
+    for name, ends in volume.items():
+        assert ranges[name] == pytest.approx(ends)      # type: ignore[index]
+    with (bench / "s_good/measurements.csv").open(newline="") as file:
+        joint = [float(r["q_leg2"]) for r in csv.DictReader(file)]
+    assert ranges["q_leg2"] == pytest.approx([min(joint), max(joint)])  # type: ignore[index]
+
+
+@pytest.mark.parametrize("line", [["compensate", "MODEL", "targets.csv", "--frame", "base"],
+                                  ["export", "grid", "MODEL"], ["export", "joints", "MODEL"]])
+@pytest.mark.parametrize("copied", [False, True], ids=["folder", "yaml alone"])
+def test_a_model_that_misses_its_data_is_refused_with_exit_3(bench: Path, tmp_path: Path,
+                                                             line: list[str], copied: bool) -> None:
+    model = bench / "bad"
+    if copied:
+        model = tmp_path / "machine.yaml"
+        shutil.copy(bench / "bad" / "identified.yaml", model)
+    args = [str(model) if a == "MODEL" else a for a in line]
+    run = ppmcal(*args, "--out", str(tmp_path / "o"), cwd=bench, expect=3)
+    said = " ".join(run.err.split())
+    assert "misses the measurements that it was made from" in said
+    assert "times their noise" in said and "--force" in said and "--sigma estimated" in said
+    assert not (tmp_path / "o").exists()
+    run = ppmcal(*args, "--out", str(tmp_path / "o"), "--force", cwd=bench)
+    assert run.code in (0, 1)
+    assert "--force" in run.out
+    assert (tmp_path / "o").exists()
+
+
+def test_the_file_beside_says_it_of_older_models(bench: Path, tmp_path: Path) -> None:
+    shutil.copytree(bench / "bad", tmp_path / "old")
+    path = tmp_path / "old" / "identified.yaml"
+    tree = yaml.safe_load(path.read_text())
+    del tree["measurement"]["noise"], tree["measurement"]["ranges"]
+    path.write_text(yaml.safe_dump(tree))
+    ppmcal("compensate", tmp_path / "old", "targets.csv", "--frame", "base", "--out",
+           tmp_path / "o", cwd=bench, expect=3)
+    path.rename(tmp_path / "alone.yaml")     # then nobody knows
+    run = ppmcal("compensate", tmp_path / "alone.yaml", "targets.csv", "--frame", "base", "--out",
+                 tmp_path / "o", cwd=bench, expect=0)
+    assert "uncertainties are unknown" in " ".join(run.out.split())
+
+
+def test_noise_that_was_stated_too_small_is_mended_as_the_message_says(bench: Path, tmp_path: Path
+                                                                      ) -> None:
+    ppmcal("identify", "m.yaml", "s_bad/measurements.csv", "--sigma", "estimated", "--out",
+           tmp_path / "i", cwd=bench)
+    run = ppmcal("compensate", tmp_path / "i", "targets.csv", "--frame", "base", "--out",
+                 tmp_path / "o", cwd=bench)
+    assert run.code in (0, 1)
+    for row in rows(tmp_path / "o" / "commands.csv"):
+        if row["status"] == "ok":
+            assert number(row, "sigma_position") < number(row, "error_position_before")
+
+
+def test_a_row_that_is_off_the_path_is_refused_and_the_path_goes_on(bench: Path, tmp_path: Path
+                                                                   ) -> None:
+    """Limits that a straight way leaves, though both its ends are inside."""
+    tree = yaml.safe_load((bench / "good" / "identified.yaml").read_text())
+    targets = tmp_path / "t.csv"
+    targets.write_text("x,y,rz\n510,236,30\n490,344,30\n510,236,30\n")
+    ppmcal("compensate", bench / "good", targets, "--frame", "base", "--out", tmp_path / "a",
+           cwd=bench, expect=0)
+    joint = [number(r, "q_leg1") for r in rows(tmp_path / "a" / "commands.csv")]
+    targets.write_text("x,y,rz\n500,290,30\n")
+    ppmcal("compensate", bench / "good", targets, "--frame", "base", "--out", tmp_path / "a",
+           cwd=bench, expect=0)
+    low = number(rows(tmp_path / "a" / "commands.csv")[0], "q_leg1")
+    assert low < min(joint)
+    tree["limits"]["leg1"][0] = (low + min(joint)) / 2.0
+    (tmp_path / "m.yaml").write_text(yaml.safe_dump(tree))
+    shutil.copy(bench / "good" / "identification.json", tmp_path)
+    targets.write_text("x,y,rz\n510,236,30\n490,344,30\n510,236,30\n510,238,30\n")
+    run = ppmcal("compensate", tmp_path / "m.yaml", targets, "--frame", "base", "--out",
+                 tmp_path / "b", cwd=bench, expect=1)
+    found = rows(tmp_path / "b" / "commands.csv")
+    assert [r["status"] for r in found] == ["ok", "refused", "ok", "ok"]
+    assert found[1]["q_leg1"] in ("", "nan") and found[1]["cmd_x"] in ("", "nan")
+    assert "the straight way from row 1 leaves the limits: leg1" in found[1]["reason"]
+    assert "row 2 refused" in run.out
+    ppmcal("compensate", tmp_path / "m.yaml", targets, "--frame", "base", "--no-path", "--out",
+           tmp_path / "c", cwd=bench, expect=0)
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    (["temperature"], "NAME=VALUE"), (["temperature=warm"], "NAME=VALUE"),
+    (["temperature=nan"], "NAME=VALUE"), (["payload=1", "--assume", "payload=2"], "already"),
+    (["colour=3"], "colour"), (["payload=-1"], "negative"), (["dir_leg1=0.5"], "direction")])
+def test_what_cannot_be_assumed_is_refused(bench: Path, given: list[str], words: str) -> None:
+    run = ppmcal("compensate", "good", "targets.csv", "--frame", "base", "--assume", *given,
+                 cwd=bench, expect=2)
+    assert words in run.err
+    assert "Traceback" not in run.err
