@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from itertools import groupby
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
@@ -29,8 +30,8 @@ from mutation.trial import Outcome, Trial, from_import, preload, serve
 RESULTS = BUILD / "results.jsonl"
 EQUIVALENT = ROOT / "benchmarks" / "mutation" / "equivalent.yaml"
 FORK = multiprocessing.get_context("fork")
-START_UP = 40.0
-"""CPU seconds that a child may take on top of five times its tests."""
+START_UP = 15.0
+"""CPU seconds that a child may take on top of its tests' time under coverage."""
 STATUSES = ("killed", "timed out", "equivalent", "survived")
 
 
@@ -119,7 +120,10 @@ def covering(mutant: Mutant) -> set[str]:
         return seen.get(mutant.line, set())
     within = [lines for lines in _functions(mutant.file) if lines[0] <= mutant.line <= lines[-1]]
     lines = within[-1] if within else range(10**6)
-    return {t for line, tests in seen.items() if line in lines for t in tests}
+    found = {t for line, tests in seen.items() if line in lines for t in tests}
+    # a declaration that is only read: what mirrors its package
+    folder = mutant.file.split("/")[1]
+    return found or {t for t in made.seconds if t.startswith(f"tests/{folder}/")}
 
 
 @cache
@@ -129,13 +133,13 @@ def _functions(file: str) -> list[range]:
             if isinstance(n, ast.FunctionDef)]
 
 
-def in_order(tests: set[str], killers: Counter[str], budget: float) -> list[str]:
-    """Return tests, those first that noticed others in this file; then quick and unlike ones."""
+def in_order(tests: set[str], name: str, killers: Counter[str], budget: float) -> list[str]:
+    """Return tests: those that noticed others in this file or have its name, then quick ones."""
     seconds = read_map().seconds
     siblings = {test: n for _, group in groupby(sorted(tests), key=lambda t: t.split("[")[0])
                 for n, test in enumerate(sorted(group, key=lambda t: seconds[t]))}
     order = sorted(tests, key=lambda t: (
-        -min(killers[t], 1), (seconds[t] + 0.05) * (1 + siblings[t])))
+        -min(killers[t], 1), name not in t, (seconds[t] + 0.05) * (1 + siblings[t])))
     out, spent = [], 0.0
     for test in order:
         if not out or spent + seconds[test] <= budget:
@@ -190,8 +194,10 @@ def _tried(faulty: Ask, faultless: Ask, mutant: Mutant, killers: Counter[str], b
     A test that fails without any fault notices nothing: it is left out, and the mutant tried again.
     """
     seconds = read_map().seconds
-    while tests := in_order({t for t in covering(mutant) if sound.get(t, True)}, killers, budget):
-        allowed = START_UP + 5.0 * sum(seconds[t] for t in tests)
+    name = Path(mutant.file).stem
+    while tests := in_order({t for t in covering(mutant) if sound.get(t, True)}, name, killers,
+                            budget):
+        allowed = START_UP + sum(seconds[t] for t in tests)
         outcome = faulty(tests, allowed)
         blamed = outcome.test if outcome.test in seconds else tests[0]
         if outcome.status == "killed" and blamed not in sound:
