@@ -30,8 +30,8 @@ from mutation.trial import Outcome, Trial, from_import, preload, serve
 RESULTS = BUILD / "results.jsonl"
 EQUIVALENT = ROOT / "benchmarks" / "mutation" / "equivalent.yaml"
 FORK = multiprocessing.get_context("fork")
-START_UP = 15.0
-"""CPU seconds that a child may take on top of its tests' time under coverage."""
+START_UP = 10.0
+"""CPU seconds that a child may take on top of twice its tests' time under coverage."""
 STATUSES = ("killed", "timed out", "equivalent", "survived")
 
 
@@ -70,7 +70,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--sample", type=int, default=500, help="how many mutants")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cores", type=int, default=1)
-    parser.add_argument("--budget", type=float, default=60.0, help="s of tests for each, at most")
+    parser.add_argument("--budget", type=float, default=60.0, help="CPU s of tests for each, at most")
     parser.add_argument("--again", action="store_true", help="try survivors once more")
     parser.add_argument("--compiled", action="store_true", help="those of compiled functions")
     parser.add_argument("--file", default="", help="only mutants of files with this in their name")
@@ -116,8 +116,8 @@ def covering(mutant: Mutant) -> set[str]:
     seen = made.lines.get(mutant.file, {})
     if "/compil" in mutant.file:
         return {t for t in made.seconds if t.startswith(COMPILED_TESTS)}
-    if not mutant.at_import:
-        return seen.get(mutant.line, set())
+    if not mutant.at_import and seen.get(mutant.line):
+        return seen[mutant.line]
     within = [lines for lines in _functions(mutant.file) if lines[0] <= mutant.line <= lines[-1]]
     lines = within[-1] if within else range(10**6)
     found = {t for line, tests in seen.items() if line in lines for t in tests}
@@ -197,7 +197,7 @@ def _tried(faulty: Ask, faultless: Ask, mutant: Mutant, killers: Counter[str], b
     name = Path(mutant.file).stem
     while tests := in_order({t for t in covering(mutant) if sound.get(t, True)}, name, killers,
                             budget):
-        allowed = START_UP + sum(seconds[t] for t in tests)
+        allowed = START_UP + 2.0 * sum(seconds[t] for t in tests)
         outcome = faulty(tests, allowed)
         blamed = outcome.test if outcome.test in seconds else tests[0]
         if outcome.status == "killed" and blamed not in sound:

@@ -1,4 +1,4 @@
-"""A pytest plug-in: which test runs which line of the core, and how long each test takes.
+"""A pytest plug-in: which test runs which line of the core, and its CPU seconds.
 
 ``python -m pytest -p mutation.coverage_map --map FILE PATHS``
 """
@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections import defaultdict
 from collections.abc import Generator
 from pathlib import Path
@@ -35,7 +36,7 @@ class Recorder:
 
     def __init__(self, out: Path) -> None:
         self.out = out
-        self.seconds: dict[str, float] = defaultdict(float)
+        self.seconds: dict[str, float] = {}
         self.failed: set[str] = set()
         self.users: dict[str, list[str]] = defaultdict(list)
         self.current = ""
@@ -47,9 +48,11 @@ class Recorder:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, Any, Any]:
         self._switch(item.nodeid)
+        begin = time.process_time()
         for name in getattr(item, "fixturenames", ()):
             self.users[name].append(item.nodeid)
         answer = yield
+        self.seconds[item.nodeid] = time.process_time() - begin
         self._switch("")
         return answer
 
@@ -69,7 +72,6 @@ class Recorder:
         self.coverage.switch_context(name)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.seconds[report.nodeid] += report.duration
         if not report.passed:
             self.failed.add(report.nodeid)
 

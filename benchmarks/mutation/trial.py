@@ -17,8 +17,7 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.abc import MetaPathFinder
 from pathlib import Path
@@ -27,7 +26,7 @@ from typing import Any
 
 import pytest
 
-from mutation.core import ROOT
+from mutation.core import ROOT, core_files
 from mutation.operators import Mutant, mutated
 
 HEAVY = ("numpy", "scipy.linalg", "scipy.optimize", "scipy.stats", "scipy.special", "numba",
@@ -43,7 +42,7 @@ Key = tuple[str, tuple[int | None, ...] | None]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mutant: killed, survived or timed out; by which test; in how long, s."""
+    """What became of a mutant: killed, survived or timed out; by which test; CPU seconds."""
 
     status: str
     test: str
@@ -56,7 +55,6 @@ Trial = Callable[[Mutant | None, Sequence[str], float], Outcome]
 
 def forked(run: Callable[[int, str], int], allowed: float) -> Outcome:
     """Call a function in a fork, with a pipe that takes names of failed tests, and a folder."""
-    begin = time.monotonic()
     folder = tempfile.mkdtemp(prefix="mutant-")
     read, write = os.pipe()
     child = os.fork()
@@ -65,9 +63,9 @@ def forked(run: Callable[[int, str], int], allowed: float) -> Outcome:
     os.close(write)
     with os.fdopen(read, encoding="utf-8") as pipe:
         failed = pipe.read().partition("\n")[0]
-    _, status = os.waitpid(child, 0)
+    _, status, usage = os.wait4(child, 0)
     shutil.rmtree(folder, ignore_errors=True)
-    seconds = round(time.monotonic() - begin, 1)
+    seconds = round(usage.ru_utime + usage.ru_stime, 1)
     if os.WIFEXITED(status) and os.WEXITSTATUS(status) == NOT_PUT_IN:
         return Outcome("not tried", "", seconds)
     if os.WIFSIGNALED(status) and os.WTERMSIG(status) in (
@@ -148,10 +146,12 @@ class _Server(_Profile):
     def __init__(self, work: Callable[[Trial], None]) -> None:
         self.work = work
         self.pipe = -1
+        self.functions: dict[str, list[FunctionType]] = {}
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         items = {item.nodeid: item for item in session.items}
         gc.collect()
+        self.functions = functions_of(core_files())
         gc.freeze()
 
         def trial(mutant: Mutant | None, tests: Sequence[str], allowed: float) -> Outcome:
@@ -167,7 +167,7 @@ class _Server(_Profile):
         self.pipe = pipe
         factory: Any = session.config
         factory._tmp_path_factory._basetemp = Path(folder)
-        if mutant is not None and not put_in(mutant):
+        if mutant is not None and not put_in(mutant, self.functions[mutant.file]):
             return NOT_PUT_IN
         for item, following in zip(items, [*items[1:], None], strict=True):
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
@@ -180,16 +180,24 @@ class _Server(_Profile):
             os.write(self.pipe, f"{report.nodeid}\n".encode())
 
 
-def put_in(mutant: Mutant) -> bool:
+def functions_of(files: Iterable[str]) -> dict[str, list[FunctionType]]:
+    """Return all functions that modules have made, by file."""
+    out: dict[str, list[FunctionType]] = {file: [] for file in files}
+    paths = {str(ROOT / file): file for file in out}
+    for thing in gc.get_objects():
+        if type(thing) is FunctionType and thing.__code__.co_filename in paths:
+            out[paths[thing.__code__.co_filename]].append(thing)
+    return out
+
+
+def put_in(mutant: Mutant, functions: Sequence[FunctionType]) -> bool:
     """Put a fault into the functions that a module has made already; False where none has it."""
     path = str(ROOT / mutant.file)
     source = Path(path).read_text(encoding="utf-8")
     was, new = (dict(_codes(compile(tree, path, "exec", dont_inherit=True)))
                 for tree in (source, mutated(source, mutant)))
     changed = {key: code for key, code in new.items() if code != was[key]}
-    gc.unfreeze()
-    having = [thing for thing in gc.get_objects() if type(thing) is FunctionType
-              and thing.__code__.co_filename == path and _key(thing.__code__) in changed]
+    having = [f for f in functions if _key(f.__code__) in changed]
     for function in having:
         function.__code__ = changed[_key(function.__code__)]
     return bool(having)
