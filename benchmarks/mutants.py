@@ -70,10 +70,10 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--sample", type=int, default=500, help="how many mutants")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cores", type=int, default=1)
-    parser.add_argument("--budget", type=float, default=60.0, help="CPU s of tests for each, at most")
+    parser.add_argument("--budget", type=float, default=20.0, help="CPU s of tests, each, at most")
     parser.add_argument("--again", action="store_true", help="try survivors once more")
     parser.add_argument("--compiled", action="store_true", help="those of compiled functions")
-    parser.add_argument("--file", default="", help="only mutants of files with this in their name")
+    parser.add_argument("--file", default="", help="only mutants of files with names like this")
     parser.add_argument("--new-map", action="store_true", help="see anew which test runs what")
     parser.add_argument("--tally", action="store_true", help="try nothing, print the figures")
     parser.add_argument("--tests", nargs="+", default=TESTS, help="tests that are asked")
@@ -85,7 +85,7 @@ def drawn(count: int, seed: int, compiled: bool = False, within: str = "") -> li
     every = [m for file in core_files(compiled)
              for m in mutants_of(file, (ROOT / file).read_text(encoding="utf-8"))]
     sample = sorted(every, key=lambda m: m.drawn(seed))[:count]
-    return [m for m in sample if within in m.file]
+    return [m for m in sample if re.search(within, m.file)]
 
 
 def made_map(tests: Sequence[str]) -> None:
@@ -155,9 +155,9 @@ def try_all(todo: Sequence[Mutant], trial: Trial, options: argparse.Namespace) -
     if trial is from_import:
         preload()
     read_map()
-    workers = [FORK.Process(target=_worker, args=(
-        sorted(todo[n::options.cores], key=lambda m: m.file), trial, options.budget, lock))
-        for n in range(options.cores)]
+    # in the order in which they were drawn: what is done when it is stopped is a sample too
+    workers = [FORK.Process(target=_worker, args=(todo[n::options.cores], trial, options.budget,
+                                                  lock)) for n in range(options.cores)]
     for worker in workers:
         worker.start()
     for worker in workers:
