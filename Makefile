@@ -4,7 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= demo-results
 
-.PHONY: demo test test-all lint bench study schemas docs docs-output screenshots strangers-path clean
+.PHONY: demo test test-all lint bench study mutants wheel oldest schemas docs docs-output screenshots \
+        strangers-path clean
 
 $(VENV)/.run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("ppmcal needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
@@ -60,6 +61,15 @@ bench: $(VENV)/.test
 
 study: $(VENV)/.test
 	$(BIN)/python benchmarks/diagnosis_study.py --out study-results --minutes 10
+
+mutants: $(VENV)/.test
+	@$(BIN)/python benchmarks/mutants.py $(MUTANTS)
+
+wheel: $(VENV)/.run
+	@$(BIN)/python benchmarks/supply.py wheel
+
+oldest: $(VENV)/.run
+	@$(BIN)/python benchmarks/supply.py oldest
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info

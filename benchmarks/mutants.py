@@ -27,6 +27,9 @@ from mutation.core import BUILD, COMPILED_TESTS, ROOT, TESTS, core_files
 from mutation.operators import Mutant, mutants_of
 from mutation.trial import Outcome, Trial, from_import, preload, serve
 
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
 RESULTS = BUILD / "results.jsonl"
 EQUIVALENT = ROOT / "benchmarks" / "mutation" / "equivalent.yaml"
 FORK = multiprocessing.get_context("fork")
@@ -48,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     sample = drawn(options.sample, options.seed, options.compiled, options.file)
     if not options.tally:
         if options.new_map or not list(BUILD.glob("map*.json")):
+            for old in BUILD.glob("map*.json"):
+                old.unlink()
             made_map(options.tests)
         found = results()
         todo = [m for m in sample if m.name not in found or (
@@ -92,7 +97,9 @@ def made_map(tests: Sequence[str]) -> None:
     """Run the tests once under coverage."""
     subprocess.run(
         [sys.executable, "-m", "pytest", "-p", "mutation.coverage_map", "--map",
-         str(BUILD / "map.json"), "-q", "-m", "not slow", *tests], cwd=ROOT, check=False)
+         str(BUILD / "map.json"), "-q", "-m", "not slow", *tests], cwd=ROOT, check=False,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(
+            filter(None, (str(ROOT / "benchmarks"), os.environ.get("PYTHONPATH"))))})
 
 
 @cache

@@ -80,6 +80,21 @@ def test_correlation_of_successive_rows_only() -> None:
     assert _correlation(rows(some, np.full(len(some) - 1, 2)), none[::2], some) == (0.0, 0)
 
 
+def test_pairs_that_are_not_successive_count_for_nothing() -> None:
+    """Every third row is of another file: the rest tells the same, basis and all."""
+    rng = np.random.default_rng(17)
+    n = 300
+    slow = np.linspace(-1.0, 1.0, n)[:, None, None] ** np.arange(4)
+    system = rows(rng.normal(size=(n, 1)), np.where(np.arange(n - 1) % 3 == 2, 0, 1))
+    basis, left = _cleaned(system, slow, white(1))
+    found, pairs = _correlation(system, basis, left)
+    both = [k for k in range(n - 1) if k % 3 != 2]
+    own = sum(left[k, 0] * left[k + 1, 0] for k in both) / len(both)
+    taken = sum(float(basis[k, 0] @ basis[k + 1, 0]) for k in both) / len(both)
+    assert pairs == len(both)
+    assert found == pytest.approx(own / (np.sum(left**2) / n) + taken / (1.0 - 4 / n), rel=1e-9)
+
+
 @pytest.mark.parametrize(("pairs", "told"), [(20, True), (19, False)])
 def test_few_pairs_tell_no_correlation(pairs: int, told: bool) -> None:
     same = np.ones((pairs + 1, 1))
