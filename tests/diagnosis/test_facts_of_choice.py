@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
+from ppmcal.diagnosis import verdict as verdicts
 from ppmcal.diagnosis.added_variable_test import DRAWS, build_test, seen_noise
 from ppmcal.diagnosis.extended_model import Added
 from ppmcal.diagnosis.hypotheses import Hypothesis
 from ppmcal.diagnosis.refit import APART, _against_zero, _none_of_machines, key_of
+from ppmcal.diagnosis.rivals import Rival, find, held, merged, odds_between, rivals
 from ppmcal.diagnosis.search import Search
 from ppmcal.diagnosis.selection import (
     _apart,
@@ -327,3 +329,119 @@ def test_rows_out_rows_back_and_a_fit_that_stopped_are_said() -> None:
 def test_residuals_above_or_far_below_the_noise_are_said(left: dict[str, float], words: str
                                                          ) -> None:
     assert words in " ".join(said(fit_with({}), fit_with({}), **left))
+
+
+# --- rivals ---------------------------------------------------------------------------------------
+
+def alike(cosine: float, seed: int = 30, n: int = 120) -> Search:
+    """Return a search of two columns at an angle, the first of which made the residual."""
+    rng = np.random.default_rng(seed)
+    q = np.linalg.qr(rng.normal(size=(n, 7)))[0]
+    first = q[:, 4]
+    columns = np.stack([first, cosine * first + np.sqrt(1.0 - cosine**2) * q[:, 5], q[:, 6]],
+                       axis=1)
+    residual = 25.0 * first + rng.normal(size=n)
+    test = build_test(q[:, :4], columns, residual, n)
+    return Search(test, tuple(hypothesis([c]) for c in range(3)), -7.0, -9.0, np.zeros(1))
+
+
+@pytest.mark.parametrize(("cosine", "told"), [(0.9999, False), (-0.9999, False), (0.7, True),
+                                              (0.0, True)])
+def test_what_explains_as_much_is_a_rival(cosine: float, told: bool) -> None:
+    found = rivals(alike(cosine), (0,), 0)
+    assert not found if told else [r.hypothesis.kind for r in found] == ["kind1"]
+    for rival in found:
+        assert rival.angle == pytest.approx(np.arccos(abs(cosine)), rel=1e-6)
+        search = alike(cosine)
+        assert rival.odds == pytest.approx(
+            np.exp((bic(search, (1,)) - bic(search, (0,))) / 2.0), rel=1e-9)
+
+
+def test_odds_are_those_of_bic() -> None:
+    assert odds_between(10.0, 14.0) == pytest.approx(np.exp(2.0))
+    assert odds_between(14.0, 10.0) == pytest.approx(np.exp(-2.0))
+
+
+def test_what_was_chosen_before_stays_unless_another_is_better() -> None:
+    """Else two that look alike would take turns for ever."""
+    search = alike(0.9999)
+    first, second, third = search.hypotheses
+    assert held(search, (1,), [first])[1] == (0,)
+    assert held(search, (0,), [second])[1] in ((0,), (1,))
+    close = bic(search, (1,)) <= bic(search, (0,)) + 2.0
+    assert (held(search, (0,), [second])[1] == (1,)) == close
+    assert held(search, (0,), [third])[1] == (0,)           # does not stand
+    assert held(search, (0,), [])[1] == (0,)
+    assert held(search, (), [first])[1] == (0,)
+    assert held(search, (0,), [hypothesis([0], "unheard of")])[1] == (0,)
+
+
+def of_joints(values: dict[str, float], n: int = 150, seed: int = 31) -> Search:
+    """Return a search of one kind, alone on each of four joints, with values in the data."""
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(n, 4))
+    residual = rng.normal(size=n) + sum(
+        (columns[:, "abcd".index(j)] * v for j, v in values.items()), np.zeros(n))
+    test = build_test(np.linalg.qr(rng.normal(size=(n, 3)))[0], columns, residual, n)
+    single = tuple(hypothesis([c], "gain", on=(joint,)) for c, joint in enumerate("abcd"))
+    return Search(test, single, -5.0, -7.0, np.zeros(1))
+
+
+@pytest.mark.parametrize(("values", "on", "size"), [
+    ({"a": 1.0, "b": 1.0, "c": 1.0, "d": 1.0}, "abcd", 1), ({"b": 1.2}, "b", 1),
+    ({"a": 1.0, "d": 1.0}, "ad", 1)])
+def test_one_value_where_joints_are_alike(values: dict[str, float], on: str, size: int) -> None:
+    search = of_joints(values)
+    chosen = tuple("abcd".index(j) for j in values)
+    made, found = merged(search, chosen)
+    assert [made.hypotheses[i].on for i in found] == [tuple(on)]
+    assert made.hypotheses[found[0]].size == size
+    assert made.hypotheses[found[0]].shared
+    assert bic(made, found) <= bic(made, chosen)
+
+
+def test_values_of_their_own_where_joints_are_not_alike() -> None:
+    search = of_joints({"a": 3.0, "b": -2.0})
+    made, found = merged(search, (0, 1))
+    assert {made.hypotheses[i].on for i in found} == {("a",), ("b",)}
+
+
+def test_a_hypothesis_is_found_again_in_another_search() -> None:
+    """As it was, or made of those of single joints; of another kind it is not."""
+    search = of_joints({"a": 1.0})
+    assert find(search, search.hypotheses[2]) == (search, 2)
+    for shared in (True, False):
+        wanted = hypothesis([0, 1] if not shared else [0], "gain", on=("a", "c"), shared=shared)
+        made, at = find(search, wanted)
+        assert at is not None
+        assert (made.hypotheses[at].on, made.hypotheses[at].shared) == (("a", "c"), shared)
+        assert made.hypotheses[at].size == (1 if shared else 2)
+    assert find(search, hypothesis([0], "gain", on=("a", "x"), shared=False))[1] is None
+    assert find(search, hypothesis([0], "other", on=("a",)))[1] is None
+
+
+@pytest.mark.parametrize(("verdict", "asked"), [("named-set", True), ("unnamed", False)])
+def test_rivals_are_told_apart_by_the_next_experiment(monkeypatch: pytest.MonkeyPatch, verdict: str,
+                                                      asked: bool) -> None:
+    """The likeliest of them; not where nothing is named."""
+    search = alike(0.9)
+    monkeypatch.setattr(verdicts, "propose", lambda *known: known)
+    monkeypatch.setattr(verdicts, "measured_against", lambda stage: iter(()))
+    joints = SimpleNamespace(mechanism=SimpleNamespace(actuators=("a", "b")))
+    stage: Any = SimpleNamespace(hypotheses=search.hypotheses,
+                                 system=SimpleNamespace(problem=joints))
+    others = [Rival(search.hypotheses[2], 0.1, 50.0), Rival(search.hypotheses[1], 0.1, 3.0)]
+    found: Any = verdicts.next_step(stage, {0: (others, [])}, verdict, 7)
+    if asked:
+        assert found == (stage, search.hypotheses[0], search.hypotheses[1], 3.0, 7)
+    else:
+        assert "record more" in found.reason
+
+
+@pytest.mark.parametrize(("verdict", "words"), [
+    ("none", "nothing more to measure: no missing"), ("weak", "repeat the campaign"),
+    ("named", "nothing more to measure: the named"), ("partial", "record more of what")])
+def test_the_next_step_of_each_verdict(verdict: str, words: str) -> None:
+    joints = SimpleNamespace(mechanism=SimpleNamespace(actuators=("a", "b")))
+    stage: Any = SimpleNamespace(hypotheses=(), system=SimpleNamespace(problem=joints))
+    assert verdicts.next_step(stage, {}, verdict, 7).reason.startswith(words)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ppmcal.diagnosis.adequacy import _against_noise, _kernel, low_rank, varies
+from ppmcal.diagnosis import adequacy
+from ppmcal.diagnosis.adequacy import _against_noise, _kernel, kernel_test, low_rank, varies
 from ppmcal.diagnosis.linear_system import Whitening
 from ppmcal.diagnosis.whitening import (
     PureError,
@@ -17,6 +18,7 @@ from ppmcal.diagnosis.whitening import (
     _correlate,
     _correlation,
     _gain,
+    _of_rest,
     _within_rows,
     heavy,
     simulated,
@@ -270,3 +272,67 @@ def test_kernels_are_centred_symmetric_and_of_low_rank() -> None:
     assert root is not None
     np.testing.assert_allclose(root @ root.T, kernel, atol=1e-9)
     assert low_rank(np.eye(10), 5) is None
+
+
+# --- the whitening of what is left ----------------------------------------------------------------
+
+def rest_of(residual: Array) -> Whitening:
+    """Return the whitening with nothing projected out but a mean."""
+    n, m = residual.shape
+    system = rows(residual)
+    system.jacobian = np.ones((n, m, 1))
+    library: Any = SimpleNamespace(some=lambda columns: np.zeros((n, m, 0)))
+    return _of_rest(system, library, [])
+
+
+def tied(rho: float, n: int, seed: int) -> Array:
+    z = np.random.default_rng(seed).normal(size=n)
+    for t in range(1, n):
+        z[t] = rho * z[t - 1] + np.sqrt(1.0 - rho**2) * z[t]
+    return z[:, None]
+
+
+@pytest.mark.parametrize("rho", [-0.5, 0.0, 0.6, 0.9])
+def test_the_correlation_of_rows_and_how_well_it_is_known(rho: float) -> None:
+    """An AR(1) of 4000 rows: its standard error is sqrt((1 - rho^2)/n)."""
+    found = rest_of(tied(rho, 4000, 18))
+    error = np.sqrt((1.0 - rho**2) / 3999)
+    assert abs(found.rho - rho) < (3.0 * error if rho else 1e-12)
+    assert found.rho_error == pytest.approx(np.sqrt((1.0 - found.rho**2) / 3999), rel=0.02)
+    assert found.scale == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_correlation_within_two_sigmas_is_none() -> None:
+    """Of 400 pairs 0.1 is two: less is left as it is, more is taken out."""
+    taken = {}
+    for seed in range(60):
+        z = np.random.default_rng(seed).normal(size=(401, 1))
+        z -= z.mean()
+        found, _ = _correlation(rows(z), np.full((401, 1, 1), 401**-0.5), z)
+        if 0.06 < abs(found) < 0.095 or 0.105 < abs(found) < 0.145:
+            taken[abs(found) > 0.1] = rest_of(z).rho != 0.0 or taken.get(abs(found) > 0.1, False)
+    assert taken == {False: False, True: True}
+
+
+def test_of_few_rows_a_correlation_is_hardly_known() -> None:
+    assert rest_of(tied(0.9, 15, 19)).rho == 0.0
+    assert rest_of(tied(0.0, 3, 20)).rho_error == 0.5
+
+
+def test_what_residuals_follow_is_found_and_noise_follows_nothing(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(21)
+    n = 120
+    known = {name: (rng.uniform(-1.0, 1.0, (n, 1)), (0.25, 1.0)) for name in ("a", "b", "c")}
+    monkeypatch.setattr(adequacy, "inputs", lambda system: known)
+    noise = rng.normal(size=(n, 2))
+    for follows in ("a", "b", "c", ""):
+        left = noise + (np.sin(4.0 * known[follows][0]) if follows else 0.0)
+        stage: Any = SimpleNamespace(system=rows(left), noise=white(2))
+        by_input, p, found = kernel_test(stage, np.zeros((2 * n, 0)), left.reshape(-1), 1)
+        if follows:
+            assert found == follows == min(by_input, key=lambda name: by_input[name])
+            assert p < 0.005
+        else:
+            assert p > 0.02
+            assert min(by_input.values()) > 0.005
