@@ -40,6 +40,7 @@ LINES = {
     "schema": "",
     "batch": "batch fleet.yaml --cores 1",
     "report": "report identified compensated sensitivity plan",
+    "verify": "verify identified compensated",
     "demo": "",
 }
 """By command; ``schema`` prints for programs, and ``demo`` what others print."""
