@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from time import monotonic
-from types import FrameType
+from types import FrameType, TracebackType
 from typing import Any, TextIO, cast
 
 CLEAR = "\r\x1b[2K"
@@ -184,7 +184,7 @@ def interruptible(to_the_end: bool = False) -> Iterator[None]:
     global _first
     _first = None
     kept = {}
-    hook = sys.unraisablehook
+    hook, shown = sys.unraisablehook, sys.excepthook
 
     def lost(what: Any) -> None:    # raised where Python drops exceptions, such as in __del__
         global _first
@@ -194,19 +194,24 @@ def interruptible(to_the_end: bool = False) -> Iterator[None]:
         else:
             hook(what)
 
+    def quiet(kind: type[BaseException], error: BaseException, trace: TracebackType | None
+              ) -> None:    # compiled modules show what they drop
+        if not isinstance(error, Stopped):
+            shown(kind, error, trace)
+
     with contextlib.suppress(ValueError):    # not in the main thread: no signals here
         for number in STOPS:
             before = signal.getsignal(number)
             if before in (signal.SIG_DFL, signal.default_int_handler):
                 signal.signal(number, stop)
                 kept[number] = before
-    sys.unraisablehook = lost
+    sys.unraisablehook, sys.excepthook = lost, quiet
     try:
         yield
     finally:
         for number, before in kept.items():
             signal.signal(number, signal.SIG_IGN if to_the_end else before)
-        sys.unraisablehook = hook
+        sys.unraisablehook, sys.excepthook = hook, shown
 
 
 def is_entry() -> bool:

@@ -1,6 +1,7 @@
 """A full disk, a closed stream and Ctrl-C: a message and an exit code, and files all the same."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -81,6 +82,30 @@ def test_an_interrupt_while_modules_load(bench, tmp_path, module, text):
     (tmp_path / f"{module}.py").write_text(text)
     run = process(sys.executable, *START, "check", bench / "m.yaml", path=tmp_path)
     assert (run.returncode, run.stdout, run.stderr) == (130, "", "Stopped.\n")
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals of POSIX")
+def test_an_interrupt_that_others_drop_comes_again(tmp_path):
+    """Python drops what is raised in __del__, and compiled modules show it; neither is said."""
+    (tmp_path / "yaml.py").write_text(
+        "import os, signal, sys, time\n"
+        "class Dropped:\n"
+        "    def __del__(self):\n"
+        "        os.kill(os.getpid(), signal.SIGTERM)\n"
+        "        time.sleep(0.2)\n"
+        "def safe_load(*_):\n"
+        "    Dropped()\n"
+        "    time.sleep(60)\n")
+    code = ("from ppmcal.cli import streams\nimport sys\n"
+            "with streams.interruptible(True):\n"
+            "    import yaml\n"
+            "    try:\n"
+            "        yaml.safe_load()\n"
+            "    except streams.Stopped as stop:\n"
+            "        sys.excepthook(type(stop), stop, stop.__traceback__)\n"
+            "        sys.exit(stop.exit_code)\n")
+    run = process(sys.executable, "-c", code, path=tmp_path)
+    assert (run.returncode, run.stdout, run.stderr) == (143, "", "")
 
 
 COMMANDS = {

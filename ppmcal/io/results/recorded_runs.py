@@ -16,6 +16,7 @@ from ppmcal.errors import BadInput
 from ppmcal.io.folder import RECORD, digest_of, read_record, read_runs
 from ppmcal.io.results.record import Provenance
 from ppmcal.io.results.verification import InputCheck
+from ppmcal.io.stage import settle
 
 DEEPEST = 6
 """Folders below the one that is named in which results are looked for."""
@@ -123,7 +124,8 @@ def folders_within(folder: Path) -> Iterator[Path]:
 
 
 def runs_of(folder: Path) -> Iterator[RecordedRun]:
-    """Yield the runs that wrote into one folder."""
+    """Yield the runs that wrote into one folder; a killed one's move is finished first."""
+    settle(folder)
     files = {n: w for n, w in (read_record(folder) or {}).items() if Path(n).name == n}
     runs = read_runs(folder)
     for command in dict.fromkeys([*runs, *(w.command for w in files.values())]):
