@@ -359,3 +359,37 @@ def test_an_environment_that_is_recorded_otherwise_allows_round_off_alone(
                                     f"{run['environment']['blas_kernel']} now"]
     (own / "fleet.yaml").write_text(dump_yaml({}))    # nobody's input
     checked(own, "identified", code=0)
+
+
+def test_equal_legs_are_ranked_alike_whatever_their_last_digits(
+        desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import numpy as np
+
+    from ppmcal.design.sensitivity import Sensitivity
+
+    def ranked() -> list[str]:
+        frame = face.sensitivity(desk / "mine.yaml", home_only=True).to_frame()
+        return list(frame["name"])
+
+    want, share = ranked(), Sensitivity.share
+    rng = np.random.default_rng(1)
+
+    def shaken(self, rotation=False):
+        found = share(self, rotation)
+        return found * (1.0 + 1e-14 * rng.standard_normal(found.shape))
+
+    monkeypatch.setattr(Sensitivity, "share", shaken)
+    assert ranked() == want
+
+
+def test_what_a_session_knows_has_one_sign(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from ppmcal.calibration import session_knowledge
+
+    def known() -> dict[str, object]:
+        record = face.identify(desk / "mine.yaml", [desk / "run1.csv"]).record.entries()
+        return record["covariance"]["session"]
+
+    want, of_data = known(), session_knowledge.of_data
+    monkeypatch.setattr(session_knowledge, "of_data",
+                        lambda *given: tuple(-a for a in of_data(*given)))
+    assert known() == want
