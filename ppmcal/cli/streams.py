@@ -27,6 +27,8 @@ PATIENCE = 5.0
 WRITING, WRITERS = os.path.join("ppmcal", "io"), frozenset(
     ("output.py", "folder.py", "exchange.py", "stage.py", "journal.py"))
 """Where files of results are written and exchanged."""
+LOCKING = os.path.join("ppmcal", "io", "stage.py")
+"""Where folders are locked and given back, in a moment."""
 _first: float | None = None
 """When the signal came that ends this run."""
 
@@ -125,6 +127,9 @@ def stop(number: int, frame: FrameType | None) -> None:
     while frame is not None:
         files.append(frame.f_code.co_filename)
         frame = frame.f_back
+    if any(name.endswith(LOCKING) for name in files):
+        _again(number)    # a lock that is half taken would be given back by nobody
+        return
     if any(name.startswith("<frozen importlib") for name in files):
         if _at_stake(files):
             _again(number)

@@ -166,3 +166,20 @@ def test_nobody_reads_to_the_end(bench, tmp_path, name):
     assert not err
     if name not in NO_FOLDER:
         assert (folder / ".ppmcal.json").is_file()
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals of POSIX")
+def test_a_signal_waits_while_a_folder_is_locked(bench, tmp_path):
+    """Between the lock and who gives it back."""
+    code = ("import os, signal, sys\nfrom ppmcal.io import stage\n"
+            "locked = stage._locked\n"
+            "def slow(*given):\n"
+            "    found = locked(*given)\n"
+            "    os.kill(os.getpid(), signal.SIGTERM)\n"
+            "    return found\n"
+            "stage._locked = slow\n"
+            "from ppmcal.cli import main\nmain()\n")
+    run = process(sys.executable, "-c", code, "simulate", bench / "m.yaml",
+                  bench / "m.scenario.yaml", "--out", tmp_path / "o")
+    assert (run.returncode, run.stderr) == (143, "Stopped.\n")
+    assert not list(tmp_path.iterdir())
